@@ -1,4 +1,4 @@
-"""Sources of measurements: simulation, replay and rig."""
+"""Backends of the environment: simulation, replay and rig."""
 
 from functools import partial
 

@@ -1,15 +1,14 @@
-"""The MuJoCo backend: a body on a hinge, whose dry friction is MuJoCo's own constraint.
+"""MuJoCo backend: a body on a hinge, with dry friction as a MuJoCo constraint.
 
-All other torques are the model's terms, taken at the start of a step, after which MuJoCo moves on by its semi-implicit
-Euler rule: first order in the step, where the pymunk backend is second order.
+All other torques are the model's terms, evaluated at the start of a step. MuJoCo integrates by semi-implicit Euler, of
+first order; the pymunk backend is of second order.
 
-MuJoCo's `frictionloss` is regularised, as all its constraints: a joint that should stick creeps with the speed
-(1 - d) T tau / (2 I), tau being the torque it holds, T the constraint's time constant and d its impedance, near 1. Both
-are at MuJoCo's bounds here, T two steps and d 0.9999: under 0.5 N m the paper's arm creeps by 0.6 urad/s, with MuJoCo's
-defaults of 20 ms and 0.9 by 5.7 mrad/s, and in the pymunk backend, where friction is set-valued, not at all. Over 30 s
-of the paper's excitation at 1 ms the motion is 2.3 mrad RMS off, 0.17 % of it, with the defaults 17 mrad, 1.3 %; four
-substeps leave 0.6 mrad. A step takes about 15 us, 6 us more than pymunk's. Source: MuJoCo's documentation, chapter
-Computation, on the constraint model.
+MuJoCo regularises `frictionloss`: a sticking joint under torque tau creeps at (1 - d) T tau / (2 I), with T the time
+constant of the constraint and d its impedance. Both are at MuJoCo's bounds here, T two steps and d 0.9999. Under 0.5 N
+m the paper's arm creeps at 0.6 urad/s; with MuJoCo's defaults of 20 ms and 0.9, at 5.7 mrad/s. The pymunk backend, with
+set-valued friction, does not creep. Over 30 s of the paper's excitation with steps of 1 ms, the RMS error of the
+position is 2.3 mrad or 0.17 %, with the defaults 17 mrad or 1.3 %, and with four substeps 0.6 mrad. A step takes about
+15 us, 6 us more than with pymunk. Source: MuJoCo documentation, chapter Computation, constraint model.
 """
 
 from dataclasses import replace
@@ -20,16 +19,16 @@ import numpy as np
 from pendulum_env.physics import Samples
 from pendulum_env.physics.simulation import UNBOUNDED, TorqueBalance
 
-# Of the friction constraint, near its bound of 1: it takes all that friction can hold.
+# solimp of the friction constraint, near its bound of 1
 IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-STEPS = 2.0  # time constant of the friction, in steps; MuJoCo's own lower bound
+STEPS = 2.0  # time constant of the friction constraint, in steps; MuJoCo's lower bound
 
 
 class ConstrainedBody:
-    """Pendulum in MuJoCo, as the engine of a simulator."""
+    """Engine of a pendulum in MuJoCo."""
 
     def __init__(self, balance: TorqueBalance, longest: float) -> None:
-        """Take the torques that act on it; steps may be of any length.
+        """Set the torque balance; `longest` is ignored.
 
         Raises:
             ModuleNotFoundError: if the extra `export` is not installed.
@@ -38,14 +37,14 @@ class ConstrainedBody:
         self._balance = balance
 
     def take(self, balance: TorqueBalance) -> None:
-        """Go on from where it is with other torques, of terms with the same state variables."""
+        """Replace the torque balance, with the same state variables, and keep the state."""
         self._balance = balance
 
     def place(self, x: Samples) -> None:
-        """Put a new body there."""
+        """Make a new body in the state x (scalars)."""
         mujoco = import_mujoco()
         spec = mujoco.MjSpec()
-        spec.option.gravity = (0.0, 0.0, 0.0)  # it comes from the model's term, as every other torque
+        spec.option.gravity = (0.0, 0.0, 0.0)  # gravity is a term of the model
         inertia = (float(self._balance.mass(x)),) * 3
         joint = spec.worldbody.add_body(mass=1.0, inertia=inertia, explicitinertial=True).add_joint(axis=(1, 0, 0))
         joint.solimp_friction = IMPEDANCE
@@ -55,13 +54,13 @@ class ConstrainedBody:
         self._x = x
 
     def step(self, torque: float, h: float) -> tuple[float, float]:
-        """Advance by h [s] under a torque [N m]; returns angle [rad] and velocity [rad/s]."""
+        """Advance by h [s] under a torque [N m]; return angle [rad] and velocity [rad/s]."""
         command: Any = np.float64(torque)
         world, data, balance, x = self._world, self._data, self._balance, replace(self._x, torque=command)
         world.opt.timestep = h
         world.dof_solref[0] = STEPS * h, 1.0
         world.dof_frictionloss[0] = max(float(balance.dry(x)), 0.0)
-        world.dof_M0[0] = balance.mass(x)  # where MuJoCo keeps the inertia of a body with one joint
+        world.dof_M0[0] = balance.mass(x)  # inertia of a body with one joint
         data.qfrc_applied[0] = balance.net(x)
         import_mujoco().mj_step(world, data)
         reached = min(max(data.qvel[0], -UNBOUNDED), UNBOUNDED)
@@ -74,7 +73,7 @@ class ConstrainedBody:
 
 
 def import_mujoco() -> Any:
-    """Import MuJoCo where it is needed."""
+    """Import MuJoCo, or raise an error that names the extra."""
     try:
         import mujoco
     except ModuleNotFoundError:

@@ -1,4 +1,4 @@
-"""Interface of backends (simulation, recording, rig): a torque in and a measurement out, once per period."""
+"""Interface of backends (simulation, replay, rig): one torque and one measurement per period."""
 
 import math
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from pendulum_env.recording import Recording
 
 
 class Status(Enum):
-    """State of a backend; the value says what it means for the episode."""
+    """State of a backend; the value describes it."""
 
     RUNNING = "the joint obeys the torque"
     ENDED = "there is nothing more to measure: reset to start again"
@@ -22,19 +22,19 @@ class Status(Enum):
 
 
 class Timing(NamedTuple):
-    """Timing of a rig."""
+    """Timing of a rig's sample."""
 
-    jitter: float  # how late the sample was taken after its tick [s]
-    overruns: int  # ticks of this run that had passed already when their turn came
+    jitter: float  # delay of the sample after its tick [s]
+    overruns: int  # ticks of this run that were missed by a period or more
 
 
 class Sample(NamedTuple):
-    """Measurement at the end of the period of a torque."""
+    """Measurement at the end of a period."""
 
     time: float  # since `enable` [s]
-    position: float  # unwrapped, as the encoder reads it [rad]
-    velocity: float | None  # [rad/s]; None where only the position is measured
-    torque: float  # applied over the period that ends now [N m]; 0 before the first
+    position: float  # of the encoder, unwrapped [rad]
+    velocity: float | None  # [rad/s]; None if only the position is measured
+    torque: float  # applied over the period that ends at `time` [N m]; 0 at the start
     status: Status = Status.RUNNING
     fault: str | None = None
     timing: Timing | None = None  # of a rig
@@ -47,7 +47,7 @@ class Start:
     position: float = 0.0  # [rad]
     velocity: float = 0.0  # [rad/s]
     rng: np.random.Generator = field(default_factory=np.random.default_rng)
-    clear_fault: bool = False  # of a rig: the user confirms that the cause of a fault is gone
+    clear_fault: bool = False  # of a rig: whether the cause of the fault is removed
 
 
 @dataclass(frozen=True)
@@ -55,57 +55,57 @@ class Traits:
     """Properties of a backend."""
 
     rate: float  # samples per second [Hz]
-    counts: int | None = 0  # of the encoder per turn; 0 is exact, None where the measurement itself has to tell
-    max_torque: float = math.inf  # largest torque that is let pass [N m]
-    simulated: bool = False  # whether the plant is a model, that can start anywhere and be replaced
-    recording: Recording | None = None  # what is played, whatever the torque, if that is all
+    counts: int | None = 0  # encoder counts per turn; 0: exact, None: found from the data
+    max_torque: float = math.inf  # largest torque [N m]
+    simulated: bool = False  # whether the plant is a model with settable state and parameters
+    recording: Recording | None = None  # replayed recording
 
     @property
     def follows(self) -> bool:
-        """Return whether the torque moves the joint; in a recording, it does not."""
+        """Return whether the joint follows the torque; False for a replay."""
         return self.recording is None
 
 
 class Backend(Protocol):
-    """Pendulum with a torque input; `open, enable, exchange ..., disable, close`, where close never raises.
+    """Pendulum with a torque input. Order of calls: `open`, `enable`, `exchange` ..., `disable`, `close`.
 
-    A backend that is no machine needs no more than `enable` and `exchange`.
+    Simulations and replays need only `enable` and `exchange`.
 
     Attributes:
-        traits: what it is.
+        traits: properties of the backend.
     """
 
     traits: Traits
 
     def open(self) -> None:
-        """Get hold of what is needed; the joint stays without power."""
+        """Acquire the resources; the joint stays without power."""
         return
 
     def enable(self, start: Start) -> Sample:
-        """Begin a run, with zero torque: the first measurement, at time 0."""
+        """Begin a run at zero torque; return the measurement at time 0."""
 
     def exchange(self, torque: float) -> Sample:
-        """Apply a torque [N m] for one period, then measure."""
+        """Apply a torque [N m] for one period; return the measurement at its end."""
 
     def disable(self) -> None:
-        """End a run: no torque."""
+        """End a run at zero torque."""
         return
 
     def close(self) -> None:
-        """Let go of everything; may be called at any time, and twice."""
+        """Release the resources; may be called at any time and repeatedly, and never raises."""
         return
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Arguments of the environment; each backend uses some of them."""
+    """Arguments of the environment for its backend."""
 
     model: Model  # plant to simulate, with its effects
     rate: float  # samples per second [Hz]
-    substeps: int  # integration steps in a period
+    substeps: int  # integration steps per period
     sensor: Sensor  # encoder and torque measurement of a simulated plant
     recording: str | None = None  # file to replay
-    config: str | None = None  # file that describes the rig
+    config: str | None = None  # file of the rig, rig.toml
 
     @property
     def period(self) -> float:

@@ -1,18 +1,18 @@
-"""The replay backend: a recording, stepped through sample by sample; the torque asked for is ignored."""
+"""Replay backend: returns the samples of a recording and ignores the torque."""
 
 from pendulum_env.backends.port import Backend, Sample, Setup, Start, Status, Traits
 from pendulum_env.recording import Recording, read_recording
 
 
 class Replay(Backend):
-    """Recording as a backend, with its torque, position and, if recorded, velocity."""
+    """Backend that replays torque, position and, if recorded, velocity."""
 
     def __init__(self, setup: Setup) -> None:
-        """Take the recording of the setup.
+        """Read the recording of the setup.
 
         Raises:
-            ValueError: if there is none.
-            RecordingError: if it cannot be read.
+            ValueError: if the setup has no recording.
+            RecordingError: if the recording cannot be read.
         """
         if setup.recording is None:
             raise ValueError("backend 'replay' needs a recording: pass recording='run.csv'")
@@ -20,12 +20,12 @@ class Replay(Backend):
         self.traits = Traits(self.recording.rate, counts=None, recording=self.recording)
 
     def enable(self, start: Start) -> Sample:
-        """Go back to the first sample; a recording starts as it was recorded."""
+        """Return the first sample; `start` is ignored."""
         self._index = 0
         return self._sample()
 
     def exchange(self, torque: float) -> Sample:
-        """Return the next sample, whatever the torque; at the last one the run has ended."""
+        """Return the next sample; the last one has the status ENDED."""
         self._index = min(self._index + 1, len(self.recording) - 1)
         return self._sample()
 
@@ -35,6 +35,6 @@ class Replay(Backend):
             float(run.time[k] - run.time[0]),
             float(run.position[k]),
             None if run.velocity is None else float(run.velocity[k]),
-            float(run.torque[k - 1]) if k else 0.0,  # a recording holds the torque that acts from each sample on
+            float(run.torque[k - 1]) if k else 0.0,  # recorded torque acts from its sample on
             Status.RUNNING if k < len(run) - 1 else Status.ENDED,
         )

@@ -1,10 +1,11 @@
-"""The pymunk backend: a rigid body on a pivot, whose dry friction is pymunk's own constraint.
+"""Pymunk backend: a rigid body on a pivot, with dry friction as a pymunk constraint.
 
-A `SimpleMotor` at rate zero whose force is bounded by fc is set-valued Coulomb friction: it stops the body exactly if
-it can, and otherwise brakes it with fc. All other torques are the model's terms, taken at the midpoint of the step. Two
-things lift pymunk's first order to the second: the angle moves by the trapezoid of the velocity, and where the body
-reverses inside a step, the torque makes up for the friction that the motor only knows in the new direction. Up to
-pymunk's push, a step is half one of the midpoint rule; after it, state variables go the other half. Both are compiled.
+A `SimpleMotor` of rate zero, with its force bounded by fc, is set-valued Coulomb friction: it stops the body exactly if
+it can, and otherwise brakes it with fc. All other torques are the model's terms, evaluated at the midpoint of the step.
+Two corrections make pymunk's scheme second order. The angle follows the trapezoidal rule. If the body reverses within a
+step, the torque is corrected for the friction before the reversal, because the motor acts only in the new direction.
+State variables advance by half a midpoint step before pymunk's step and by half a step after it; both halves are
+compiled.
 """
 
 from __future__ import annotations
@@ -25,20 +26,20 @@ from pendulum_env.physics.term import round_up
 
 
 def make_body(balance: TorqueBalance, longest: float) -> Engine:
-    """Make a pendulum in pymunk, or one that NumPy steps if a law is no formula; steps are at most `longest` [s]."""
+    """Make a pymunk engine for steps up to `longest` [s], or a NumPy engine if a law is not symbolic."""
     try:
         return RigidBody(balance, longest)
-    except Exception:  # a user's law may do anything that NumPy does
+    except Exception:  # a user's law may raise any error with symbols
         return SteppedBody(balance)
 
 
 class RigidBody:
-    """Pendulum in pymunk, as the engine of a simulator."""
+    """Engine of a pendulum in pymunk."""
 
-    at_rest = 1e-12  # [rad/s], what rounding leaves of a velocity that the motor has stopped
+    at_rest = 1e-12  # [rad/s], rounding error of the velocity of a stopped body
 
     def __init__(self, balance: TorqueBalance, longest: float) -> None:
-        """Take the torques that act on it, and the longest step [s]; raises any exception if a law is no formula."""
+        """Set the torque balance and the longest step [s]; raise an exception if a law is not symbolic."""
         self._first, self._second = (
             Machine(_write_half, (balance.terms, round_up(longest), is_first), 1) for is_first in (True, False)
         )
@@ -46,14 +47,14 @@ class RigidBody:
         self.take(balance)
 
     def take(self, balance: TorqueBalance) -> None:
-        """Go on from where it is with other torques, of the same terms with other parameters."""
+        """Replace the parameters of the torque balance and keep the state."""
         self._balance = balance
         nonlinear = [getattr(balance.terms[place], name) for place, name in self._free]
         for half in (self._first, self._second):
             half.given["constants"][:, 0] = *balance.theta, *nonlinear
 
     def place(self, x: Samples) -> None:
-        """Put a new body there: nothing of an earlier run remains, so that equal runs are equal bit for bit."""
+        """Make a new body in the state x (scalars), so that equal runs are bitwise equal."""
         self._time, self._position, self._velocity = float(x.time), float(x.position), float(x.velocity)
         self._inertia, self._dry = float(self._balance.mass(x)), 0.0
         self._first.given["memory"][:, 0] = _flatten_samples(x)
@@ -68,9 +69,9 @@ class RigidBody:
             self._build()
 
     def _build(self) -> None:
-        """Build a body balanced about its pivot: the model's terms make gravity and all other torques."""
+        """Build a body with its centre of mass at the pivot; gravity is a term of the model."""
         self._space = pymunk.Space()
-        self._space.iterations = 1  # one motor, and a pivot that carries nothing
+        self._space.iterations = 1  # exact for one motor and an unloaded pivot
         self._body = pymunk.Body(1.0, self._inertia)
         self._body.angle, self._body.angular_velocity = self._position, self._velocity
         self._motor = pymunk.SimpleMotor(self._space.static_body, self._body, 0.0)
@@ -79,7 +80,7 @@ class RigidBody:
         self._space.add(self._body, pivot, self._motor)
 
     def step(self, torque: float, h: float) -> tuple[float, float]:
-        """Advance by h [s] under a torque [N m]; returns angle [rad] and velocity [rad/s]."""
+        """Advance by h [s] under a torque [N m]; return angle [rad] and velocity [rad/s]."""
         q, v, body = self._position, self._velocity, self._body
         first, second = self._first, self._second
         first.given["state"][:, 0] = self._time, q, v, torque, h
@@ -106,20 +107,19 @@ class RigidBody:
 
 
 class Push(NamedTuple):
-    """Impulses and friction of a step of the engine."""
+    """Mean torque, friction and inertia of a step."""
 
-    torque: float  # besides dry friction [N m]
+    torque: float  # mean torque without dry friction [N m]
     dry: float  # largest dry friction [N m]
     inertia: float  # [kg m^2]
-    moving: float  # duration of motion in one direction [s]
+    moving: float  # time until the body reverses, or the step [s]
     middle: float  # velocity at the middle of the step [rad/s]
 
 
 def _compute_push(balance: TorqueBalance, x: Samples, h: Any) -> tuple[Push, Samples]:
-    """Compute the impulse and the middle of the step, of numbers or symbols.
+    """Return the push and the samples at the middle of the step, of numbers or symbols.
 
-    Where the body reverses inside the step, the torque makes up for the friction that an engine only knows in the new
-    direction.
+    If the body reverses within the step, the torque is corrected for the friction before the reversal.
     """
     v: Any = x.velocity
     direction, middle = move_half_way(balance, x, h)
@@ -133,7 +133,7 @@ def _compute_push(balance: TorqueBalance, x: Samples, h: Any) -> tuple[Push, Sam
 
 
 def _write_half(terms: tuple[Term, ...], longest: float, is_first: bool) -> SymbolicStep:
-    """Write the first half of a step, with the push, or the second in symbols."""
+    """Write the first half of a step, with the push, or the second half, in symbols."""
     balance, x, nonlinear = write_balance(terms)
     h: Any = make_symbol("h", most=longest)
     given = {

@@ -1,4 +1,4 @@
-"""Sensors of a simulated rig: encoder counts, noisy torque, velocity."""
+"""Sensors of a simulated rig: encoder, torque and velocity."""
 
 import math
 from dataclasses import dataclass
@@ -7,18 +7,17 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 
-COUNTS = 1_024_000  # per turn, the paper's encoder
+COUNTS = 1_024_000  # counts per turn of the paper's encoder
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """Encoder and torque channel.
+    """Encoder and torque sensor.
 
-    Where velocity is not measured exactly, it is the backward difference of the angle, as in the paper, which is half a
-    period late and quantised.
+    Velocity is exact, or the backward difference of the angle as in the paper, half a period late and quantised.
     """
 
-    counts: int = COUNTS  # of the encoder per turn; 0 measures the angle exactly
+    counts: int = COUNTS  # encoder counts per turn; 0 measures the angle exactly
     torque_noise: float = 0.0  # standard deviation of the white noise on the measured torque [N m]
     ideal_velocity: bool = False
 
@@ -30,7 +29,7 @@ class Sensor:
             )
 
     def position(self, position: ArrayLike) -> Array:
-        """Return the angle that the encoder reads [rad]."""
+        """Return the measured angle [rad], rounded to counts."""
         if self.counts == 0:
             return np.asarray(position)
         count = 2 * math.pi / self.counts
@@ -38,7 +37,7 @@ class Sensor:
         return count * rounded
 
     def measure(self, position: Array, velocity: Array, before: Array, rate: float) -> tuple[Array, Array]:
-        """Return position [rad] and velocity [rad/s] as measured, where the encoder read `before` a sample ago."""
+        """Return measured position [rad] and velocity [rad/s]; `before` is the previous measured position [rad]."""
         seen = self.position(position)
         return seen, velocity if self.ideal_velocity else (seen - before) * rate
 

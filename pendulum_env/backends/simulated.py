@@ -1,4 +1,4 @@
-"""A simulated rig: any model as the plant, seen through an encoder and a noisy torque channel."""
+"""Record simulated pendulums with encoder and torque noise."""
 
 import numpy as np
 
@@ -23,18 +23,18 @@ def record(
     name: str = "simulated",
     release: float | None = None,
 ) -> Recording:
-    """Record a run of a simulated pendulum that starts at rest, hanging down, or a free swing.
+    """Record a simulated pendulum from rest, hanging down, or a free swing.
 
     Args:
-        model: the plant, effects included; None is the paper's.
+        model: plant with its effects; None is the paper's pendulum.
         excitation: torque command, held over each period.
-        seconds: length of the recording.
+        seconds: length of the recording [s].
         rate: samples per second [Hz].
-        counts: of the encoder per turn; 0 measures the angle exactly.
+        counts: encoder counts per turn; 0 measures the angle exactly.
         torque_noise: standard deviation of the white noise on the recorded torque [N m].
-        rng: where the noise comes from, or a seed.
-        name: of the recording.
-        release: angle at which the pendulum is let go at rest [rad]: no torque acts or is measured.
+        rng: random generator of the noise, or a seed.
+        name: name of the recording.
+        release: initial angle of a free swing [rad], at rest and without torque; None for an excited run.
 
     Raises:
         ValueError: if a number is out of its range.

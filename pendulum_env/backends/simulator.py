@@ -1,4 +1,4 @@
-"""A simulated pendulum as a backend: a model's torques on the body of a physics engine, seen through a sensor."""
+"""Backend of a simulated pendulum: a physics engine under a model's torques, with a sensor."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -16,42 +16,42 @@ class Engine(Protocol):
     """Interface of physics engines."""
 
     def place(self, x: Samples, /) -> None:
-        """Begin a run there, scalars; nothing of an earlier one remains."""
+        """Begin a new run in the state x (scalars)."""
 
     def take(self, balance: TorqueBalance, /) -> None:
-        """Go on from where it is with other torques, of terms with the same state variables."""
+        """Replace the torque balance, with the same state variables, and keep the state."""
 
     def step(self, torque: float, h: float, /) -> tuple[float, float]:
-        """Advance by h [s] under a torque [N m], from where the last step ended: angle [rad], velocity [rad/s]."""
+        """Advance by h [s] under a torque [N m]; return angle [rad] and velocity [rad/s]."""
 
 
 class SteppedBody:
-    """Pendulum that the model's own step moves by NumPy, as the engine of a simulator."""
+    """Engine of a pendulum by the NumPy integrator of `physics.simulation`."""
 
     def __init__(self, balance: TorqueBalance) -> None:
-        """Take the torques that act on it."""
+        """Set the torque balance."""
         self.take(balance)
 
     def take(self, balance: TorqueBalance) -> None:
-        """Go on from where it is with other torques."""
+        """Replace the torque balance and keep the state."""
         self._balance = balance
 
     def place(self, x: Samples) -> None:
-        """Begin there."""
+        """Begin a run in the state x."""
         self._x = x
 
     def step(self, torque: float, h: float) -> tuple[float, float]:
-        """Advance by h [s] under a torque [N m]; returns angle [rad] and velocity [rad/s]."""
+        """Advance by h [s] under a torque [N m]; return angle [rad] and velocity [rad/s]."""
         command: Any = np.float64(torque)
         self._x = step(self._balance, replace(self._x, torque=command), h)
         return float(self._x.position), float(self._x.velocity)
 
 
 class Simulator(Backend):
-    """Engine as a backend."""
+    """Backend around a physics engine."""
 
     def __init__(self, setup: Setup, make: Callable[[TorqueBalance, float], Engine]) -> None:
-        """Take the plant, sampling and sensor of the setup, and what makes the engine for steps so long at most."""
+        """Set plant, sampling and sensor; `make` builds the engine from a torque balance and the longest step [s]."""
         self.sensor, self.period, self.substeps = setup.sensor, setup.period, setup.substeps
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
         self._balance = TorqueBalance(setup.model.terms, setup.model.theta)
@@ -59,22 +59,22 @@ class Simulator(Backend):
         self._command = CommandLine(setup.model.terms, self.period, self.substeps)
 
     def take(self, terms: Sequence[Term], theta: Array) -> None:
-        """Go on from where it is with other parameters: the same terms, and linear parameters theta (P,)."""
+        """Replace the parameters, with the same terms and linear parameters theta (P,), and keep the state."""
         self._balance = TorqueBalance(terms, theta)
         self._engine.take(self._balance)
         self._command.take(terms)
 
     def enable(self, start: Start) -> Sample:
-        """Put the body at the start."""
+        """Begin a run in the given state; return the measurement at time 0."""
         self._rng = start.rng
         self._command = CommandLine(self._balance.terms, self.period, self.substeps)
         self._engine.place(begin(self._balance, start.position, start.velocity))
         self._at = start.position, start.velocity
-        self._count = 0  # of periods since
+        self._count = 0  # periods since the start
         return self._sample(0.0)._replace(torque=0.0)
 
     def exchange(self, torque: float) -> Sample:
-        """Advance by one period under the torque [N m]."""
+        """Advance by one period under a torque [N m]; return the measurement."""
         duration = self.period / self.substeps
         for command in self._command.push(torque):
             self._at = self._engine.step(float(command), duration)

@@ -1,4 +1,4 @@
-"""Servos: the drive between a goal and a joint, and both simulated together."""
+"""Servos: drives between a goal and a joint, and their simulation."""
 
 from pendulum_env.servo.drive import KEYS, LONGEST, MOTOR, UNIT, WORDS, ServoDrive
 

@@ -1,11 +1,11 @@
-"""Drive of a servo: its controller and motor, from the goal and the motion of the joint to the torque.
+"""Drive of a servo: controller and motor, from goal and joint motion to torque.
 
-    u = kp (goal - q) - kd q' + ki int (goal - q) dt        position control; perhaps + kd (goal - q)' for - kd q'
+    u = kp (goal - q) - kd q' + ki int (goal - q) dt        position control; or + kd (goal - q)' for - kd q'
     u = kp (goal - q') + ki int (goal - q') dt              velocity control
 
-held between its turns, within a limit, late by a delay, and off while the motor is open; q' is the speed between the
-positions of two turns, as an encoder tells it. Out of u, which is a share of the supply, a voltage, a current or a
-torque, comes the motor's torque: in SI if its gain is known, and per volt or ampere otherwise, as parameters are then.
+The output u is held between the controller's updates, limited, delayed, and zero without power; q' is the mean speed
+between two updates. u is a share of the supply (duty), a voltage, a current or a torque. The motor torque is in N m if
+the gain is known, and otherwise in V or A, as are the parameters.
 """
 
 import math
@@ -37,36 +37,36 @@ CHOICES: Mapping[str, Any] = {
     "integral": Order,
     "derivative": Derivative,
 }
-CONVENTIONS = ("windup", "integral", "derivative")  # of a controller's law
-UNKNOWN = ("goal", *CONVENTIONS)  # may be None: an identification tries all choices
-LONGEST = 0.1  # [s], of a delay
-UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # of what the motor's torque is in, unless known
+CONVENTIONS = ("windup", "integral", "derivative")  # open details of a controller's law
+UNKNOWN = ("goal", *CONVENTIONS)  # fields that may be None: an identification tries all choices
+LONGEST = 0.1  # [s], largest delay
+UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # unit of the motor torque if the gain is unknown
 
 
 @dataclass(frozen=True)
 class ServoDrive:
-    """Controller with the motor behind it.
+    """Controller and motor of a servo.
 
     Attributes:
-        control: what the goal is of, an angle [rad] or a speed [rad/s].
-        output: what the controller's law gives.
-        kp: gain by the error [output/rad, or output s/rad].
-        ki: gain by the integral of the error [output/(rad s), or output/rad].
-        kd: gain by the speed, under position control [output s/rad].
-        limit: largest output; 1 for a share of the supply.
-        supply: voltage of the bus [V] if the recording has none; a duty is a share of it.
-        gain: torque per volt or ampere, gear included [N m/V or N m/A]; None where it is not known.
-        rate: turns of the controller in a second [Hz]; None: it acts, and sees the true speed, all the time.
-        cutoff: of the low-pass filter that the controller sees the speed through [Hz]; None: there is none.
-        delay: from measuring to acting [s].
-        goal: whether the goal is held from row to row of the log, or runs on to the next row; None: not known.
-        encoder: shaft that log and controller read, of the motor or of the link behind the gear's play and elasticity.
-        windup: integral at the limit: it stops growing, ki times it is clamped to the limit, or it grows freely; None:
-            not known, simulated as `stop`.
-        integral: whether a turn adds its error to the integral after or before the output is computed, where `rate` is
-            known; None: not known, simulated as `after`.
-        derivative: whether kd acts on the measured velocity or on the derivative of the error, which has also the speed
-            of the goal; None: not known, simulated as `velocity`.
+        control: quantity of the goal, position [rad] or velocity [rad/s].
+        output: quantity of the controller's output.
+        kp: proportional gain [output/rad, or output s/rad].
+        ki: integral gain [output/(rad s), or output/rad].
+        kd: derivative gain of position control [output s/rad].
+        limit: largest output; 1 for a duty.
+        supply: bus voltage [V] of recordings without a column of it.
+        gain: motor torque per volt or ampere, gear included [N m/V or N m/A]; None: unknown.
+        rate: update rate of the controller [Hz]; None: continuous, with exact speed.
+        cutoff: cutoff frequency of the low-pass filter of the measured speed [Hz]; None: no filter.
+        delay: time from measurement to action [s].
+        goal: course of the goal between rows of the log, held or linear; None: unknown.
+        encoder: shaft of the encoder, at the motor or at the output, behind the gear's play and elasticity.
+        windup: integral at the output limit: `stop` stops it, `clamp` clamps ki times the integral to the limit,
+            `free` lets it grow; None: unknown, simulated as `stop`.
+        integral: whether an update adds its error to the integral after or before it computes the output, for a known
+            `rate`; None: unknown, simulated as `after`.
+        derivative: whether kd acts on the measured velocity or on the derivative of the error, which includes the
+            velocity of the goal; None: unknown, simulated as `velocity`.
     """
 
     control: Control = "position"
@@ -108,7 +108,7 @@ class ServoDrive:
 
     @property
     def unit(self) -> str:
-        """Return the unit of the motor torque: `N m`, or the unit of a proportional quantity."""
+        """Return the unit of the motor torque: `N m`, or V or A if the gain is unknown."""
         return "N m" if self.gain is not None else UNIT[self.output]
 
     @property
@@ -117,21 +117,21 @@ class ServoDrive:
         return min(self.limit, 1.0) if self.output == "duty" else self.limit
 
     def torque(self, goal: Array, position: Array, velocity: Array, supply: Array, on: Array) -> Array:
-        """Return the torque asked for along a measured motion, in its `unit` (N,), of kp and -kd q' alone."""
+        """Return the commanded torque (N,) [unit] along a measured motion, from kp and -kd q' only."""
         error = goal - (velocity if self.acts_on_speed else position)
         output = self.kp * error - (0.0 if self.acts_on_speed else self.kd * velocity)
         return np.asarray(on * self.scale(supply) * np.clip(output, -self.max_output, self.max_output))
 
     def scale(self, supply: Array) -> Array:
-        """Return the torque, in its `unit`, per unit of the output at a supply [V]."""
+        """Return the torque [unit] per unit of output at a supply [V]."""
         volts = supply if self.output == "duty" else np.ones_like(supply)
         return volts if self.gain is None else volts * self.gain
 
     @property
     def open_conventions(self) -> dict[str, tuple[str, ...]]:
-        """Return the choices of each of `CONVENTIONS` that matters and is not declared, by name.
+        """Return the choices of each undeclared, relevant convention of `CONVENTIONS`, by name.
 
-        The order of a turn has no meaning without the `rate` of the controller.
+        The order of the integral is relevant only with a `rate`.
         """
         matters = {
             "windup": self.ki > 0 and math.isfinite(self.max_output),
@@ -141,11 +141,11 @@ class ServoDrive:
         return {name: get_args(CHOICES[name]) for name in CONVENTIONS if matters[name] and getattr(self, name) is None}
 
     def complete_conventions(self, settings: Mapping[str, Any]) -> Self:
-        """Return the drive with settings of its `open_conventions`; others are ignored."""
+        """Return the drive with the settings of its `open_conventions`; other settings are ignored."""
         return replace(self, **{name: settings[name] for name in self.open_conventions if name in settings})
 
     def with_gain(self, gain: float, unit: str) -> Self:
-        """Return the drive with a gain per unit of its output; the same if its torque is in another unit."""
+        """Return the drive with a gain per `unit`; unchanged if its torque is in another unit."""
         return replace(self, gain=gain) if self.unit == unit else self
 
     @property
@@ -160,7 +160,7 @@ class ServoDrive:
 
     @classmethod
     def from_settings(cls, given: Mapping[str, Any]) -> Self:
-        """Make a drive from the settings of a study: a preset with gains in its units, or plain numbers."""
+        """Make a drive from the settings of a study, with or without a preset, whose kp is in register units."""
         known = find("preset", str(given["preset"]), PRESETS) if "preset" in given else Preset({})
         values: dict[str, Any] = dict(known.base)
         for name, value in given.items():
@@ -175,7 +175,7 @@ class ServoDrive:
         return cls(**values)
 
     def get_settings(self) -> dict[str, str | float]:
-        """Return the settings that differ from the defaults, from which `from_settings` makes the same drive."""
+        """Return the settings that differ from the defaults, for `from_settings`."""
         usual = vars(ServoDrive())
         values = {name: getattr(self, name) for name in usual if name == "kp" or getattr(self, name) != usual[name]}
         return {name: value if isinstance(value, str) else float(value) for name, value in values.items()}
@@ -183,14 +183,14 @@ class ServoDrive:
 
 @dataclass(frozen=True)
 class Motor(ServoDrive):
-    """Motor without a known controller: its torque was logged, or is zero."""
+    """Motor without a known controller, with logged or zero torque."""
 
     output: Output = "torque"
     is_controller: ClassVar[bool] = False
 
     @property
     def acts_on_position(self) -> bool:
-        """Return False: no goal is followed."""
+        """Return False: the motor has no goal."""
         return False
 
 
@@ -198,13 +198,13 @@ MOTOR = Motor()
 
 
 class Preset(NamedTuple):
-    """Family of servos: settings they share, and the unit of kp in their registers."""
+    """Family of servos: common settings, and kp per register unit."""
 
     base: Mapping[str, Any]
     kp: float = 1.0
 
 
-PRESETS = {  # those of duty as github.com/Rhoban/bam measured them; their encoders are at the output
+PRESETS = {  # servos with duty: values measured by github.com/Rhoban/bam, encoders at the output
     # Dynamixel XL330: duty = kp (goal - position) [counts] / (256 x 885)
     "xl330": Preset({"supply": 7.3, "encoder": "output"}, 4096 / math.tau / (256 * 885)),
     # Dynamixel XL-320: duty = 0.0505 kp (goal - position) [rad]
@@ -214,20 +214,20 @@ PRESETS = {  # those of duty as github.com/Rhoban/bam measured them; their encod
     # Feetech STS3215: duty = 0.166 kp (goal - position) [rad], 0.97 at most, below its largest speed
     "sts3215": Preset({"supply": 7.4, "limit": 0.97, "encoder": "output"}, 0.166),
     # MIT mode of quasi-direct drives (Mini Cheetah, Damiao, CubeMars): torque = kp (goal - position) - kd velocity at
-    # the output, with neither a goal of the speed nor a torque fed forward
+    # the output, without goal velocity and feed-forward torque
     "mit": Preset({"output": "torque", "derivative": "velocity"}),
 }
-WORDS = tuple(CHOICES)  # keys whose value is a word
+WORDS = tuple(CHOICES)  # keys with text values
 KEYS = dict.fromkeys(("preset", *vars(ServoDrive())), True)
 
 
 def find_declared_conventions(drives: Sequence[ServoDrive]) -> dict[str, str]:
-    """Return the first value of each of `CONVENTIONS` that a drive declares, by name."""
+    """Return the first declared value of each convention, by name."""
     values = {name: [v for drive in drives if (v := getattr(drive, name)) is not None] for name in CONVENTIONS}
     return {name: declared[0] for name, declared in values.items() if declared}
 
 
 def list_open_conventions(drives: Sequence[ServoDrive]) -> list[dict[str, str]]:
-    """Return all combinations of `open_conventions` of drives, by name; one empty combination if none is open."""
+    """Return all combinations of the drives' `open_conventions` by name; without any, one empty combination."""
     choices = {name: own for name in CONVENTIONS for drive in drives if (own := drive.open_conventions.get(name))}
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]

@@ -1,7 +1,7 @@
-"""Servos simulated with their controller in the loop: from the goal alone, whole recordings at once.
+"""Simulate servos in closed loop, from the goals of whole recordings.
 
-A closed loop does not run away, so that nothing has to start anew from what was measured. In each step of the
-integrator the controller looks at the simulated motion, and what it asks for is held until it looks again.
+A closed loop is stable, so a simulation needs no restarts from measurements. Within each integration step, the
+controller samples the simulated motion and holds its output until the next sample.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ from pendulum_env.servo.drive import ServoDrive
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-GAINS = ("kp", "ki", "kd", "most", "seen", "turn", "first", "halt", "room")  # of each servo
+GAINS = ("kp", "ki", "kd", "most", "seen", "turn", "first", "halt", "room")  # see `compute_gains`
 
 
 @dataclass(frozen=True)
 class Looks:
-    """Times at which a controller looks at goal and motion, within N steps of an integrator.
+    """Sampling times of a controller ("looks") relative to N steps of the integrator.
 
-    A step is longer or shorter than the period of the controller, and does not begin with it. What the controller asks
-    for at a look acts from that look to the next one. The looks within a step count by these times.
+    Steps and controller periods have different lengths and phases. The output of a look acts until the next look. Looks
+    within a step are averaged with these durations as weights.
 
     Attributes:
-        rate: of the controller [Hz].
-        step: of the integrator [s].
+        rate: rate of the controller [Hz].
+        step: step of the integrator [s].
         count: number of steps N.
     """
 
@@ -57,7 +57,7 @@ class Looks:
 
     @cached_property
     def time(self) -> Array:
-        """Times of the looks (K,) [s]."""
+        """Return the times of the looks (K,) [s]."""
         return np.arange(math.ceil(self.count * self.step * self.rate - 1e-6)) / self.rate
 
     @cached_property
@@ -66,29 +66,29 @@ class Looks:
 
     @cached_property
     def _duration(self) -> Array:
-        """Time from each look to the next one or to the end of its step (K,) [s]."""
+        """Return the time from each look to the next one or to the end of its step (K,) [s]."""
         return np.minimum(self.time + 1.0 / self.rate, (self._step_of + 1) * self.step) - self.time
 
     @cached_property
     def due(self) -> Array:
-        """1 for steps with a look, 0 for others (N,)."""
+        """Return 1 for steps with a look and 0 for others (N,)."""
         return (self.share > 0).astype(float)
 
     @cached_property
     def share(self) -> Array:
-        """Share of each step that comes after its first look (N,)."""
+        """Return the share of each step after its first look (N,)."""
         return np.bincount(self._step_of, self._duration, self.count) / self.step
 
     @cached_property
     def lead(self) -> Array:
-        """Mean time of the looks from the begin of their step (N,) [s]."""
+        """Return the mean time of the looks from the start of their step (N,) [s]."""
         return self.average(np.maximum(self.time - self._step_of * self.step, 0.0))
 
     @cached_property
     def old(self) -> Array:
-        """Share of the last velocity in the measured one (N,).
+        """Return the weight of the previous velocity in the measured one (N,).
 
-        Velocities are those at the begin of a step; the speed between two positions is that of half a period ago.
+        States have the velocity at the start of a step; a difference of positions is the velocity half a period ago.
         """
         steps = np.flatnonzero(self.due)
         elapsed = np.full(self.count, max(self.step, 1.0 / self.rate))
@@ -96,25 +96,25 @@ class Looks:
         return (0.5 / self.rate - self.lead) / elapsed
 
     def average(self, values: Array) -> Array:
-        """Return means over the looks of each step of values at the looks (K,); 0 for a step without a look (N,)."""
+        """Return the means (N,) per step of values at the looks (K,); 0 for steps without a look."""
         weighted = np.bincount(self._step_of, self._duration * values, self.count)
         return np.asarray(weighted / np.maximum(self.share * self.step, 1e-300))
 
 
 @dataclass(frozen=True)
 class Servos:
-    """B servos that follow goals, over N steps of the integrator.
+    """Inputs of B servos over N steps of the integrator.
 
     Attributes:
-        drives: of each.
-        step: of the integrator [s].
-        goal: of each step, as the controller sees it (N, B) [rad, or rad/s].
-        supply: voltage of the bus over each step (N, B) [V]; a duty is a share of it.
-        on: whether the motor is powered (N, B).
-        position, velocity: at the start (B,) [rad, rad/s].
+        drives: drive of each servo (B,).
+        step: step of the integrator [s].
+        goal: goal of the controller per step (N, B) [rad, or rad/s].
+        supply: bus voltage per step (N, B) [V].
+        on: whether the motor has power (N, B).
+        position, velocity: initial state (B,) [rad, rad/s].
         start: time of the first sample (B,) [s].
-        load: what is known to hang on each (B,); its torque, over each step (N, B).
-        temperature: of each over each step (N, B) [deg C]; None if it was not measured.
+        load: known loads (B,), with their torque per step (N, B).
+        temperature: temperature per step (N, B) [deg C]; None if not measured.
     """
 
     drives: tuple[ServoDrive, ...]
@@ -130,12 +130,12 @@ class Servos:
 
     @property
     def at_output(self) -> bool:
-        """Return whether the encoders are at the output, behind the gear."""
+        """Return whether the encoders are at the output of the gear."""
         return self.drives[0].encoder == "output"
 
     @cached_property
     def programs(self) -> StepPrograms:
-        """Compiled steps of models that simulate the servos."""
+        """Return the compiled steps by model."""
         return StepPrograms()
 
     @property
@@ -145,26 +145,26 @@ class Servos:
 
     @property
     def is_sampled(self) -> bool:
-        """Return whether a controller looks at certain times only."""
+        """Return whether a controller has a rate."""
         return any(drive.rate is not None for drive in self.drives)
 
     @cached_property
     def looks(self) -> list[Looks]:
-        """Looks of each controller; one that acts all the time looks at the begin of each step."""
+        """Return the looks of each controller; continuous controllers look at the start of each step."""
         return [Looks(drive.rate or 1.0 / self.step, self.step, len(self.goal)) for drive in self.drives]
 
     @cached_property
     def inputs(self) -> Array:
-        """Inputs of each step, in the order of `ServoInputs` (N, C, B).
+        """Return the inputs per step (N, C, B), in the order of `ServoInputs`.
 
-        C is 6 without controllers that look, 10 with one that acts on the derivative of its error, else 9.
+        C is 6 if all controllers are continuous, 10 if one acts on the derivative of its error, else 9.
         """
         scale = np.column_stack([drive.scale(supply) for drive, supply in zip(self.drives, self.supply.T, strict=True)])
         warm = np.full_like(self.goal, ROOM) if self.temperature is None else self.temperature
         outside = np.broadcast_to(self.load.torque, self.goal.shape)
         times = [np.ones_like(self.goal)]
         if self.is_sampled or self.has_derivative:
-            acts = [drive.rate is None for drive in self.drives]  # all the time
+            acts = [drive.rate is None for drive in self.drives]  # continuous controllers
             names = ("due", "share", "lead", "old")
             times = [np.column_stack([getattr(look, name) for look in self.looks]) for name in names]
             times[3] = np.where(acts, 0.0, times[3])
@@ -180,16 +180,16 @@ class Servos:
         return {}
 
     def wrap_inputs(self, step: Recurrence) -> Array:
-        """Return the inputs as a compiled step reads them, memoised by its width."""
+        """Return the inputs in the layout of a compiled step, memoised by its width."""
         if step.width not in self._wrapped_inputs:
             self._wrapped_inputs[step.width] = step.wrap_inputs(self.inputs)
         return self._wrapped_inputs[step.width]
 
 
 class ControllerState(NamedTuple):
-    """State of a controller: held and past outputs, integral, and measured speed.
+    """State of a controller: held and past outputs, integral of the error, filtered speed, velocity at the last look.
 
-    `velocity` is the true one at its last look: where the joint speeds up evenly, two positions tell the mean of both.
+    A difference of positions equals the mean of the velocities at both looks if the acceleration is constant.
     """
 
     held: Any
@@ -200,11 +200,11 @@ class ControllerState(NamedTuple):
 
 
 class ServoInputs(NamedTuple):
-    """Inputs of a servo over a step: goal, scale of its output, on or off, due to update, temperature, load.
+    """Inputs of a servo over a step: goal, scale of the output, power, look, temperature [deg C], load torque [N m].
 
-    A controller that is due acts over the last `share` of the step. It reads the position `lead` [s] after the begin,
-    and a share `old` of its speed is that of the last look. `goal_speed` is 0 unless it acts on the derivative of the
-    error.
+    A look (`due`) acts over the last `share` of the step. It reads the position `lead` [s] after the start of the step,
+    and the velocity of the previous look has the weight `old`. `goal_speed` is 0 unless the controller acts on the
+    derivative of the error.
     """
 
     goal: Any
@@ -220,16 +220,16 @@ class ServoInputs(NamedTuple):
 
 
 def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
-    """Simulate B servos from their goals under V models.
+    """Simulate B servos with V models each.
 
     Args:
-        terms: of the models, whose nonlinear parameters are numbers, or (V, 1) arrays of those of each.
+        terms: terms of the models, with nonlinear parameters as scalars or (V, 1) arrays.
         theta: linear parameters (P, V).
-        servos: with their goals.
-        every: steps between positions that are returned.
+        servos: goals and other inputs of the servos.
+        every: steps between returned positions.
 
     Returns:
-        Positions at the encoders at the start and after every so many steps (N / every + 1, V, B) [rad].
+        Encoder positions at the start and after each `every` steps (N / every + 1, V, B) [rad].
     """
     h, shape = servos.step, (theta.shape[1], len(servos.drives))
     weights = _compute_taps(terms, servos, shape)
@@ -257,7 +257,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     if program.step is not None:
         return np.asarray(program.step(servos.wrap_inputs(program.step), parameters, states, every, kept=[shown])[:, 0])
 
-    def simulate_step(given: Array, now: Array) -> list[Any]:  # a law of a user's is no formula
+    def simulate_step(given: Array, now: Array) -> list[Any]:  # for a user's law that is not symbolic
         held, *late = now[len(stack_rows(x)) :]
         before, (seen, last, *integral) = late[: len(weights) - 1], late[len(weights) - 1 :]
         then = ControllerState(held, tuple(before), integral[0] if integrates else 0.0, seen, last)
@@ -270,15 +270,16 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
 
 
 def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
-    """Return gains of a servo, its limit, the filter's share of a new speed, its period [s], and how it integrates.
+    """Return the numbers of a controller in the order of `GAINS`.
 
-    The last three are the time by which the error is added before the output [s], the output beyond which the integral
-    does not grow, and the largest integral.
+    `most` is the largest output, `seen` the filter's weight of a new speed, `turn` the period [s], `first` the time by
+    which the error is integrated before the output is computed [s], `halt` the output above which the integral stops,
+    and `room` the largest integral.
     """
     period = step if drive.rate is None else 1.0 / drive.rate
     turn = max(step, period)
     share = 1.0 if drive.cutoff is None else 1.0 - math.exp(-2 * math.pi * drive.cutoff * period)
-    seen = turn / (turn + period * (1.0 - share) / share)  # as late, also if a step holds several periods
+    seen = turn / (turn + period * (1.0 - share) / share)  # the same lag with several periods per step
     first = period if drive.integral == "before" and drive.rate is not None else 0.0
     halt = math.inf if drive.windup in ("clamp", "free") else drive.max_output
     room = drive.max_output / drive.ki if drive.windup == "clamp" and drive.ki else math.inf
@@ -286,7 +287,7 @@ def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
 
 
 def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list[Any]:
-    """Flatten all that changes from step to step."""
+    """Flatten samples and controller state to rows."""
     return [
         *stack_rows(x),
         state.held,
@@ -298,17 +299,17 @@ def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list
 
 
 def _compute_taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:
-    """Compute the weights (T, V, B) of the outputs of the last T steps."""
+    """Compute the weights (T, V, B) of the outputs of the last T steps, from the delays of terms and drives."""
     late = sum((np.asarray(term.delay, dtype=float) for term in terms), np.zeros(1)).reshape(-1, 1)
     steps = (late + np.array([drive.delay for drive in servos.drives])) / servos.step
     return compute_taps(np.broadcast_to(steps, shape))
 
 
 def compute_taps(steps: Array) -> Array:
-    """Compute the weights (T, ...) of the outputs of the last T steps, the newest first, by linear interpolation."""
+    """Compute the weights (T, ...) of the last T outputs, newest first, from delays in steps, with interpolation."""
     whole = np.floor(steps + 1e-9)
     share = np.maximum(steps - whole, 0.0)
-    count = 2 ** math.ceil(math.log2(int(whole.max()) + 1 + bool(share.any())))  # few programs for many delays
+    count = 2 ** math.ceil(math.log2(int(whole.max()) + 1 + bool(share.any())))  # a power of two: few programs
     place = np.arange(count).reshape(-1, *(1,) * steps.ndim)
     return np.asarray(np.where(place == whole, 1 - share, 0.0) + np.where(place == whole + 1, share, 0.0))
 
@@ -324,7 +325,7 @@ def step_servo(
     h: ArrayLike,
     at_output: bool,
 ) -> tuple[Samples, ControllerState]:
-    """Advance servos and their controllers by one step, in symbols or arrays."""
+    """Advance servos and controllers by one step of h [s], in symbols or arrays."""
     torque, state = compute_control(read_encoder(x, balance.terms, at_output), state, given, gains, taps, speed)
     measured = {BackEmf.id: (given.on,), TemperatureDependentFriction.id: (given.temperature, 0.0)}
     memory: Any = {id: measured.get(id, memory) for id, memory in x.memory.items()}
@@ -336,7 +337,7 @@ def step_servo(
 def compute_control(
     x: Samples, state: ControllerState, given: ServoInputs, gains: Mapping[str, Any], taps: Sequence[Any], speed: bool
 ) -> tuple[Any, ControllerState]:
-    """Return the torque that a motor is asked for over a step, and the controller's state; symbols or arrays."""
+    """Return the commanded torque over a step and the controller's state, in symbols or arrays."""
     looks = given.due > 0
     measured = x.velocity - given.old * (x.velocity - state.velocity)
     measured = measured - given.goal_speed if may_be_true(given.goal_speed != 0.0) else measured
@@ -345,7 +346,7 @@ def compute_control(
     error = given.goal - (seen if speed else position)
     output, grown = compute_output(error, 0.0 if speed else gains["kd"] * seen, state.integral, gains)
     integral = np.where(looks, grown, state.integral)
-    integral = np.where(given.on > 0, integral, 0.0)  # begins anew with power
+    integral = np.where(given.on > 0, integral, 0.0)  # reset without power
     held = np.where(looks, output * given.scale, state.held)
     acting = state.held + given.share * (held - state.held) if may_be_true(given.share != 1.0) else held
     line = (acting, *state.before)
@@ -356,7 +357,7 @@ def compute_control(
 
 
 def compute_output(error: Any, damping: Any, integral: Any, gains: Mapping[str, Any]) -> tuple[Any, Any]:
-    """Return the output of a controller at a look, and its integral after it; symbols, arrays or numbers."""
+    """Return the output of a controller at a look and the integral after it, in symbols, arrays or numbers."""
     summed = np.maximum(np.minimum(integral + gains["first"] * error, gains["room"]), -gains["room"])
     wanted = gains["kp"] * error + gains["ki"] * summed - damping
     output = np.maximum(np.minimum(wanted, gains["most"]), -gains["most"])
@@ -375,8 +376,8 @@ def _compile_step(
     at_output: bool,
     count: int,
 ) -> PreparedStep:
-    """Compile a step of servos."""
-    from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
+    """Compile a step of servos; the result has no step if a law is not symbolic."""
+    from pendulum_env.physics.compiled import compile_recurrence  # slow import
 
     h: Any = make_symbol("h", most=round_up(longest))
     given = ServoInputs(*(make_symbol(text) for text in ServoInputs._fields[:count]))
@@ -398,5 +399,5 @@ def _compile_step(
             compile_recurrence(inputs, known, states, _flatten_state(after, later, integrates)),
             list(nonlinear.values()),
         )
-    except Exception:  # a user's law may do anything that NumPy does
+    except Exception:  # a user's law may raise any error with symbols
         return PreparedStep(None, [])

@@ -1,4 +1,4 @@
-"""A rig that is not there: the project's own plant in real time, behind the serial protocol."""
+"""Emulated rig: a simulated plant in real time with the serial protocol."""
 
 from pendulum_env.backends.emulators.emulator import emulate
 from pendulum_env.backends.emulators.serial import make_serial

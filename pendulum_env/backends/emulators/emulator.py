@@ -1,4 +1,4 @@
-"""An emulated rig: a process that listens, and writes the rig.toml by which it is reached."""
+"""Run an emulated rig: write its rig.toml and serve its serial port."""
 
 import math
 import os
@@ -18,21 +18,21 @@ from pendulum_env.plant import PAPER
 from pendulum_env.reading import format_toml
 
 MARK = "# written by an emulator, and overwritten by the next one\n"
-TICK = 0.01  # [s], longest sleep: how soon the log tells of the watchdog, which acts in time anyway
+TICK = 0.01  # [s], longest sleep, and delay of the log; the watchdog acts on time
 
 
 class Wire:
-    """Serial cable that can be pulled out: the end of a pseudo-terminal at the drive.
+    """Emulated serial cable: the drive's end of a pseudo-terminal.
 
     Attributes:
-        place: path of the other end.
-        descriptor: to watch; -1 once the cable is pulled.
+        place: path of the host's end.
+        descriptor: file descriptor of the drive's end; -1 after `pull`.
     """
 
-    chunk = 4096  # bytes that are taken at once
+    chunk = 4096  # bytes per read
 
     def __init__(self, answer: Callable[[bytes], bytes]) -> None:
-        """Take what a drive answers to the bytes that come."""
+        """Set the function that returns the drive's answer to received bytes."""
         try:
             import pty
             import tty
@@ -40,18 +40,18 @@ class Wire:
             raise OSError("pseudo-terminals are needed, which this system has not: use Linux or macOS") from None
         self._answer = answer
         self.descriptor, self._slave = pty.openpty()
-        tty.setraw(self._slave)  # held open, so that nothing changes when a host comes and goes
+        tty.setraw(self._slave)  # kept open, so that the terminal outlives its hosts
         os.set_blocking(self.descriptor, False)
         self.place = os.ttyname(self._slave)
 
     def receive(self) -> None:
-        """Read the received bytes, and answer."""
-        with suppress(BlockingIOError):  # no data, or no reader
+        """Read received bytes and write the answer."""
+        with suppress(BlockingIOError):  # no data, or full buffer
             if answer := self._answer(os.read(self.descriptor, self.chunk)):
                 os.write(self.descriptor, answer)
 
     def pull(self) -> None:
-        """Pull the cable out; may be called twice."""
+        """Disconnect the cable; may be called repeatedly."""
         for end in (self.descriptor, self._slave):
             if end >= 0:
                 os.close(end)
@@ -59,12 +59,12 @@ class Wire:
 
 
 class Emulated(NamedTuple):
-    """Motor and its connection."""
+    """Motor with its connection."""
 
     motor: Motor
     wire: Wire
     adapter: str
-    keys: Mapping[str, Any]  # of the adapter's table in rig.toml
+    keys: Mapping[str, Any]  # keys of the adapter's table in rig.toml
 
 
 def emulate(
@@ -79,28 +79,29 @@ def emulate(
     realtime: bool = False,
     log: Path | None = None,
 ) -> None:
-    """Run an emulated rig until interrupted or told to `quit`; lines on standard input turn the arm, see `_turn_arm`.
+    """Run an emulated rig until an interrupt or the input `quit`; other input lines turn the arm, see `_turn_arm`.
 
     Args:
-        make: how the motor is reached, such as `make_serial`.
-        config: where to write the rig.toml.
-        rate: of the loop [Hz].
-        settings: keys that differ in it, by table.
-        report: called with progress lines; the first line when the rig is ready.
+        make: function that connects the motor, such as `make_serial`.
+        plant: model of the arm.
+        config: path of the rig.toml to write.
+        rate: rate of the loop [Hz].
+        settings: further keys of the rig.toml, by table.
+        report: function of a progress line; the first line comes when the rig is ready.
         first: first reading of the counter.
-        realtime: whether emulator and loop ask for real-time priority.
-        log: where to write what the motor did.
+        realtime: whether emulator and loop request real-time priority.
+        log: path of the motor's log.
 
     Raises:
         ModuleNotFoundError: if the extra `hardware` is not installed.
-        FileExistsError: if the configuration is a file that no emulator wrote.
+        FileExistsError: if `config` exists and was not written by an emulator.
     """
     if realtime:
         process.request_realtime()
     _refuse_overwrite(config)
     rig = make(Motor(plant, first=first, log=log))
     try:
-        # its arm hangs down at the first count, and later rests wherever friction holds it
+        # the arm hangs down at the first count only; later, friction may hold it elsewhere
         tables = {rig.adapter: rig.keys, "encoder": {"zero": first % 2**32}, "plant": _find_plant_ranges(plant)}
         for name, values in settings.items():
             tables[name] = {**tables.get(name, {}), **values}
@@ -133,12 +134,12 @@ def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
 
 
 def _is_in_foreground(terminal: int) -> bool:
-    """Return whether the process is in the foreground of a terminal; a background process is stopped when it reads."""
+    """Return whether the process may read a terminal; reading would stop a background process."""
     return not os.isatty(terminal) or os.tcgetpgrp(terminal) == os.getpgrp()
 
 
 def _turn_arm(motor: Motor, words: list[str]) -> str:
-    """Turn the arm by hand, as `hold ANGLE` [degrees], or let go, as `hold`; return what was done."""
+    """Turn and hold the arm (`hold ANGLE` [degrees]) or release it (`hold`); return the message."""
     try:
         angle = math.radians(float(words[1])) if len(words) > 1 else None
     except ValueError:
@@ -150,12 +151,12 @@ def _turn_arm(motor: Motor, words: list[str]) -> str:
 
 
 def _find_plant_ranges(plant: Model) -> dict[str, Any]:
-    """Return the ranges of the arm for the plausibility check; none if effects are hidden."""
+    """Return the table [plant] of the plausibility check, which is off for a plant with effects."""
     known = dict(zip((column.name for column in plant.columns), map(float, plant.theta), strict=True))
     return {name: known.get(name, 0.0) for name in PAPER} | {"watch": not plant.effects}
 
 
 def _refuse_overwrite(path: Path) -> None:
-    """Refuse to overwrite the files of a real rig."""
+    """Refuse to overwrite a file that was not written by an emulator."""
     if path.exists() and not (path.is_file() and path.read_bytes().startswith(MARK.encode())):
         raise FileExistsError(f"{path}: exists, and no emulator wrote it: name another file, as -o emulated.toml")

@@ -1,4 +1,4 @@
-"""The emulated motor: the project's plant in real time, with power, encoder, watchdog, and a log of its own."""
+"""Emulated motor: a simulated plant in real time, with power, encoder, watchdog and log."""
 
 import math
 import os
@@ -11,22 +11,22 @@ from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance, begin
 
-FIRM, CALM = 60.0, 2.0  # [rad/s] of a hand: the stiffness with which it holds the arm, and how fast it turns it
+FIRM, CALM = 60.0, 2.0  # [rad/s], bandwidth and speed of the hand that holds the arm
 
 
 class Motor:
-    """Motor with the arm, as its drive sees it; every method first advances the plant to now.
+    """Motor with the arm; every method first advances the plant to the current time.
 
-    The watchdog is that of real drives, in hardware: it acts at its time even if this process was not running then.
-    The log has a line `TIME EVENT VALUE` for each event, monotonic time: every `command` with its torque, `torque` when
-    what acts changes from or to zero, `power` 1 or 0, `expired` when the watchdog runs out.
+    The watchdog acts at its time, as in hardware, even if the process was not running then. The log has a line `TIME
+    EVENT VALUE` per event, with monotonic time [s]: `command` with its torque, `torque` when the acting torque changes
+    from or to zero, `power` 1 or 0, and `expired` when the watchdog runs out.
     """
 
     def __init__(self, model: Model, *, first: int = 0, log: str | Path | None = None) -> None:
-        """Take the plant, the first reading of the encoder, and where to write the log.
+        """Set the plant, the first reading of the encoder and the path of the log.
 
         Raises:
-            UserError: if the plant has a dead time, which the motor cannot keep.
+            UserError: if the plant has a dead time, which is not supported.
         """
         if any(term.delay for term in model.terms):
             raise UserError("an emulated motor has no dead_time: hide another effect")
@@ -34,18 +34,18 @@ class Motor:
         self._body = make_body(balance, LONGEST_STEP)
         self._body.place(begin(balance, 0.0, 0.0))
         self._per_radian, self._first = COUNTS / (2 * math.pi), first
-        self.moment = time.monotonic()  # that the plant has reached [s]
+        self.moment = time.monotonic()  # current time of the plant [s]
         self._angle = 0.0
-        self.torque = 0.0  # that the motor gives [N m]
+        self.torque = 0.0  # torque of the motor [N m]
         self._deadline = math.inf
         self.powered, self.expired = False, False
-        self._hand: tuple[float, float] | None = None  # of one that holds the arm: where it is, and goes [rad]
+        self._hand: tuple[float, float] | None = None  # current and final angle of the hand [rad]
         self._inertia, self._speed = model.estimates["inertia"].value, 0.0  # [kg m^2], [rad/s]
         self.watchdog = math.inf  # [s]
         self._log = -1 if log is None else os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
 
     def advance(self) -> None:
-        """Advance the plant to now."""
+        """Advance the plant to the current time."""
         now = time.monotonic()
         if self._deadline <= now:
             self._move(self._deadline)
@@ -55,7 +55,7 @@ class Motor:
         self._move(now)
 
     def switch(self, on: bool) -> None:
-        """Switch the power, at zero torque, on or off."""
+        """Switch the power on or off, at zero torque."""
         self.advance()
         if not on:
             self._cut_power(self.moment)
@@ -74,19 +74,19 @@ class Motor:
             self._deadline = self.moment + self.watchdog
 
     def command(self, torque: float) -> None:
-        """Set the torque [N m], if there is power."""
+        """Set the torque [N m], if the power is on."""
         self.advance()
         self._tell(self.moment, "command", torque)
         if self.powered:
             self._act(self.moment, torque)
 
     def hold(self, angle: float | None) -> None:
-        """Turn the arm by hand to an angle [rad] and hold it there, or let go."""
+        """Turn the arm by hand to an angle [rad] and hold it, or release it for None."""
         self.advance()
         self._hand = None if angle is None else (self._angle, angle)
 
     def counts(self) -> int:
-        """Return the encoder counts, not wrapped."""
+        """Return the encoder counts, unwrapped."""
         self.advance()
         return self._first + round(self._angle * self._per_radian)
 

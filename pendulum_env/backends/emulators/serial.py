@@ -1,4 +1,4 @@
-"""The microcontroller of the serial rig, emulated: what its firmware does, in a page."""
+"""Emulated microcontroller of the serial rig."""
 
 from pendulum_env.backends.emulators.emulator import Emulated, Wire
 from pendulum_env.backends.emulators.motor import Motor
@@ -8,11 +8,11 @@ from pendulum_env.spaces import MAX_TORQUE
 
 
 class Firmware:
-    """Firmware that answers frames."""
+    """Firmware of the microcontroller."""
 
     def __init__(self, motor: Motor) -> None:
         self.motor, self._splitter = motor, frames.Splitter()
-        self._set, self._ready = 0, False  # torque [uN m]; whether there has been a SETUP
+        self._set, self._ready = 0, False  # torque [uN m]; whether a SETUP was received
 
     def answer(self, data: bytes) -> bytes:
         """Return the answer to received bytes."""
@@ -22,7 +22,7 @@ class Firmware:
         motor = self.motor
         if kind == frames.TORQUE:
             torque = frames.MICRO * values[0]
-            if abs(torque) <= MAX_TORQUE:  # else it is no torque of this motor, whatever the check says
+            if abs(torque) <= MAX_TORQUE:  # else an invalid frame
                 motor.command(torque)
                 motor.feed()
                 self._set = values[0]
@@ -44,6 +44,6 @@ class Firmware:
 
 
 def make_serial(motor: Motor) -> Emulated:
-    """Put a firmware around a motor, at the end of a serial cable."""
+    """Connect a motor by the firmware and a serial cable."""
     wire = Wire(Firmware(motor).answer)
     return Emulated(motor, wire, "serial", {"port": wire.place})

@@ -1,4 +1,4 @@
-"""The DM1015B rig: adapters that reach its drive, and around each the same guard, pacing and care."""
+"""DM1015B rig: interface of its drives and the adapters."""
 
 from pendulum_env.backends.hardware.drive import (
     OPENING,

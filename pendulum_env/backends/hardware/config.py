@@ -1,7 +1,7 @@
-"""`rig.toml`: how the rig is wired, what it may do, and what happens on a fault; checked when it is read.
+"""Read and check `rig.toml`: wiring, limits and fault reaction of a rig.
 
-Each table of the file is a frozen dataclass, each key one of its fields, with its admissible range beside it: what is
-unknown, missing, of the wrong type or out of its range is refused with its name.
+Each table of the file is a frozen dataclass, and each key a field with its admissible range. Keys that are unknown,
+missing, of the wrong type or out of range are refused by name.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from pendulum_env.plant import PAPER
 from pendulum_env.reading import LARGE, NonNegative, Text, convert, read_text, read_toml
 from pendulum_env.spaces import MAX_TORQUE
 
-CHECKED = ".checked"  # ending of the file beside a configuration that says which wiring has passed the check
+CHECKED = ".checked"  # suffix of the note on the wiring that has passed the check
 
 
 class ConfigError(UserError):
-    """Configuration that cannot be used; the message has file, key, fault and remedy."""
+    """Invalid configuration; the message has file, key, fault and remedy."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class EncoderSettings:
     """Settings of the encoder."""
 
     counts: Annotated[int, Meta(ge=1, le=2**31)] = 1_024_000  # per turn, after quadrature
-    sign: Literal[1, -1] = 1  # of counts for a turn counter-clockwise
+    sign: Literal[1, -1] = 1  # sign of the counts of a counter-clockwise turn
     zero: Annotated[int, Meta(ge=-(2**31), le=2**32)] | None = None
-    # count at which the arm hangs down; "start": it does when the rig is opened
+    # count of the hanging arm; "start": the count when the rig is opened
 
 
 @dataclass(frozen=True)
@@ -45,16 +45,16 @@ class GuardLimits:
 
     torque: Annotated[float, Meta(ge=0.0, le=MAX_TORQUE)] = 6.0  # [N m]
     unchecked_torque: Annotated[float, Meta(ge=0.0, le=2.0)] = 2.0  # [N m], until `hardware check` has passed
-    slew: NonNegative = 1000.0  # [N m/s], how fast the torque may change
-    soft_velocity: NonNegative = 25.0  # [rad/s], from which torque that speeds up fades out
-    hard_velocity: NonNegative = 35.0  # [rad/s], a fault
-    gap: NonNegative = 0.05  # [s], longest between two commands
-    behind: NonNegative = 0.2  # [s] that the loop may be behind its ticks
-    overruns: Annotated[int, Meta(ge=0, le=2**31)] = 1000  # ticks that an episode may miss
-    stall_torque: NonNegative = 4.0  # [N m], more than gravity and dry friction together
+    slew: NonNegative = 1000.0  # [N m/s], largest rate of change of the torque
+    soft_velocity: NonNegative = 25.0  # [rad/s], speed from which accelerating torque fades out
+    hard_velocity: NonNegative = 35.0  # [rad/s], speed of a fault
+    gap: NonNegative = 0.05  # [s], longest time between two commands
+    behind: NonNegative = 0.2  # [s], largest delay of the loop behind its ticks
+    overruns: Annotated[int, Meta(ge=0, le=2**31)] = 1000  # most missed ticks of an episode
+    stall_torque: NonNegative = 4.0  # [N m], above the sum of gravity and dry friction
     stall_time: NonNegative = 0.5  # [s], longest standstill of the counts under stall_torque
-    reply: Annotated[float, Meta(ge=0.001, le=5.0)] = 0.02  # [s], to wait for the drive's answer
-    watchdog: Annotated[float, Meta(ge=0.005, le=5.0)] = 0.08  # [s] after which the drive itself takes the torque away
+    reply: Annotated[float, Meta(ge=0.001, le=5.0)] = 0.02  # [s], timeout of the drive's answer
+    watchdog: Annotated[float, Meta(ge=0.005, le=5.0)] = 0.08  # [s], timeout of the drive's watchdog
 
 
 @dataclass(frozen=True)
@@ -62,17 +62,17 @@ class OnFault:
     """Reaction to a fault while drive and encoder still work."""
 
     action: Literal["zero", "brake"] = "zero"
-    gain: NonNegative = 0.5  # [N m s/rad] of the braking torque
-    seconds: Annotated[float, Meta(ge=0.0, le=2.0)] = 1.0  # of braking, at most
+    gain: NonNegative = 0.5  # [N m s/rad], gain of the braking torque
+    seconds: Annotated[float, Meta(ge=0.0, le=2.0)] = 1.0  # [s], longest braking
 
 
 @dataclass(frozen=True)
 class Rest:
-    """Settings of the wait for rest, without power, at a reset."""
+    """Settings of the wait for rest at a reset, without power."""
 
-    velocity: NonNegative = 0.02  # [rad/s], of an arm at rest
-    seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.3  # of rest
-    timeout: NonNegative = 20.0  # [s]
+    velocity: NonNegative = 0.02  # [rad/s], largest speed of an arm at rest
+    seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.3  # [s], duration of rest
+    timeout: NonNegative = 20.0  # [s], longest wait
 
 
 @dataclass(frozen=True)
@@ -84,54 +84,53 @@ class SerialSettings:
 
     @property
     def device(self) -> str:
-        """Return the device that one process at a time may own."""
+        """Return the name of the device for its lock."""
         return f"serial {os.path.realpath(self.port)}"
 
 
 @dataclass(frozen=True)
 class DaqSettings:
-    """National Instruments card and the Dynaserv's own analogue drive."""
+    """National Instruments card with the analogue drive of the Dynaserv."""
 
     torque: Text  # analogue output, +-10 V
     encoder: Text  # counter
-    enable: Text  # digital output line to servo-enable, which the card's watchdog lets fall
+    enable: Text  # digital output line to servo-enable, cleared by the card's watchdog
     fault: Text | None = None  # digital input line from the drive's fault output
     fault_active: Literal["low", "high"] = "low"
     newton_metres_per_volt: Annotated[float, Meta(ge=0.001, le=LARGE)] = 1.5  # 15 N m at 10 V
-    volts_offset: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0  # [V] at which the motor gives no torque
+    volts_offset: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0  # [V], voltage of zero torque
     decoding: Literal["X_1", "X_2", "X_4"] = "X_4"
-    server: Text | None = None  # host:port of an NI gRPC device server; without it, the driver here
+    server: Text | None = None  # host:port of an NI gRPC device server; None: the local driver
 
     @property
     def device(self) -> str:
-        """Return the device that one process at a time may own."""
+        """Return the name of the device for its lock."""
         return f"nidaq {self.server or 'local'} {self.torque}"
 
 
 @dataclass(frozen=True)
 class PlantRanges:
-    """Ranges of the parameters of the arm; a motion that is impossible within them is a fault."""
+    """Ranges of the arm's parameters; motion that is impossible within them is a fault."""
 
-    watch: bool = True  # whether the motion is watched at all
+    watch: bool = True  # whether the motion is checked
     inertia: Annotated[float, Meta(ge=1e-6, le=LARGE)] = PAPER["inertia"]  # [kg m^2]
-    gravity: NonNegative = PAPER["gravity"]  # [N m], torque that holds the arm out level
+    gravity: NonNegative = PAPER["gravity"]  # [N m], torque that holds the arm horizontal
     viscous: NonNegative = PAPER["viscous"]  # [N m s/rad]
     coulomb: NonNegative = PAPER["coulomb"]  # [N m], dry friction
-    # by which inertia and gravity may be more or less: up to 1 + share times
-    share: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.5
-    slack: NonNegative = 0.3  # [N m] of everything that is not listed here
-    delay: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.01  # [s] until a torque acts
+    share: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.5  # inertia and gravity may differ by a factor of 1 + share
+    slack: NonNegative = 0.3  # [N m], bound of all other torques
+    delay: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.01  # [s], longest delay of the torque
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigFile:
-    """Keys and tables of the file, besides those of adapters."""
+    """Keys and tables of the file, without the tables of adapters."""
 
     adapter: Text
-    rate: Annotated[float, Meta(ge=10.0, le=20_000.0)] = 1000.0  # of the loop [Hz]
-    torque_sign: Literal[1, -1] = 1  # of the torque that turns the arm counter-clockwise
-    realtime: bool = False  # whether the loop asks for real-time priority
-    log: Text | None = None  # file for what happens to the rig, beside the configuration
+    rate: Annotated[float, Meta(ge=10.0, le=20_000.0)] = 1000.0  # rate of the loop [Hz]
+    torque_sign: Literal[1, -1] = 1  # sign of the torque of a counter-clockwise turn
+    realtime: bool = False  # whether the loop requests real-time priority
+    log: Text | None = None  # file of the rig's log, relative to the configuration
     encoder: EncoderSettings = EncoderSettings()
     limits: GuardLimits = GuardLimits()
     fault: OnFault = OnFault()
@@ -141,32 +140,32 @@ class RigFile:
 
 @dataclass(frozen=True, kw_only=True)
 class RigConfig(RigFile):
-    """Rig as its file describes it."""
+    """Configuration of a rig."""
 
-    link: Settings  # of the adapter
-    path: Path  # of the file
-    checked: bool = False  # whether `hardware check` has passed with this wiring
+    link: Settings  # settings of the adapter
+    path: Path  # path of the file
+    checked: bool = False  # whether this wiring has passed `hardware check`
 
     @property
     def max_torque(self) -> float:
-        """Return the largest torque that the guard lets pass [N m]."""
+        """Return the torque limit of the guard [N m]."""
         return self.limits.torque if self.checked else min(self.limits.torque, self.limits.unchecked_torque)
 
     @property
     def log_file(self) -> Path | None:
-        """Return the path of the log of the rig."""
+        """Return the path of the rig's log."""
         return None if self.log is None else self.path.parent / self.log
 
     @property
     def wiring(self) -> str:
-        """Return a digest of the settings that the check has tried: new wiring voids it, new limits do not."""
-        link = asdict(cast(Any, self.link))  # `register` and `find_adapter` refuse what is no dataclass
+        """Return a digest of the settings that `hardware check` tests: the wiring, without limits."""
+        link = asdict(cast(Any, self.link))  # `find_adapter` refuses other types
         tried = [self.adapter, link, self.torque_sign, asdict(self.encoder)]
         return hashlib.sha256(json.dumps(tried, default=str).encode()).hexdigest()
 
     @property
     def note(self) -> Path:
-        """Return the path of the note, beside the file, on the wiring that has passed the check."""
+        """Return the path of the note on the wiring that has passed the check."""
         return self.path.with_name(self.path.name + CHECKED)
 
 
@@ -174,7 +173,7 @@ def load(path: str | Path) -> RigConfig:
     """Read and check a configuration.
 
     Raises:
-        ConfigError: if it cannot be read or does not make sense.
+        ConfigError: if the file cannot be read or a setting is invalid.
     """
     path = Path(path)
     try:
@@ -187,12 +186,12 @@ def load(path: str | Path) -> RigConfig:
         raise ConfigError(f"{path}: {error}") from None
     try:
         return replace(config, checked=read_text(config.note).strip() == config.wiring)
-    except FileError:  # there is no note
+    except FileError:  # no note
         return config
 
 
 def mark_checked(config: RigConfig) -> Path:
-    """Note beside the configuration that its wiring has passed the check; changing the wiring voids it.
+    """Write the note that this wiring has passed the check, which holds until the wiring changes.
 
     Raises:
         OSError: if the note cannot be written.

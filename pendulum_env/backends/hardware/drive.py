@@ -1,7 +1,7 @@
-"""Interface of adapters: a motor drive with a torque command and encoder counts.
+"""Interface of adapters: drives with a torque command and encoder counts.
 
-Adapters neither judge nor wait for the next sample: the guard does the one, the rig the other, for all of them.
-Installed packages offer further adapters by the entry points of `ENTRY_POINTS`: see docs/how-to/drive.md.
+Adapters do not check or pace: `Guard` limits the torque, and `Rig` waits for the next sample. Installed packages add
+adapters by entry points of the group `ENTRY_POINTS`; see docs/how-to/drive.md.
 """
 
 from collections.abc import Iterator
@@ -19,19 +19,19 @@ BUILT_IN = {
     "serial": EntryPoint("serial", f"{HERE}.serial_drive:SerialDrive", ENTRY_POINTS),
     "nidaq": EntryPoint("nidaq", f"{HERE}.nidaq:NiDaq", ENTRY_POINTS),
 }
-OPENING = 2.0  # [s] to wait at least for an answer of a drive that opens, without power: it may set itself up
+OPENING = 2.0  # [s], least timeout of an answer while a drive opens and may initialise
 
 
 class DriveError(RuntimeError):
-    """Drive that cannot be reached or does not obey; the message has the fault and the remedy."""
+    """Error of a drive; the message has the fault and the remedy."""
 
 
 @contextmanager
 def driver_errors(what: str, remedy: str) -> Iterator[None]:
-    """Turn any error of a driver into a DriveError with the fault and the remedy.
+    """Turn any error of a driver into a DriveError with fault and remedy.
 
     Raises:
-        DriveError: if one does.
+        DriveError: after any exception in the context.
     """
     try:
         yield
@@ -44,40 +44,40 @@ def driver_errors(what: str, remedy: str) -> Iterator[None]:
 class Reading(NamedTuple):
     """Reading of a drive."""
 
-    time: float  # when the counts were taken, on this computer's monotonic clock [s]
-    counts: int  # of the encoder, modulo 2^32
-    fault: str | None = None  # what the drive says is wrong, in words
+    time: float  # time of the counts on this computer's monotonic clock [s]
+    counts: int  # encoder counts, modulo 2^32
+    fault: str | None = None  # text of the drive's fault
 
 
 class Sent(NamedTuple):
-    """A torque that was sent."""
+    """Torque that was sent."""
 
-    time: float  # from which it acts, on this computer's monotonic clock [s]
-    torque: float  # as the drive resolves it [N m]
+    time: float  # start of its action on this computer's monotonic clock [s]
+    torque: float  # after the rounding of the drive [N m]
 
 
 class Drive(Protocol):
-    """A drive in torque mode: `open, enable, (write, read) ..., disable, close`. All but `close` raise DriveError."""
+    """Drive in torque mode. Order: `open, enable, (write, read) ..., disable, close`; all may raise DriveError."""
 
     noise: float  # standard deviation of the time at which counts are taken [s]
 
     def open(self) -> None:
-        """Connect; the motor stays without power. Start the drive's own watchdog as soon as there is one to start."""
+        """Connect, without power, and start the drive's watchdog if it has one."""
 
     def enable(self) -> None:
-        """Clear what faults can be cleared and give the motor power, at zero torque."""
+        """Clear faults of the drive and switch the power on, at zero torque."""
 
     def write(self, torque: float) -> Sent:
-        """Set the torque [N m] and feed the drive's watchdog."""
+        """Set the torque [N m] and restart the drive's watchdog."""
 
     def read(self) -> Reading:
-        """Return counts and faults now, powered or not."""
+        """Return current counts and faults, with or without power."""
 
     def disable(self) -> None:
         """Set zero torque, then cut the power."""
 
     def close(self) -> None:
-        """Let go, at any time and as often as one likes; never raises."""
+        """Disconnect; may be called at any time and repeatedly, and never raises."""
 
 
 class Settings(Protocol):
@@ -85,28 +85,28 @@ class Settings(Protocol):
 
     @property
     def device(self) -> str:
-        """Name of the device, which one process at a time may use."""
+        """Return the name of the device, which one process at a time may use."""
 
 
 class Adapter(Protocol):
-    """Class of a drive. Called with the `RigConfig`, whose `link` has the settings, it makes the drive."""
+    """Class of a drive, called with the `RigConfig`, whose `link` has the settings."""
 
     settings: type[Settings]
 
     def __call__(self, config: Any, /) -> Drive:
-        """Make the drive, not yet open."""
+        """Make the drive, not connected."""
 
 
 def list_adapters() -> dict[str, EntryPoint]:
-    """List all known adapters by name, none of them loaded."""
+    """Return the entry points of all known adapters by name, without loading them."""
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)} | BUILT_IN
 
 
 def find_adapter(name: str) -> Adapter:
-    """Load the adapter of a name; the packages that it needs are imported now.
+    """Load the adapter of a name.
 
     Raises:
-        UserError: if there is none, or what a package offers cannot be used.
+        UserError: if the name is unknown, or the adapter cannot be loaded.
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
     found = find("adapter", name, list_adapters())
@@ -114,7 +114,7 @@ def find_adapter(name: str) -> Adapter:
         adapter: Adapter = found.load()
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # whatever another package does wrong must not end this one
+    except BaseException as error:  # also SystemExit of another package
         if name in BUILT_IN and isinstance(error, ModuleNotFoundError):
             raise ModuleNotFoundError(
                 f"the {name} rig needs {error.name}: pip install 'pendulum-ident[hardware]'"

@@ -1,8 +1,8 @@
-"""Angle and torque at the ticks of a loop, from counts and clocks with varying delays.
+"""Angle and torque at the ticks of a loop, from readings and commands with varying delays.
 
-The counts are read a little after each tick, and a new torque acts a little after it was asked for. At 10 rad/s, 0.1 ms
-are 1 mrad, or 160 counts: taken for the value at the tick it would drown the encoder. So the time of a reading is told
-by the drive's own clock where it has one, and the angle is interpolated to the tick.
+Counts are read shortly after each tick, and a torque acts shortly after its command. At 10 rad/s, a delay of 0.1 ms is
+an error of 1 mrad or 160 counts. Therefore the time of a reading comes from the drive's clock, if it has one, and the
+angle is interpolated to the tick.
 """
 
 import math
@@ -12,30 +12,30 @@ from collections import deque
 from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.config import EncoderSettings
 
-TURNOVER = 2**32  # of a counter of encoder lines or of microseconds
+TURNOVER = 2**32  # range of the counters of counts and microseconds
 
 
 def subtract_counts(new: int, old: int) -> int:
-    """Subtract readings of a 32-bit counter that may have rolled over between them.
+    """Subtract readings of a 32-bit counter, which may have rolled over between them.
 
-    ((new - old + 2^31) mod 2^32) - 2^31, right for steps of less than 2^31 either way.
+    ((new - old + 2^31) mod 2^32) - 2^31, exact for differences below 2^31 of either sign.
     """
     return (new - old + TURNOVER // 2) % TURNOVER - TURNOVER // 2
 
 
 class Encoder:
-    """Encoder that unwraps the counter, with zero and velocity.
+    """Encoder with unwrapped position and velocity.
 
     Attributes:
-        step: angle of a count [rad], negative if it counts down counter-clockwise.
-        velocity: between the last two readings at least `span` apart [rad/s].
+        step: angle of a count [rad], negative if counter-clockwise turns count down.
+        velocity: mean velocity between the last two readings at least `span` apart [rad/s].
     """
 
-    span = 2e-3  # [s], at least, between the readings whose difference is the velocity
-    jump = 2.0  # times the largest velocity and more is no motion
+    span = 2e-3  # [s], least time between the readings of a velocity
+    jump = 2.0  # ratio to the largest velocity above which a reading is wrong
 
     def __init__(self, settings: EncoderSettings, fastest: float = math.inf) -> None:
-        """Set zero at the first reading or at the count of the settings; the arm turns at `fastest` at most [rad/s]."""
+        """Set zero to the count of the settings, by default the first reading, and the largest speed [rad/s]."""
         self.step = settings.sign * 2 * math.pi / settings.counts
         self._fastest = fastest
         self._last = settings.zero  # count
@@ -43,9 +43,9 @@ class Encoder:
         self.forget()
 
     def forget(self) -> None:
-        """Forget the motion, but keep the position."""
+        """Reset the velocity and keep the position."""
         self.velocity = 0.0
-        self._since: tuple[float, float] | None = None  # time and position that velocity is taken from
+        self._since: tuple[float, float] | None = None  # time [s] and position [rad] of the velocity's first reading
 
     @property
     def position(self) -> float:
@@ -53,10 +53,13 @@ class Encoder:
         return self.step * self._total
 
     def take(self, time: float, counts: int) -> float | None:
-        """Take in the counts at a time [s]; returns how far the arm has moved [rad] where that made a new velocity.
+        """Add a reading of counts at a time [s].
+
+        Returns:
+            Angle since the last update of the velocity [rad], or None if the velocity was not updated.
 
         Raises:
-            DriveError: if no arm can have moved so far; the reading is not taken in.
+            DriveError: if the angle is impossible; the reading is then discarded.
         """
         total = self._total + (0 if self._last is None else subtract_counts(counts, self._last))
         position = self.step * total
@@ -76,25 +79,25 @@ class Encoder:
 class DriveClock:
     """Map from the microseconds of a drive to this computer's monotonic clock.
 
-    A reading is taken between its request and its answer. The quicker the answer, the better is the middle of the two
-    known, so the clocks are compared where it came as quickly as ever, as in the clock filter of NTP (RFC 5905).
+    A reading is taken between its request and its answer, with half of this time as its uncertainty. Clocks are
+    therefore compared at the quickest answers, as in the clock filter of NTP (RFC 5905).
     """
 
-    drift = 100e-6  # by which two quartz clocks may run apart
-    blend = 0.1  # of a new comparison, so that time makes no jumps
+    drift = 100e-6  # largest relative drift of two quartz clocks
+    blend = 0.1  # weight of a new comparison, which avoids jumps
 
     def __init__(self) -> None:
         self._last: int | None = None
         self._time = self._offset = 0.0
-        self._doubt = math.inf  # [s], half of what the quickest answer took, and more as the clocks run apart
+        self._doubt = math.inf  # [s], uncertainty of the offset: half of the quickest answer's time, plus drift
 
     @property
     def delay(self) -> float:
-        """Return the shortest time that a message takes one way [s]."""
+        """Return the shortest one-way delay of a message [s]."""
         return self._doubt if self._doubt < math.inf else 0.0
 
     def take(self, microseconds: int, asked: float, answered: float) -> float:
-        """Return the time [s] of a reading of the drive's clock between a request and its answer [s]."""
+        """Return the monotonic time [s] of a reading of the drive's clock, between request and answer [s]."""
         passed = 0.0 if self._last is None else 1e-6 * ((microseconds - self._last) % TURNOVER)
         self._last = microseconds
         self._time += passed
@@ -108,22 +111,22 @@ class DriveClock:
 
 
 class Ticks:
-    """Ticks at start + k * period on the monotonic clock, position at each and mean torque between them.
+    """Ticks at start + k * period on the monotonic clock, with the position at each and the mean torque between.
 
-    A tick that is missed is not left out but caught up with: ticks never drift. The angle at a tick is that of a
-    parabola, whose error grows with the cube of the time between readings: at 1,000 rad/s^3 some 1e-7 rad for 1 ms,
-    and 1e-4 rad where the loop was held up for 10 ms. In the torque each command has the share of the time it acted.
+    Missed ticks are caught up, so ticks do not drift. The angle at a tick is interpolated by a parabola. Its error
+    grows with the cube of the time between readings: at 1,000 rad/s^3, 1e-7 rad for 1 ms and 1e-4 rad for 10 ms. The
+    mean torque weights each command by its duration.
     """
 
-    kept = 64  # readings before the tick
-    nap = 150e-6  # [s] before a tick from which the loop waits awake: a sleep may end that late
+    kept = 64  # stored readings before the tick
+    nap = 150e-6  # [s], busy wait before a tick, longer than the delay of a sleep
 
     def __init__(self, period: float, start: float, position: float) -> None:
-        """Start at rest at a position [rad] at the first tick [s], without torque; a period lies between ticks [s]."""
+        """Set period [s], time of the first tick [s] and position at rest [rad], without torque."""
         self._period, self._start, self._count = period, start, 0
-        self.overruns = 0  # ticks that had passed already, by a period, when their turn came
+        self.overruns = 0  # ticks that were missed by a period or more
         self._readings = deque([(start, position)])
-        self._commands = deque([(start, 0.0)])  # each acts until the next; the first acts at the last tick
+        self._commands = deque([(start, 0.0)])  # time [s] and torque [N m]; each acts until the next one
 
     @property
     def now(self) -> float:
@@ -136,7 +139,7 @@ class Ticks:
         return self._count * self._period
 
     def wait(self) -> None:
-        """Go on to the next tick, and wait for it unless it has passed."""
+        """Advance to the next tick and wait until its time."""
         self._count += 1
         left = self.now - time.monotonic()
         self.overruns += left < -self._period
@@ -156,9 +159,9 @@ class Ticks:
 
     @property
     def position(self) -> float:
-        """Return the position at the tick [rad]: the parabola through the readings around it and an older one.
+        """Return the position at the tick [rad], by a parabola through the two readings around it and an older one.
 
-        The older one is as far away as these two are from each other, or the noise of the three would grow.
+        The older reading is at least as far away as the two are apart, which limits the noise.
         """
         readings, tick = self._readings, self.now
         while len(readings) > self.kept and readings[self.kept][0] < tick:
@@ -179,7 +182,7 @@ class Ticks:
         return position
 
     def torque(self) -> float:
-        """Return the mean torque over the period that ends with the tick [N m]; forget older commands."""
+        """Return the mean torque over the period that ends with the tick [N m]; remove older commands."""
         begin, end, impulse = self.now - self._period, self.now, 0.0
         while True:
             since, torque = self._commands[0]

@@ -1,8 +1,8 @@
-"""The serial protocol between this computer and a microcontroller.
+"""Serial protocol between this computer and a microcontroller.
 
-What the frames mean, and what the firmware has to do, is in docs/hardware.md. On the wire a frame is
-`COBS(payload + crc) 0x00`: without zeros inside (Cheshire and Baker, IEEE/ACM Transactions on Networking 7(2), 1999), a
-receiver that starts anywhere, or has lost bytes, is back in step with the next one.
+docs/hardware.md defines the frames and the firmware. A frame on the wire is `COBS(payload + crc) 0x00`, without zeros
+inside (Cheshire and Baker, IEEE/ACM Transactions on Networking 7(2), 1999). A receiver that has lost bytes is
+synchronised again at the next zero.
 """
 
 import binascii
@@ -19,7 +19,7 @@ LAYOUTS = {
     STATE: struct.Struct("<BBBBIii"),
 }
 POWERED, EXPIRED = 0x01, 0x02  # flags
-FAULTS = {  # by bit
+FAULTS = {  # text by bit
     0x01: "over-current",
     0x02: "over-temperature",
     0x04: "encoder signal lost",
@@ -41,13 +41,13 @@ class BoardState(NamedTuple):
 
 
 def pack(kind: int, *values: int) -> bytes:
-    """Pack a frame of a kind, ready for the wire."""
+    """Pack a frame of a kind for the wire."""
     payload = LAYOUTS[kind].pack(kind, *values)
     return encode(payload + struct.pack("<H", compute_crc(payload))) + b"\0"
 
 
 def unpack(frame: bytes) -> tuple[int, ...] | None:
-    """Unpack kind and values of a frame without its final zero; None if it is damaged."""
+    """Return kind and values of a frame without its final zero, or None if it is damaged."""
     data = decode(frame)
     if data is None or len(data) < 3:
         return None
@@ -65,7 +65,7 @@ def compute_crc(data: bytes) -> int:
 
 
 def encode(data: bytes) -> bytes:
-    """Encode by COBS at most 253 bytes: each run up to a zero after its length and one; no frame is longer."""
+    """Encode up to 253 bytes by COBS: each run between zeros follows its length plus one."""
     return b"".join(bytes([len(run) + 1]) + run for run in data.split(b"\0"))
 
 
@@ -83,16 +83,16 @@ def decode(frame: bytes) -> bytes | None:
 
 
 class Splitter:
-    """Splitter of received bytes into frames; it counts damaged ones."""
+    """Splitter of received bytes into frames, with a count of damaged frames."""
 
-    longest = 64  # bytes; what is longer without a zero is noise
+    longest = 64  # bytes of a frame; longer runs without a zero are discarded
 
     def __init__(self) -> None:
         self._buffer = bytearray()
         self.damaged = 0
 
     def feed(self, data: bytes) -> Iterator[tuple[int, ...]]:
-        """Return kind and values of each whole frame that these bytes complete."""
+        """Yield kind and values of each frame that the bytes complete."""
         self._buffer += data
         *frames, rest = self._buffer.split(b"\0")
         self._buffer = bytearray(rest[-self.longest :])

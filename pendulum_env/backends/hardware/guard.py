@@ -1,6 +1,6 @@
-"""Guard between the torque command and the motor, for every drive.
+"""Guard between torque command and drive.
 
-It is no replacement for an emergency stop that cuts the power: software can only ask.
+The guard does not replace an emergency stop, which cuts the power.
 """
 
 import logging
@@ -14,50 +14,52 @@ from pendulum_env.backends.hardware.encoder import Encoder
 from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 
 log = logging.getLogger("pendulum_env.rig")
-log.addHandler(logging.NullHandler())  # users set a handler to see it
+log.addHandler(logging.NullHandler())  # silent without a handler of the user
 
 
 class Fault(Exception):
-    """Fault at which the guard has taken the torque away; it refuses commands until the fault is cleared."""
+    """Fault after which the guard has removed the torque and refuses commands until `Guard.clear`."""
 
 
 class Guard:
-    """Drive behind limits; it keeps the first fault, with zero torque and no power, until `clear` is called.
+    """Drive with limits; after a fault, torque and power stay off until `clear` is called.
 
-    `fault` says what happened and what to do, or is None.
+    `fault` is the text of the fault with its remedy, or None.
     """
 
-    rise = 1.0  # [rad/s] by which an arm may speed up against stall_torque or a brake
+    rise = 1.0  # [rad/s], largest gain of speed against stall_torque or a brake
 
     def __init__(self, motor: Drive, config: RigConfig) -> None:
-        """Take the motor's drive and what is allowed."""
+        """Set the motor's drive and the configuration."""
         self.motor, self.config, self.limits = motor, config, config.limits
         self.encoder = Encoder(config.encoder, config.limits.hard_velocity)
         self.fault: str | None = None
         self.powered = False
         self._open = False
-        self.torque = 0.0  # [N m], as last sent
+        self.torque = 0.0  # [N m], last sent
         self._motion = PlausibilityCheck(config.plant, self.encoder.step, motor.noise)
         self._forget()
 
     def _forget(self) -> None:
-        """Forget the motion."""
+        """Reset the state of the checks."""
         self.encoder.forget()
         self._motion.reset()
-        self._written: float | None = None  # when the last command was sent
-        self._waited = 0.0  # [s] for the drive since then
-        self._still: float | None = None  # since when the counts have stood still under stall_torque
-        self._against: tuple[float, float] | None = None  # torque and velocity since which the arm moves against it
+        self._written: float | None = None  # time of the last command [s]
+        self._waited = 0.0  # [s], time spent in calls of the drive since the last command
+        self._still: float | None = None  # start of a standstill under stall_torque [s]
+        self._against: tuple[float, float] | None = (
+            None  # torque [N m] and velocity [rad/s] at the start of motion against the torque
+        )
 
     def open(self) -> None:
-        """Connect, and read where the arm is.
+        """Connect, and read the position of the arm.
 
         Raises:
-            DriveError: if the drive cannot be reached; what was begun is let go.
+            DriveError: if the drive cannot be reached; the guard is then closed.
         """
         try:
             self._open = True
-            self.encoder = Encoder(self.config.encoder, self.limits.hard_velocity)  # if no count, zero is here now
+            self.encoder = Encoder(self.config.encoder, self.limits.hard_velocity)  # zero: see `EncoderSettings`
             self._forget()
             self.motor.open()
             reading = self.motor.read()
@@ -69,12 +71,12 @@ class Guard:
         self.note("opened")
 
     def clear(self) -> None:
-        """Connect the drive anew, and clear the fault: its cause has to be gone.
+        """Reconnect the drive and clear the fault, after its cause is removed.
 
-        Zero stays where the counter has it: after its supply was off, close and open the rig instead.
+        Zero stays at its count. After the counter's supply was off, close and open the rig instead.
 
         Raises:
-            DriveError: if it cannot be reached.
+            DriveError: if the drive cannot be reached.
         """
         if self.fault is not None:
             self.motor.close()
@@ -86,23 +88,23 @@ class Guard:
         """Switch the power on, at zero torque.
 
         Raises:
-            Fault: if one is kept or occurs.
+            Fault: if a fault is kept or occurs.
         """
         self._refuse()
         self._forget()
         self.torque = 0.0
         try:
-            self.powered = True  # before it is: what follows may be interrupted
+            self.powered = True  # set first: the next call may be interrupted
             self.motor.enable()
         except DriveError as error:
             raise self.trip(str(error)) from error
         self.note("enabled")
 
     def write(self, torque: float) -> Sent:
-        """Send as much of a torque [N m] as is allowed; returns what acts.
+        """Limit and send a torque [N m]; return the torque that acts.
 
         Raises:
-            Fault: if there is one, or this would be one.
+            Fault: if a fault is kept or occurs.
         """
         self._refuse()
         if not self.powered:
@@ -129,7 +131,8 @@ class Guard:
         """Return time [s] and position [rad] of a credible reading.
 
         Raises:
-            Fault: if it cannot, if the drive does not answer, or if it has a fault or is too fast.
+            Fault: if a fault is kept, the drive reports one or does not answer, or the motion is too fast or
+                implausible.
         """
         self._refuse()
         asked = time.monotonic()
@@ -154,15 +157,15 @@ class Guard:
         return reading.time, self.encoder.position
 
     def _refuse(self) -> None:
-        """Refuse to go on while a fault is kept."""
+        """Raise the fault that is kept, if any."""
         if self.fault is not None:
             raise Fault(self.fault)
 
     def check_lateness(self, behind: float, overruns: int) -> None:
-        """Check the delay of the loop behind its ticks [s], and the number of ticks missed in this run.
+        """Check the delay of the loop behind its ticks [s] and the number of missed ticks.
 
         Raises:
-            Fault: if it is too late, or they are too many.
+            Fault: if a limit is exceeded.
         """
         if behind > self.limits.behind:
             raise self._trip_late(
@@ -180,22 +183,22 @@ class Guard:
         )
 
     def disable(self, why: str = "disabled", level: int = logging.INFO, *, brake: bool = False) -> None:
-        """Set zero torque and cut the power, braked first if asked to; never raises."""
+        """Set zero torque and cut the power, after braking if `brake`; never raises."""
         if not self.powered:
             return
         failures = _brake_arm(self.motor, self.encoder, self.config, self.rise) if brake else []
         self.powered, self.torque = False, 0.0
-        for tell in (lambda: self.motor.write(0.0), self.motor.disable):  # the one even if the other fails
+        for tell in (lambda: self.motor.write(0.0), self.motor.disable):  # both, even if the first fails
             try:
                 tell()
             except Exception as error:
                 failures.append(error)
-        for failure in failures:  # words have time when the torque is gone
+        for failure in failures:  # logged after the torque is removed
             self.note(f"could not be told to brake or to let go, its watchdog will: {failure}")
         self.note(why, level)
 
     def close(self) -> None:
-        """Let go of all; never raises and may be called again."""
+        """Disable and disconnect; may be called repeatedly, and never raises."""
         self.disable()
         try:
             self.motor.close()
@@ -206,15 +209,15 @@ class Guard:
             self.note("closed")
 
     def trip(self, what: str, *, braking: bool = False) -> Fault:
-        """Take the torque away, keep the fault and return it to be raised.
+        """Remove the torque, keep the fault and return it.
 
         Args:
-            what: happened, and what to do.
-            braking: whether the drive obeys and the encoder is credible, so that it could brake.
+            what: text of the fault, with its remedy.
+        braking: whether drive and encoder still work, as braking requires.
         """
         self.fault = what
         if self.powered:
-            # with untested signs, a brake may accelerate
+            # with unchecked signs, braking may accelerate
             brake = braking and self.config.fault.action == "brake" and self.config.checked
             self.disable(f"fault: {what}", logging.WARNING, brake=brake)
         else:
@@ -222,18 +225,18 @@ class Guard:
         return Fault(what)
 
     def note(self, what: str, level: int = logging.INFO) -> None:
-        """Log what happened, also to the rig's file."""
+        """Log a text, also to the rig's file."""
         log.log(level, what)
         path = self.config.log_file
         if path is not None:
             try:
                 with open(path, "a", encoding="utf-8") as file:
                     file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")
-            except (OSError, ValueError) as error:  # ValueError: a name that is no Unicode, in an error's text
-                log.warning("%s: %s", path, error)  # a full disk must not keep the torque on
+            except (OSError, ValueError) as error:  # ValueError: text that UTF-8 cannot encode
+                log.warning("%s: %s", path, error)  # a full disk must not stop `disable`
 
     def _limit_torque(self, torque: float, passed: float) -> float:
-        """Limit torque by the clamp, by the slew limit over `passed` [s], and by the soft limit of velocity."""
+        """Limit a torque by its bound, its slew rate over `passed` [s], and the soft velocity limit."""
         limits, most, change = self.limits, self.config.max_torque, self.limits.slew * passed
         torque = min(max(torque, -most), most)
         torque = min(max(torque, self.torque - change), self.torque + change)
@@ -244,7 +247,7 @@ class Guard:
         return torque
 
     def _check_obedience(self, now: float, moved: float) -> None:
-        """Check that the arm is not too fast, and moves with a torque above gravity and friction."""
+        """Check that the arm is not too fast, and follows a torque above gravity and friction."""
         limits, velocity, strong = self.limits, self.encoder.velocity, abs(self.torque) >= self.limits.stall_torque
         if abs(velocity) > limits.hard_velocity:
             raise self.trip(
@@ -274,9 +277,9 @@ class Guard:
 
 
 def _brake_arm(drive: Drive, encoder: Encoder, config: RigConfig, rise: float, step: float = 1e-3) -> list[Exception]:
-    """Slow the arm down for a while by a command every `step` [s], unless it speeds up by `rise` [rad/s].
+    """Brake the arm by a command every `step` [s], until it is slow, gains `rise` [rad/s], or the time is over.
 
-    Returns what went wrong.
+    Return the errors.
     """
     until = time.monotonic() + config.fault.seconds
     slowest = abs(encoder.velocity)

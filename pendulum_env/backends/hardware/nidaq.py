@@ -1,7 +1,7 @@
-"""A National Instruments card: torque as a voltage to the drive, counts from its encoder, servo-enable on a line.
+"""National Instruments card: torque by voltage, encoder counts, and servo-enable by a digital line.
 
-All on demand: nothing is buffered, each task is started once. The watchdog of an X-series card does not cover analogue
-outputs, so it lets the line to servo-enable fall, without which the drive gives no current.
+Samples are on demand and unbuffered; each task is started once. The watchdog of an X-series card does not cover
+analogue outputs. It clears the line to servo-enable, without which the drive gives no current.
 """
 
 import math
@@ -21,11 +21,11 @@ from pendulum_env.backends.hardware import OPENING, DriveError, Reading, Sent
 from pendulum_env.backends.hardware.config import DaqSettings, RigConfig
 from pendulum_env.errors import shorten_error
 
-LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of when a count is taken: by the driver here, over gRPC
+LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of the time of a count: local driver, gRPC server
 
 
 class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
-    """Timeout of calls to the server; nidaqmx itself waits forever."""
+    """Timeout of calls to the server, for which nidaqmx has none."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -35,25 +35,25 @@ class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
 
 
 class NiDaq:
-    """Analogue drive of the Dynaserv behind a card."""
+    """Analogue drive of the Dynaserv, connected to a card."""
 
     settings = DaqSettings
     full_scale = 10.0  # [V]
-    reserved = -50103  # error code of NI-DAQmx
-    tries = 3  # at a reading that takes twice as long as usual, whose instant is unknown
+    reserved = -50103  # error code of NI-DAQmx for a reserved device
+    tries = 3  # attempts at a reading that takes twice its usual time, and has an uncertain time stamp
 
     def __init__(self, config: RigConfig) -> None:
-        """Take channels, encoder, patience and watchdog."""
+        """Set channels, encoder, timeout and watchdog."""
         assert isinstance(config.link, DaqSettings)
         self._link = config.link
-        self._pulses = max(1, config.encoder.counts // int(config.link.decoding[-1]))  # X_4: four counts each
+        self._pulses = max(1, config.encoder.counts // int(config.link.decoding[-1]))  # X_4: four counts per pulse
         self._reply, self._timeout = config.limits.reply, config.limits.watchdog
         self.noise = LOCAL if self._link.server is None else REMOTE
         self._tasks: list[Any] = []
         self._channel: grpc.Channel | None = None
         self._patience = _Timeout(self._reply)
-        self._fed = math.inf  # when the watchdog was; never, as long as it does not run
-        self._usual = math.inf  # time that reading the counter takes [s]
+        self._fed = math.inf  # time of the last watchdog reset [s]; infinite while it is stopped
+        self._usual = math.inf  # usual duration of a reading [s]
 
     def open(self) -> None:
         """Reserve the channels, at zero volts and without servo-enable."""
@@ -103,14 +103,14 @@ class NiDaq:
         return nidaqmx.GrpcSessionOptions(grpc.intercept_channel(self._channel, self._patience), "")
 
     def enable(self) -> None:
-        """Set zero volts, watchdog, servo-enable."""
+        """Set zero volts, start the watchdog, and set servo-enable."""
         with self._driver_errors():
             self._set(0.0)
             with suppress(nidaqmx.errors.DaqError):
                 self._watchdog.stop()
             self._watchdog.start()
             self._fed = time.monotonic()
-            with suppress(nidaqmx.errors.DaqError):  # there may be none
+            with suppress(nidaqmx.errors.DaqError):  # not expired
                 self._watchdog.clear_expiration()
             self._enable.write_one_sample_one_line(True, self._reply)
 
@@ -120,13 +120,13 @@ class NiDaq:
             before = time.monotonic()
             acts = self._set(torque)
             now = time.monotonic()
-            if now - self._fed > self._timeout / 8:  # each call takes its time
+            if now - self._fed > self._timeout / 8:  # not at each command, as the call is slow
                 self._watchdog.reset_timer()
                 self._fed = now
             return Sent(0.5 * (before + now), acts)
 
     def read(self) -> Reading:
-        """Return counts now."""
+        """Return the current counts."""
         with self._driver_errors():
             took, when, counts = self._count()
             for _ in range(self.tries - 1):
@@ -143,36 +143,36 @@ class NiDaq:
             return Reading(when, counts, why)
 
     def _count(self) -> tuple[float, float, int]:
-        """Read the counter; return duration [s], time of its middle [s], and counts."""
+        """Read the counter; return the duration of the call [s], the time of its middle [s], and the counts."""
         before = time.monotonic()
         counts = self._counter.read_one_sample_uint32(self._reply)
         after = time.monotonic()
         return after - before, 0.5 * (before + after), counts
 
     def disable(self) -> None:
-        """Set zero volts, no servo-enable."""
+        """Set zero volts and clear servo-enable."""
         with self._driver_errors():
             try:
                 self._set(0.0)
-            finally:  # the line also if the voltage cannot be set
+            finally:  # even if the voltage cannot be set
                 self._enable.write_one_sample_one_line(False, self._reply)
             self._watchdog.stop()
             self._fed = math.inf
 
     def close(self) -> None:
-        """Give the channels back."""
+        """Release the channels."""
         tasks, self._tasks = self._tasks, []
         for task in tasks:
             with suppress(Exception):
                 task.close()
-            task._close_on_exit = False  # it has been tried: no warning when it is forgotten
+            task._close_on_exit = False  # no warning at garbage collection
         channel, self._channel = self._channel, None
         if channel is not None:
             with suppress(Exception):
                 channel.close()
 
     def _set(self, torque: float) -> float:
-        """Set as much of a torque as the voltage reaches; returns that [N m]."""
+        """Set a torque within the range of the voltage; return the torque that acts [N m]."""
         scale, offset = self._link.newton_metres_per_volt, self._link.volts_offset
         volts = min(max(torque / scale + offset, -self.full_scale), self.full_scale)
         self._volts.write_one_sample(volts, self._reply)
@@ -180,7 +180,7 @@ class NiDaq:
 
     @contextmanager
     def _driver_errors(self, opening: bool = False) -> Iterator[None]:
-        """Translate errors of the card, which has to be open unless `opening`."""
+        """Turn errors of the card into DriveErrors; refuse a closed card unless `opening`."""
         if not self._tasks and not opening:
             raise DriveError("the card is not open")
         try:
@@ -195,7 +195,7 @@ class NiDaq:
                 f"the device server {self._link.server} did not answer within {1e3 * self._patience.seconds:.0f} ms "
                 f"({shorten_error(error)}): check that it runs, and the network"
             ) from None
-        except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: a channel that was closed
+        except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: closed gRPC channel
             if getattr(error, "error_code", None) == self.reserved:
                 raise DriveError(
                     "the card is reserved by another program, or by one that was killed: end it, or reset the device"

@@ -1,19 +1,19 @@
-"""Plausibility check of encoder readings under the commanded torque.
+"""Check encoder readings for plausibility under the commanded torque.
 
-Of three readings, the change of the mean velocity from one span to the next is a mean of the acceleration between them,
-weighted by a hat w that rises from the first to the middle one and falls to the last:
+With three readings, the change of the mean velocity between the two spans is a weighted integral of the acceleration,
+with a hat function w that rises from the first to the middle reading and falls to the last:
 
     (q2 - q1) / (t2 - t1) - (q1 - q0) / (t1 - t0) = int w q'' dt
 
-and the same difference of any double integral is the same mean of what was integrated. So the law of motion, weighted
-alike, holds for the angles that were read as they are, without a derivative:
+The same difference of the double integral of any quantity is its integral with weight w. The law of motion, integrated
+with weight w, holds for the angles without a derivative:
 
     I int w q'' = int w tau - mgl int w sin q - b int w q' - fc int w sgn q'
 
-Each parameter is known within a range only, dry friction at rest holds with anything up to fc, a command takes up to
-`delay` to act, readings are uncertain by the time they took, and `slack` stands for all that is not in the law. What
-lies outside of all of that, over any of a few spans, no arm in these ranges has done: the encoder or the drive fails,
-or the arm is pushed. Short spans catch jumps at once, long ones what slack hides.
+Each parameter has a range, dry friction at rest is any torque up to fc, a command acts after up to `delay`, readings
+are uncertain by their duration, and `slack` bounds all other torques. If a change of velocity is outside the resulting
+range over any of several spans, the encoder or the drive fails, or the arm is pushed. Short spans detect jumps early;
+long spans detect small torques.
 """
 
 import math
@@ -24,49 +24,49 @@ from pendulum_env.backends.hardware.config import PlantRanges
 
 
 class Mark(NamedTuple):
-    """Reading, and double integrals up to it, each per unit of its parameter [s^2]; those of torque in N m s^2."""
+    """Reading with double integrals up to it, per unit of each parameter [s^2]; of torque in N m s^2."""
 
     position: float  # [rad]
-    doubt: float  # [rad]
-    least: float  # torque that may have acted, at least
-    most: float  # and at most
-    gravity: float  # of sin q
-    angle: float  # of q': the integral of q [rad s]
-    forward: float  # of 1 while the arm turns counter-clockwise for sure
-    backward: float  # while it turns clockwise
-    held: float  # while no verdict is possible
+    doubt: float  # uncertainty of the position [rad]
+    least: float  # least torque that may have acted
+    most: float  # largest torque that may have acted
+    gravity: float  # sin q
+    angle: float  # q': the integral of q [rad s]
+    forward: float  # 1 during counter-clockwise motion
+    backward: float  # 1 during clockwise motion
+    held: float  # 1 while the direction is unknown
 
 
 class PlausibilityCheck:
-    """Check of the readings of the last half second against the possible motions of the arm."""
+    """Check of recent readings against the possible motions of the arm."""
 
-    spans = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first reading to the middle one
-    kept = 0.4  # [s] of readings: twice the longest span, and some
-    batch = 256  # of readings that are forgotten at a time
-    in_a_row = 2  # readings that cannot be: one alone may be a wrong time
-    firm = 4.0  # standard deviations of a reading's time that count
-    clock = 5e-5  # [s] by which any reading's time may be wrong
-    slow = 0.02  # [rad/s], below which the arm may as well stick
-    gain = 0.15  # share of a torque by which the motor's may differ
+    spans = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first to the middle reading
+    kept = 0.4  # [s], stored readings, more than twice the longest span
+    batch = 256  # readings that are removed together
+    in_a_row = 2  # implausible readings in a row for a fault; a single one may have a wrong time
+    firm = 4.0  # standard deviations of a reading's time in its uncertainty
+    clock = 5e-5  # [s], further uncertainty of a reading's time
+    slow = 0.02  # [rad/s], speed below which the arm may stick
+    gain = 0.15  # relative uncertainty of the motor's torque
 
     def __init__(self, plant: PlantRanges, step: float, noise: float) -> None:
-        """Take the ranges, the angle of a count [rad], and the uncertainty of a reading's time [s]."""
+        """Set the ranges, the angle of a count [rad], and the standard deviation of a reading's time [s]."""
         self._watches, self._step, self._noise = plant.watch, abs(step), self.firm * noise + self.clock
         share = plant.share
         self._inertia = _widen_range(plant.inertia, share, share)
         self._gravity = _widen_range(plant.gravity, share, share)
-        # viscous friction follows the temperature, and air adds to it
+        # wider: viscous friction depends on temperature and includes air drag
         self._viscous = _widen_range(plant.viscous, 4 * share, 3 * share)
         self._coulomb = _widen_range(plant.coulomb, 2 * share, share)
         self._slack, self._delay = plant.slack, plant.delay
         self.reset()
 
     def reset(self) -> None:
-        """Forget the motion; no torque acts."""
+        """Remove all readings and commands."""
         self._times: list[float] = []
         self._marks: list[Mark] = []
-        self._slopes = [0.0] * 6  # first integrals, of all but the angle
-        self._torques = [(-math.inf, 0.0, 0.0)]  # after which reading, and between what
+        self._slopes = [0.0] * 6  # first integrals, without that of the angle
+        self._torques = [(-math.inf, 0.0, 0.0)]  # time of the previous reading [s], least and largest torque [N m]
         self._direction, self._start, self._wrong = 0, 0.0, 0
 
     def add_command(self, torque: float) -> None:
@@ -78,7 +78,7 @@ class PlausibilityCheck:
         self._torques.append((since, min(least, torque), max(most, torque)))
 
     def check_measurement(self, time: float, position: float, took: float = 0.0) -> str:
-        """Return the problem of a position [rad] at a time [s], whose reading took `took` [s]; empty without one."""
+        """Check a position [rad] at a time [s], read within `took` [s]; return the fault as text, or an empty text."""
         if not self._watches:
             return ""
         if not self._times:
@@ -97,7 +97,7 @@ class PlausibilityCheck:
         return found if self._wrong >= self.in_a_row else ""
 
     def _extend(self, time: float, position: float, passed: float, took: float) -> None:
-        """Integrate up to a reading."""
+        """Extend the integrals to a reading."""
         last = self._marks[-1]
         moved, middle = position - last.position, 0.5 * (position + last.position)
         speed = abs(moved) / passed
@@ -126,12 +126,12 @@ class PlausibilityCheck:
     def _find_acting_torques(self, since: float) -> tuple[float, float]:
         """Return the least and the largest torque that may act after the reading of a time [s]."""
         torques = self._torques
-        while len(torques) > 2 and torques[2][0] + self._delay <= since:  # the next one has reached the drive by then
+        while len(torques) > 2 and torques[2][0] + self._delay <= since:  # the second command already acts
             del torques[0]
         return min(least for _, least, _ in torques), max(most for _, _, most in torques)
 
     def _find_impossible(self, span: float) -> str:
-        """Return the problem of the motion over two spans [s] up to now as text."""
+        """Return the fault of the motion over the last two spans [s] as text, or an empty text."""
         times, marks = self._times, self._marks
         end = times[-1]
         middle = bisect_right(times, end - span) - 1
@@ -164,6 +164,6 @@ def _widen_range(value: float, less: float, more: float) -> tuple[float, float]:
 
 
 def _scale_range(known: tuple[float, float], factor: float) -> tuple[float, float]:
-    """Scale the range of a parameter by a factor of any sign."""
+    """Scale a range by a factor of any sign."""
     one, other = known[0] * factor, known[1] * factor
     return (one, other) if factor >= 0 else (other, one)

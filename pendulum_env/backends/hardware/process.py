@@ -1,6 +1,6 @@
-"""The process that runs a rig: the signals that end it, its priority, and that it is the only one.
+"""Signals, priority and lock of the process that runs a rig.
 
-Python runs neither `atexit` nor `finally` on SIGTERM and SIGHUP as they are; here they become SystemExit, which does.
+On SIGTERM and SIGHUP, Python runs neither `atexit` nor `finally`. Here these signals raise SystemExit, which does.
 """
 
 import hashlib
@@ -18,31 +18,31 @@ from filelock import FileLock, Timeout
 
 from pendulum_env.backends.hardware import DriveError
 
-NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last one is unknown to Windows
+NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows lacks SIGHUP
 
 
 class Signals:
-    """Signals of the system: a function runs first, then the default action."""
+    """Handler of signals that calls a function before the default action."""
 
     def __init__(self, stop: Callable[[str], None]) -> None:
-        """Take what stops the motor; it is told the signal's name and must be safe to call at any time."""
+        """Set the function that stops the motor, called with the signal's name at any time."""
         self._stop = stop
         self._before: dict[int, Any] = {}
         self._held: list[int] = []
         self._depth = 0
 
     def install(self) -> None:
-        """Begin to listen; only the main thread can, another thread leaves it to the main thread."""
+        """Install the handlers; has no effect outside the main thread."""
         if self._before or threading.current_thread() is not threading.main_thread():
             return
         for name in NAMES:
             number = getattr(signal, name, None)
             if number is None or signal.getsignal(number) in (signal.SIG_IGN, None):
-                continue  # None: set by a library in C, which Python could not restore
+                continue  # None: a handler in C, which Python cannot restore
             self._before[number] = signal.signal(number, self._handle)
 
     def restore(self) -> None:
-        """Stop listening; a handler that was set since then stays, and may go on to call this one."""
+        """Restore the previous handlers, except where another handler was set since."""
         if threading.current_thread() is not threading.main_thread():
             return
         for number, before in list(self._before.items()):
@@ -51,7 +51,7 @@ class Signals:
                 del self._before[number]
 
     def __enter__(self) -> None:
-        """Delay signals until the current frame has been sent to the drive."""
+        """Delay signals until the end of the context."""
         self._depth += 1
 
     def __exit__(self, *_: object) -> None:
@@ -63,10 +63,10 @@ class Signals:
         if self._depth:
             self._held.append(number)
             return
-        with self:  # a second signal waits until the motor has been stopped
+        with self:  # delays a second signal
             self._stop(signal.Signals(number).name)
         if threading.current_thread() is not threading.main_thread():
-            signal.raise_signal(number)  # it came while another thread spoke to the drive; the main one is meant
+            signal.raise_signal(number)  # delayed by another thread: raise it again in the main thread
             return
         before = self._before.get(number, signal.SIG_DFL)
         if callable(before):
@@ -76,25 +76,25 @@ class Signals:
 
 
 class Ownership:
-    """Lock on a name for one process at a time; the system releases it at any end of that process.
+    """Lock on a name for one process at a time, released by the system when the process ends.
 
-    The file lies in the folder for temporary files that all users share, as a motor has one owner among all users.
-    Links in its place are not followed, and nothing is read from the file or written to it.
+    The lock file is in the shared folder of temporary files, because the lock holds for all users. Links are not
+    followed, and the file stays empty.
     """
 
     def __init__(self, what: str) -> None:
-        """Take the name of what is owned, such as `serial /dev/ttyACM0`."""
+        """Set the name of the device, such as `serial /dev/ttyACM0`."""
         self.what = what
         digest = hashlib.sha256(what.encode()).hexdigest()[:16]
         self._path = Path(tempfile.gettempdir()) / f"pendulum-ident-{digest}.lock"
-        # any user may be the next owner, and any thread may release it
+        # any user may lock it next, and any thread may release it
         self._lock = FileLock(self._path, timeout=0, mode=0o666, thread_local=False)
 
     def acquire(self) -> None:
-        """Acquire the rig, unless another process owns it.
+        """Acquire the lock.
 
         Raises:
-            DriveError: if another rig owns it, or its lock cannot be opened.
+            DriveError: if another process holds the lock, or it cannot be opened.
         """
         if self._lock.is_locked:
             return
@@ -112,13 +112,13 @@ class Ownership:
             ) from None
 
     def release(self) -> None:
-        """Let go; may be called twice."""
+        """Release the lock; may be called repeatedly."""
         self._lock.release(force=True)
 
 
 def request_realtime() -> bool:
-    """Ask the system to run this thread, and those it starts, as soon as they are ready; False if it does not."""
-    priority = 20  # above all that is not real-time, below the kernel's own threads
+    """Request real-time priority for this thread and the threads it starts; return whether it was granted."""
+    priority = 20  # above other processes, below threads of the kernel
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except (AttributeError, OSError):  # not Linux, or not permitted
@@ -127,6 +127,6 @@ def request_realtime() -> bool:
 
 
 def restore_priority() -> None:
-    """Give real-time priority back."""
+    """Restore normal priority."""
     with suppress(AttributeError, OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -1,4 +1,4 @@
-"""The DM1015B rig as a backend: a drive behind a guard, paced, owned by one process, and let go of whatever happens."""
+"""Backend of the DM1015B rig: a guarded drive with a paced loop and a lock."""
 
 import logging
 import math
@@ -14,37 +14,37 @@ from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Tra
 
 
 class Rig:
-    """Motor with the arm, over one of the adapters.
+    """Backend of a motor with the arm.
 
-    A step sends its torque at once, waits for the next tick and reads the encoder there. Time is that of the ticks, and
-    position and torque are referred to them. After a fault every sample tells it, until the backend is cleared. The
-    motor has power from the first step of a run to its end, so a program may wait before the first step. After
-    the last step the drive's watchdog removes the power if the program does not.
+    A step sends its torque, waits for the next tick and reads the encoder. Time, position and torque of a sample are
+    those at the tick. After a fault, every sample has its text until the fault is cleared. The motor has power from the
+    first step of a run to its end, so a program may wait before the first step. After the last step, the drive's
+    watchdog removes the power if the program does not.
     """
 
-    resting = 0.01  # [s] between looks at an arm that comes to rest
-    speed = 10.0  # [rad/s], at which an uncertain time makes the angle uncertain
+    resting = 0.01  # [s] between readings while the arm comes to rest
+    speed = 10.0  # [rad/s], speed that converts the uncertainty of time into that of the angle
 
     def __init__(self, config: RigConfig) -> None:
         self.config = config
         self.guard = Guard(find_adapter(config.adapter)(config), config)
         self._owner = Ownership(config.link.device)
-        # without a reference to self: it also runs when the rig is forgotten, and when Python ends
+        # without a reference to self, so that the finalizer also runs at garbage collection
         guard, owner = self.guard, self._owner
         self._signals = Signals(lambda name: guard.disable(f"disabled by {name}"))
         self._finalizer = weakref.finalize(self, _release_rig, guard, owner, self._signals)
         self._last = Sample(0.0, 0.0, None, 0.0)
-        self._waiting = False  # for the first torque of a run
-        counts = config.encoder.counts  # as far as their steps can be told from the uncertainty of time
-        blur = self.speed * self.guard.motor.noise * math.sqrt(12.0)  # [rad], step of an encoder that is as uncertain
+        self._waiting = False  # whether the first torque of a run is pending
+        counts = config.encoder.counts  # reduced if the noise of time exceeds a count
+        blur = self.speed * self.guard.motor.noise * math.sqrt(12.0)  # [rad], count with this quantisation noise
         resolved = min(counts, int(2 * math.pi / blur)) if blur else counts
         self.traits = Traits(config.rate, resolved, config.max_torque)
 
     def open(self) -> None:
-        """Acquire the rig and connect; the motor has no power.
+        """Lock the device and connect, without power.
 
         Raises:
-            DriveError: if another process owns it or the drive cannot be reached.
+            DriveError: if another process holds the lock, or the drive cannot be reached.
         """
         self._owner.acquire()
         try:
@@ -58,7 +58,7 @@ class Rig:
             raise
 
     def enable(self, start: Start) -> Sample:
-        """Wait until the arm rests: the first measurement, at time 0; power comes with the first torque.
+        """Wait until the arm rests; return the measurement at time 0. The first torque switches the power on.
 
         Raises:
             DriveError: if a fault is kept, the drive cannot be reached, or the arm does not come to rest.
@@ -79,14 +79,14 @@ class Rig:
         return self._last
 
     def _begin(self) -> None:
-        """Give power, at zero torque; time begins."""
+        """Switch the power on at zero torque, and start the ticks."""
         self._waiting = False
         self.guard.enable()
         self.guard.write(0.0)
         self._ticks = Ticks(1.0 / self.config.rate, *self.guard.read())
 
     def exchange(self, torque: float) -> Sample:
-        """Apply a torque [N m], wait for the next tick, measure. The sample reports a fault, none is raised."""
+        """Apply a torque [N m], wait for the next tick and measure; a fault is reported by the sample."""
         try:
             with self._signals:
                 if self._waiting:
@@ -100,7 +100,7 @@ class Rig:
                 self.guard.check_lateness(*timing)
         except Fault as fault:
             return self._last._replace(torque=0.0, status=Status.FAULT, fault=str(fault))
-        except BaseException:  # an interrupt, or a mistake in an adapter
+        except BaseException:  # an interrupt, or an error of an adapter
             with self._signals:
                 self.guard.disable("disabled by an exception")
             raise
@@ -110,17 +110,17 @@ class Rig:
         return self._last
 
     def disable(self) -> None:
-        """End a run: no torque, no power; never raises."""
+        """End a run: remove torque and power; never raises."""
         self._waiting = False
         with self._signals:
             self.guard.disable()
 
     def close(self) -> None:
-        """Let go of everything; may be called at any time, and twice; never raises."""
+        """Disconnect and release the lock; may be called at any time and repeatedly, and never raises."""
         _release_rig(self.guard, self._owner, self._signals)
 
     def _wait_for_rest(self) -> float:
-        """Wait, without power, until the arm has been at rest for a while; returns where [rad]."""
+        """Wait without power until the arm has been at rest for `rest.seconds`; return its position [rad]."""
         rest, anchor, since = self.config.rest, math.inf, 0.0
         until = time.monotonic() + rest.timeout
         while time.monotonic() < until:
@@ -143,15 +143,15 @@ def _release_rig(guard: Guard, owner: Ownership, signals: Signals) -> None:
             owner.release()
             if guard.config.realtime:
                 restore_priority()
-    finally:  # a signal that came meanwhile has its turn when all is let go, and may raise
+    finally:  # a delayed signal may have raised
         signals.restore()
 
 
 def make_rig(setup: Setup) -> Rig:
-    """Make the rig of an environment's setup.
+    """Make the rig of a setup.
 
     Raises:
-        ValueError: if no configuration is named, or it cannot be used.
+        ValueError: if the configuration is missing or invalid.
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
     if setup.config is None:

@@ -1,4 +1,4 @@
-"""A microcontroller with DAC, counter and watchdog on a serial port, USB or real; its protocol is in `frames.py`."""
+"""Microcontroller with DAC, counter and watchdog on a serial port, with the protocol of `frames.py`."""
 
 import time
 from collections.abc import Iterator
@@ -12,24 +12,24 @@ from pendulum_env.backends.hardware.encoder import DriveClock
 
 
 class SerialDrive:
-    """Analogue drive of the motor behind a microcontroller."""
+    """Analogue drive of the motor, connected to a microcontroller."""
 
     settings = SerialSettings
-    noise = 0.0  # it tells the time of its readings
-    refusals = 5  # torques in a row that are not set: more than damaged frames
-    tries = 4  # requests in the time allowed for a reply, or between two commands: a damaged frame alone ends no run
+    noise = 0.0  # readings have a time stamp
+    refusals = 5  # consecutive torques not set for a fault; damaged frames cause fewer
+    tries = 4  # requests within the timeout, so that a damaged frame is repeated
 
     def __init__(self, config: RigConfig) -> None:
-        """Take port, patience and watchdog."""
+        """Set port, timeout and watchdog."""
         assert isinstance(config.link, SerialSettings)
         self._link, self._reply, self._watchdog = config.link, config.limits.reply, config.limits.watchdog
         self._gap = config.limits.gap
         self._port: serial.Serial | None = None
-        self._on = False  # whether there has to be power
-        self._micro, self._refused = 0, 0  # torque as last sent [uN m], and in how many answers it was not set
+        self._on = False  # whether the power should be on
+        self._micro, self._refused = 0, 0  # last torque [uN m], and consecutive answers with another torque
 
     def open(self) -> None:
-        """Open the port, wait for a board that starts anew with that, and set the watchdog."""
+        """Open the port, wait for the board, which may restart, and set the watchdog."""
         link, self._on = self._link, False
         self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
         with driver_errors(f"serial port {link.port} cannot be opened", "check serial.port"):
@@ -41,14 +41,14 @@ class SerialDrive:
                 exclusive=True,
             )
             self._port.reset_input_buffer()
-            self._port.write(b"\0")  # ends whatever was begun
+            self._port.write(b"\0")  # ends a partial frame
         self._set_up(max(OPENING, self._reply))
 
     def _set_up(self, patience: float) -> None:
         self._ask(frames.SETUP, round(1e3 * self._watchdog), patience=patience)
 
     def enable(self) -> None:
-        """Switch the power on under this watchdog, also if the board has restarted since it was opened."""
+        """Set the watchdog, in case the board has restarted, and switch the power on."""
         self._set_up(self._reply)
         state, *_ = self._ask(frames.POWER, 1)
         if not state.flags & frames.POWERED:
@@ -66,7 +66,7 @@ class SerialDrive:
         return Sent(now + self._clock.delay, frames.MICRO * micro)
 
     def read(self) -> Reading:
-        """Return counts now."""
+        """Return the current counts."""
         state, *between = self._ask(frames.READ)
         why = _describe_fault(state)
         if why is None and self._on and not state.flags & frames.POWERED:
@@ -87,15 +87,15 @@ class SerialDrive:
         """Close the port."""
         port, self._port = self._port, None
         if port is not None:
-            with suppress(OSError):  # it is gone
+            with suppress(OSError):  # unplugged
                 port.close()
 
     def _ask(self, kind: int, *values: int, patience: float | None = None) -> tuple[frames.BoardState, float, float]:
-        """Send a request until it is answered: the answer, when it was asked for, and when it came [s]."""
+        """Send a request until it is answered; return the answer, and the times of request and answer [s]."""
         each = (patience or min(self._reply, self._gap)) / self.tries
         patience = patience or self._reply
         until = time.monotonic() + patience
-        asked: dict[int, float] = {}  # when, by the number of the request: an answer may come after the next one
+        asked: dict[int, float] = {}  # time by number of the request; an answer may come after the next request
         while (now := time.monotonic()) < until:
             asked[self._send(kind, *values)] = now
             for state in self._read_answers(min(now + each, until)):
@@ -123,7 +123,7 @@ class SerialDrive:
 
     @contextmanager
     def _get_port(self) -> Iterator[serial.Serial]:
-        """Return the port; raise an error if it is gone."""
+        """Yield the port; turn its errors into DriveErrors."""
         if self._port is None:
             raise DriveError("the serial port is not open")
         with driver_errors(f"serial port {self._link.port} was lost", "check its plug"):
