@@ -47,9 +47,8 @@ class Guard:
         self._written: float | None = None  # time of the last command [s]
         self._waited = 0.0  # [s], time spent in calls of the drive since the last command
         self._still: float | None = None  # start of a standstill under stall_torque [s]
-        self._against: tuple[float, float] | None = (
-            None  # torque [N m] and velocity [rad/s] at the start of motion against the torque
-        )
+        # torque [N m] and velocity [rad/s] at the start of motion against the torque
+        self._against: tuple[float, float] | None = None
 
     def open(self) -> None:
         """Connect, and read the position of the arm.
