@@ -46,8 +46,8 @@ class TorqueRipple(Term):
 class TorqueSaturation(Term):
     """Loss of gain at high torque: the joint receives L tanh(|tau / L|^(1/r))^r sgn tau.
 
-    The roundness r is 1, which is L tanh(tau / L), unless data call for another: a limit of the current has a sharp
-    corner, near 0.
+    The roundness r is 1, which gives L tanh(tau / L), unless the data require another value. A current limit has a
+    sharp corner, with r near 0.
     """
 
     limit: float = 10.0
@@ -65,7 +65,7 @@ class TorqueSaturation(Term):
     @property
     def fixed(self) -> tuple[Column, ...]:
         def lost(x: Samples) -> ArrayLike:
-            times = np.minimum(np.abs(x.torque / self.limit), 100.0)  # all is lost from there on
+            times = np.minimum(np.abs(x.torque / self.limit), 100.0)  # saturated from here on
             return x.torque - self.limit * np.sign(x.torque) * np.tanh(times ** (1 / self.roundness)) ** self.roundness
 
         return (Column("torque_saturation", "1", force=lost),)
@@ -100,8 +100,8 @@ class ActuatorLag(Term):
         ratio = period / self.time_constant
         keep = np.exp(-ratio)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
         lagged = np.concatenate([command[:1], filter_lag(command[:-1], keep, command[0])])
-        # What the equations of motion see of it at sample k is its average under a triangle from k - 1 to k + 1;
-        # within a period tau_a = tau + (tau_a[k] - tau) exp(-t / T), whose falling and rising moments are these.
+        # The equations of motion at sample k contain the average of tau_a under a triangle from k - 1 to k + 1.
+        # Within a period tau_a = tau + (tau_a[k] - tau) exp(-t / T), with these falling and rising moments.
         falling = (ratio - 1.0 + keep) / ratio**2
         rising = (1.0 - (1.0 + ratio) * keep) / ratio**2
         after = 0.5 * command + (lagged - command) * falling
@@ -122,7 +122,7 @@ class DeadTime(Term):
 
     @property
     def fixed(self) -> tuple[Column, ...]:
-        # A simulation delays the command itself, so that there is nothing left to take off here.
+        # A simulation delays the command, so that the column is zero.
         return (Column("dead_time", "1", force=lambda x: x.torque - x.memory.get("dead_time", (x.torque,))[0]),)
 
     @property
@@ -130,8 +130,8 @@ class DeadTime(Term):
         return self.dead_time
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        # The average of the held command under a triangle from one sample before to one after the instant, d earlier:
-        # with d = n + f periods it covers three periods, with these shares.
+        # Average of the delayed, held command under a triangle from one sample before to one after the instant.
+        # With d = n + f periods, it covers three periods with these shares.
         whole, share = divmod(self.dead_time / period, 1.0)
         shares = (0.5 * (1 - share) ** 2, 0.5 + share - share**2, 0.5 * share**2)
         index = np.arange(len(command))[:, None] - int(whole) - np.arange(3)
@@ -140,9 +140,9 @@ class DeadTime(Term):
 
 @dataclass(frozen=True)
 class BackEmf(Term):
-    """Torque that a powered motor loses to its own turning, k q' while it is on.
+    """Torque that a powered motor loses to its back-EMF, k q' while it is on.
 
-    It is viscous friction wherever the motor is never off.
+    Indistinguishable from viscous friction if the motor is never off.
     """
 
     id = "back_emf"
@@ -164,5 +164,5 @@ class BackEmf(Term):
 
 
 def is_powered(x: Samples) -> ArrayLike:
-    """Return whether the motor is on; on by default."""
+    """Return 1 where the motor is on, else 0; 1 if unknown."""
     return x.memory.get(BackEmf.id, (1.0,))[0]

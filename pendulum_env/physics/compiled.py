@@ -1,7 +1,7 @@
-"""Recurrences compiled for the processor: loops over a batch that NumPy steps through one small array at a time.
+"""Compile recurrences over a batch, for which NumPy would loop over small arrays.
 
-Laws are written once, for NumPy. As `symbols` they are lines of a program, which LLVM compiles, in a hundredth of a
-second if it is small.
+Laws are NumPy functions. Evaluated on `symbols`, they become the lines of a program for LLVM, which compiles a small
+program in 10 ms.
 """
 
 import ctypes
@@ -30,10 +30,10 @@ from pendulum_env.physics.symbols import (
     merge_equal,
 )
 
-MANY, SMALL = 64, 50  # lanes that are worth a program of vectors, and values up to which it is also optimised
-WIDTH = 16  # lanes that are computed at once, by two instructions of a processor that need not wait for each other
+MANY, SMALL = 64, 50  # least number of lanes for a vector program; most results for LLVM's optimisation
+WIDTH = 16  # lanes of a vector, two independent instructions of the processor
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
-CALLS = {  # by operation: LLVM's functions; some call those of the C library
+CALLS = {  # LLVM functions by operation; some call the C library
     "absolute": "fabs",
     "sqrt": "sqrt",
     "maximum": "maxnum",
@@ -46,8 +46,12 @@ CALLS = {  # by operation: LLVM's functions; some call those of the C library
     "arctan": "atan",
 }
 LIBRARY = ("rint", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
-PI = (3.141592651605606, 1.9841871479187034e-09, 1.1442377452219664e-17)  # parts: 27 bits, 25, and the rest
-ODD = (  # of x, x^3, x^5 and so on in the polynomial that errs least from the sine up to pi / 2, by 3e-19
+PI = (
+    3.141592651605606,
+    1.9841871479187034e-09,
+    1.1442377452219664e-17,
+)  # pi = 27 bits + 25 bits + the rest
+ODD = (  # coefficients of x, x^3, x^5, ...: minimax polynomial of the sine up to pi / 2, error 3e-19
     1.0,
     -0.16666666666666666,
     0.008333333333333186,
@@ -59,21 +63,21 @@ ODD = (  # of x, x^3, x^5 and so on in the polynomial that errs least from the s
     2.7215749422983443e-15,
 )
 ARITHMETIC = {"add": "fadd", "subtract": "fsub", "multiply": "fmul", "divide": "fdiv"}
-Place = tuple[int | None, float]  # of an operand: the line that computes it, or a number
-Line = tuple[Any, ...]  # operation, name of what is given, and places of its operands
-Names = tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]  # of inputs, constants and states
+Place = tuple[int | None, float]  # operand: number of the line that computes it, or None and a constant
+Line = tuple[Any, ...]  # operation, name of a given value, and places of the operands
+Names = tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]  # names of inputs, constants and states
 SIGNS = {"less": "<", "less_equal": "<=", "greater": ">", "greater_equal": ">=", "equal": "==", "not_equal": "!="}
 
 
 @dataclass(frozen=True)
 class Recurrence:
-    """State variables of V B systems, from step to step.
+    """Compiled step of the states of V B systems.
 
     Attributes:
-        program: see `_write_program`.
-        engine: that keeps the program.
-        width: lanes that the program computes at once.
-        derived: number of values that the program computes once from the constants.
+        program: function of `_write_program`.
+        engine: LLVM engine that owns the program.
+        width: lanes of a vector.
+        derived: number of values that the program computes once, from the constants.
     """
 
     program: Callable[..., None]
@@ -93,12 +97,12 @@ class Recurrence:
         """Return states at the start and after every `every` steps (N held / every + 1, kept, V, B).
 
         Args:
-            inputs: (N, inputs, B), the same for all V; or wrapped by `wrap_inputs`.
-            constants: (constants, V, B).
-            states: at the start (S, V, B).
-            every: steps from one state that is kept to the next.
-            held: steps over which an input is held.
-            kept: numbers of the states that are returned; all by default.
+            inputs: inputs (N, inputs, B), equal for all V, or the result of `wrap_inputs`.
+            constants: constants (constants, V, B).
+            states: initial states (S, V, B).
+            every: steps between returned states.
+            held: steps per input.
+            kept: indices of the returned states; by default all.
         """
         shape, cycle, lanes = states.shape, states.shape[2], states.shape[1] * states.shape[2]
         rows = np.arange(len(states)) if kept is None else np.array(kept)
@@ -116,9 +120,9 @@ class Recurrence:
         return path[..., :lanes].reshape(len(path), len(rows), *shape[1:])
 
     def wrap_inputs(self, inputs: Array) -> Array:
-        """Return inputs (N, inputs, B) as the program reads them, with the first lanes again behind the last.
+        """Return inputs (N, inputs, B) in the layout of the program, with the first lanes repeated at the end.
 
-        Lanes that are computed at once may belong to two variants.
+        A vector may contain lanes of two variants.
         """
         cycle = inputs.shape[2]
         if cycle % self.width:
@@ -128,12 +132,12 @@ class Recurrence:
 
 @dataclass(frozen=True)
 class SymbolicStep:
-    """Step of a recurrence in symbols, each a name or value, or an array of these.
+    """Step of a recurrence in symbols or arrays of symbols.
 
     Attributes:
-        given: names of what is given at each step.
-        before: names of states that are remembered from the step before.
-        after: values of these states after the step, and of others that are results only.
+        given: symbols of the inputs, by label.
+        before: symbols of the states before the step, by label.
+        after: values of the states after the step and of further results, by label.
     """
 
     given: Mapping[str, Any]
@@ -141,7 +145,7 @@ class SymbolicStep:
     after: Mapping[str, Any]
 
     def compile(self, lanes: int) -> Recurrence:
-        """Compile the program for a number of lanes: the fewer, and the larger the program, the more quickly."""
+        """Compile the program for a number of lanes; vectors and optimisation only for many lanes."""
         states = {
             label: self.before.get(label, make_symbols(label, *np.shape(box(value))))
             for label, value in self.after.items()
@@ -153,26 +157,26 @@ class SymbolicStep:
 
 
 class Machine:
-    """Recurrence that is taken one step at a time; each lane of a batch is a system of its own.
+    """Recurrence that advances by single steps; each lane of a batch is a separate system.
 
     Attributes:
-        given: what is given, by label, each (..., *lanes): to be filled in place before a step.
-        now: the states, by label, each (..., *lanes): a step changes them in place, and so may others.
+        given: inputs by label, each (..., *lanes); the caller fills them in place before a step.
+        now: states and results by label, each (..., *lanes); a step changes them in place.
     """
 
     def __init__(self, write: Callable[..., SymbolicStep], arguments: tuple[Any, ...], *lanes: int) -> None:
-        """Take what writes the step, with its arguments, which are what is pickled, and the shape of the lanes."""
+        """Compile the step of `write(*arguments)` for the shape of the lanes; pickling keeps only these arguments."""
         self._made, self._lanes = (write, arguments, *lanes), lanes
         step = write(*arguments)
-        self._program = step.compile(math.prod(lanes))  # and with it, LLVM's engine
+        self._program = step.compile(math.prod(lanes))  # keeps LLVM's engine alive
         self._inputs, self.given = _allocate_rows(step.given, lanes, self._program.width)
         self._states, self.now = _allocate_rows(step.after, lanes, self._program.width)
         padded = self._states.strides[0] // self._states.itemsize
-        counts = 1, 2, 1, padded, padded, padded, 0  # none of the states is kept besides
+        counts = 1, 2, 1, padded, padded, padded, 0  # no states are returned
         self.step = partial(self._program.program, *counts, self._inputs.ctypes.data, 0, self._states.ctypes.data, 0, 0)
 
     def reset(self, which: Mask) -> None:
-        """Restart lanes from zero; the mask is broadcast to their shape."""
+        """Set the states of lanes to zero; the mask is broadcast to the shape of the lanes."""
         self._states[:, np.broadcast_to(which, self._lanes).ravel()] = 0.0
 
     def __reduce__(self) -> Any:
@@ -183,9 +187,9 @@ class Machine:
 
 
 def _allocate_rows(parts: Mapping[str, Any], lanes: tuple[int, ...], width: int) -> tuple[Array, dict[str, Array]]:
-    """Allocate the values of some parts in rows (N, L) of all lanes, and views of each part (..., *lanes).
+    """Allocate rows (N, L) for the values of all parts; return them with views of each part (..., *lanes).
 
-    The rows are padded to a multiple of the width.
+    Rows are padded to a multiple of the width.
     """
     count = math.prod(lanes)
     rows = np.zeros((len(_flatten_parts(parts)), -(-count // width) * width))[:, :count]
@@ -210,16 +214,16 @@ def compile_recurrence(
     level: int = 1,
     width: int = WIDTH,
 ) -> Recurrence:
-    """Compile the states after a step, as expressions in the names of inputs, constants and the states before it.
+    """Compile the states `after` a step, expressions in the names of inputs, constants and previous states.
 
-    The same expressions are compiled once, with LLVM's level of optimisation and the lanes that are computed at once.
+    `level` is LLVM's level of optimisation, and `width` the lanes of a vector. Equal expressions are compiled once.
     """
-    results = [x if isinstance(x, Symbol) else float(x) for x in after]  # `np.where` of numbers is an array
+    results = [x if isinstance(x, Symbol) else float(x) for x in after]  # `np.where` of numbers returns an array
     return _compile((tuple(inputs), tuple(constants), tuple(states)), *_write_lines(results), level, width)
 
 
 def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Place, ...]]:
-    """Write expressions as lines, each an operation on earlier ones, and the places of the results."""
+    """Return expressions as lines, each an operation on earlier lines, and the places of the results."""
     order, same = merge_equal(results)
     place = {symbol: k for k, symbol in enumerate(order)}
 
@@ -257,7 +261,7 @@ def _prepare() -> None:
 
 
 def _list_steady_lines(constants: Sequence[str], lines: Sequence[Line], results: Sequence[Place]) -> list[int]:
-    """List the lines that depend on constants alone, and whose values other lines or the results need."""
+    """Return the lines that depend only on constants and that other lines or the results use."""
     steady, needed = set[int](), {line for line, _ in results}
     for k, (op, label, *operands) in enumerate(lines):
         if label in constants if op == NAME else all(line is None or line in steady for line, _ in operands):
@@ -270,12 +274,11 @@ def _list_steady_lines(constants: Sequence[str], lines: Sequence[Line], results:
 def _write_program(
     names: Names, lines: Sequence[Line], results: Sequence[Place], steady: Sequence[int], width: int
 ) -> ir.Module:
-    """Write the program: a loop that computes values of the constants, and loops over steps and lanes.
+    """Write the program: a loop over lanes for values of the constants, then loops over steps and lanes.
 
-    Lanes are those of all variants in a row; `width` of them are computed at once. Arguments are the number of steps,
-    how many of them lie between states that are kept, over how many an input is held, the number of lanes, and of these
-    in a variant; then the length of a row of inputs, the number of states that are kept, and the addresses of inputs,
-    constants, states, path, and the numbers of these states.
+    The lanes of all variants form a row, computed by vectors of `width`. Arguments of the program: number of steps,
+    steps between kept states, steps per input, number of lanes, lanes per variant, length of a row of inputs, number of
+    kept states, then the addresses of inputs, constants, states, path and indices of the kept states.
     """
     module, kind = ir.Module(), DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
     program = ir.Function(module, ir.FunctionType(ir.VoidType(), 7 * [WHOLE] + 5 * [POINTER]), "run")
@@ -283,7 +286,7 @@ def _write_program(
     builder = ir.IRBuilder(program.append_basic_block())
     write = _Instructions(module, builder, kind)
     (inputs, constants, states), size = names, builder.mul(lanes, WHOLE(8))
-    shared = [*constants, *steady]  # rows of the constants, and behind these of values that depend on them alone
+    shared = [*constants, *steady]  # rows of constants, then of values that depend only on them
 
     def place(array: Any, first: Any, number: Any, stride: Any) -> Any:
         return builder.gep(array, [builder.add(first, builder.mul(number, stride))], source_etype=DOUBLE)
@@ -320,7 +323,7 @@ def _write_program(
 
 @contextmanager
 def _build_loop(builder: ir.IRBuilder, count: Any, stride: int = 1) -> Iterator[Any]:
-    """Count from 0 by a stride."""
+    """Yield the index of a loop from 0 to `count` by a stride."""
     before = builder.block
     body, after = builder.append_basic_block(), builder.append_basic_block()
     builder.cbranch(builder.icmp_signed(">", count, WHOLE(0)), body, after)
@@ -336,14 +339,14 @@ def _build_loop(builder: ir.IRBuilder, count: Any, stride: int = 1) -> Iterator[
 
 @dataclass(frozen=True)
 class _Instructions:
-    """Instructions of expressions, whose values are each of a kind: a number or a vector."""
+    """Writer of instructions for expressions; `kind` is the type of values, a number or a vector."""
 
     module: ir.Module
     builder: ir.IRBuilder
     kind: Any
 
     def emit(self, lines: Sequence[Line], known: Mapping[str | int, Any], wanted: Sequence[int]) -> dict[int, Any]:
-        """Write the lines that others need; values are known by name or by number of a line."""
+        """Write the wanted lines and their inputs; `known` holds values by name or by number of a line."""
         values: dict[int, Any] = {}
         needed = set(wanted)
         for k in range(len(lines) - 1, -1, -1):
@@ -393,18 +396,18 @@ class _Instructions:
         half = write.fmul(turns, number(0.5))
         is_odd = write.fcmp_ordered("!=", half, self._call("rint", half))
         value = write.fmul(rest, series)
-        for sign, limit in (("<", -1.0), (">", 1.0)):  # beyond 1e8 fewer and fewer digits of a turn are left
+        for sign, limit in (("<", -1.0), (">", 1.0)):  # above 1e8, arguments lose the digits of a turn
             value = write.select(write.fcmp_ordered(sign, value, number(limit)), number(limit), value)
         return write.select(is_odd, write.fneg(value), value)
 
     def _call(self, name: str, *inputs: Any) -> Any:
-        """Call a function of LLVM."""
+        """Write the call of an LLVM function."""
         full = f"llvm.{name}.{'f64' if self.kind == DOUBLE else f'v{self.kind.count}f64'}"
         function = ir.FunctionType(self.kind, [x.type for x in inputs])
         return self.builder.call(self.module.globals.get(full) or ir.Function(self.module, function, full), inputs)
 
     def number(self, value: Any) -> Any:
-        """Write a truth value as a number."""
+        """Convert a truth value to a number."""
         is_number = value.type == self.kind
         return value if is_number else self.builder.select(value, self.kind(1.0), self.kind(0.0))
 

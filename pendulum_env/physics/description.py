@@ -1,11 +1,11 @@
-"""Texts about one effect for people, beside its law; those of the built-in effects stand in `workbench.narrator`."""
+"""Texts of effects for readers; `workbench.narrator` has those of the built-in effects."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-Symptom = Literal[  # the most visible feature of the residual of a model without the effect
+Symptom = Literal[  # most visible feature in the residual of a model without the effect
     "the same torque everywhere",
     "a curve over the angle",
     "waves over the angle",
@@ -20,16 +20,16 @@ Symptom = Literal[  # the most visible feature of the residual of a model withou
 
 @dataclass(frozen=True)
 class Description:
-    """Texts about one effect; the defaults serve an effect that has a law only.
+    """Texts of an effect; all are optional.
 
     Attributes:
-        title: name within a sentence; empty for the id with spaces in place of underscores.
+        title: name within a sentence; by default the id with spaces in place of underscores.
         symptom: first sign of the effect in a residual, one of `Symptom`.
-        signature: traces of the effect in a recording, in a sentence or two.
-        resembles: ids of terms that it is confused with.
+        signature: traces of the effect in a recording, in one or two sentences.
+        resembles: ids of terms that the effect may be confused with.
         informative_experiment: experiment that shows the effect.
         omission: consequence for a simulator without the effect.
-        fits_friction: whether viscous and dry friction can stand in for it in such a simulator.
+        fits_friction: whether viscous and dry friction can replace the effect in a simulator.
     """
 
     title: str = ""
@@ -41,4 +41,4 @@ class Description:
     fits_friction: bool = False
 
 
-DESCRIPTIONS: dict[str, Description] = {}  # of effects that bring their own, by id
+DESCRIPTIONS: dict[str, Description] = {}  # descriptions of effects with a `description`, by id

@@ -1,4 +1,4 @@
-"""Checks of a user's effect before it joins the library: its texts, columns and laws."""
+"""Check a user's effect before it is registered: texts, columns and laws."""
 
 import re
 from collections.abc import Callable, Iterable
@@ -17,7 +17,7 @@ from pendulum_env.reading import quote_value
 
 T = TypeVar("T")
 LAWS = ("mass", "force", "dry", "potential", "loss")
-FORMER_NAMES = {  # of release 1.0.0, and the present ones
+FORMER_NAMES = {  # names of release 1.0.0 and their replacements
     "shapes": "nonlinear_parameters",
     "typical": "typical_size",
     "grid": "set_hints",
@@ -25,15 +25,15 @@ FORMER_NAMES = {  # of release 1.0.0, and the present ones
     "possible": "set_hints",
     "title": "description",
 }
-STEP, CLOSE = 1e-5, 1e-4  # of the angle, to differentiate a potential [rad], and share by which a force may differ
+STEP, CLOSE = 1e-5, 1e-4  # [rad], step to differentiate a potential; relative tolerance of a force
 
 
 def check_effect(kind: type[Term]) -> None:
-    """Check the class of an effect; each law is evaluated on a made-up motion.
+    """Check the class of an effect, with each law evaluated on synthetic motion.
 
     Raises:
-        UserError: naming the class, and the field or the law that is wrong: one that fails, has no torque, is a base
-            term's, contradicts its potential, or is called dissipative and gains energy.
+        UserError: with the class and the invalid field or law. A law is invalid if it fails, has no torque, equals that
+            of a base term, contradicts its potential, or is dissipative but gains energy.
     """
     if not (isinstance(kind, type) and issubclass(kind, Term)):
         raise UserError(f"{quote_value(kind)} is no effect: register a subclass of Term")
@@ -59,7 +59,7 @@ def check_effect(kind: type[Term]) -> None:
 
 
 def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> None:
-    """Evaluate the laws of the variants of an effect that a function makes of a motion, on made-up motions."""
+    """Evaluate the laws of variants of an effect on synthetic motions; `variants` makes them from the motion."""
 
     def list_variants(x: Samples) -> list[Term]:
         return [*variants(x)]
@@ -72,7 +72,7 @@ def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> No
 
 
 def _try_laws(term: Term, x: Samples) -> None:
-    """Evaluate every law of a term on some samples, and move its state variables on."""
+    """Evaluate all laws of a term on samples, and advance its states by one step."""
     name = type(term).__name__
     if term.has_memory:
         memory = _call_user_function(f"start of {name}", lambda: term.start(x))
@@ -97,7 +97,7 @@ def _try_laws(term: Term, x: Samples) -> None:
 
 
 def _check_potential(of: str, column: Column, x: Samples) -> None:
-    """Refuse a force that is not the slope of the potential plus the loss."""
+    """Refuse a force that differs from dU/dq + loss."""
     if (potential := column.potential) is not None:
         ahead, behind = (potential(replace(x, position=x.position + step)) for step in (STEP, -STEP))
         slope, force = np.subtract(ahead, behind) / (2 * STEP), np.subtract(column.force(x), column.loss(x))
@@ -108,14 +108,14 @@ def _check_potential(of: str, column: Column, x: Samples) -> None:
 
 
 def _check_torque(term: Term) -> None:
-    """Refuse no torque, the law of a base term, and dissipation of a wrong sign, on independent random quantities."""
+    """Refuse zero torque, the law of a base term and negative dissipation, on independent random quantities."""
     name, columns = type(term).__name__, (*term.columns, *term.fixed)
     position, velocity, torque, warmth = np.random.default_rng(0).uniform(-20.0, 20.0, (4, 300))
     x = Samples(np.linspace(0.0, 100.0, 300), position, velocity, torque, temperature=ROOM + warmth)
     if term.has_memory:
         x = replace(x, memory=term.name_memory(term.start(x)))
     torques = _call_user_function(f"columns of {name}", lambda: [_split_torque(column, x) for column in columns])
-    if term.nonlinear_parameters:  # which may switch its torque off, as a stop at infinity
+    if term.nonlinear_parameters:  # their defaults may give zero torque, as an infinite stop
         has_torque = any(law is not zero for column in columns for law in (column.mass, column.force, column.dry))
     else:
         has_torque = any(map(np.any, torques))
@@ -132,7 +132,7 @@ def _check_torque(term: Term) -> None:
 
 
 def _split_torque(column: Column, x: Samples) -> Array:
-    """Return mass, force and dry friction of a column (3, N)."""
+    """Return mass, force and dry friction of a column, per unit of its parameter (3, N)."""
     return np.array([np.broadcast_to(getattr(column, law)(x), x.time.shape) for law in LAWS[:3]], dtype=float)
 
 
@@ -148,7 +148,7 @@ def _check_all(values: object, kind: type, of: str) -> None:
 
 
 def _call_user_function(of: str, function: Callable[[], T]) -> T:
-    """Call a function of the user's; any error becomes a UserError."""
+    """Call a user's function; turn any error into a UserError."""
     try:
         with np.errstate(all="ignore"):
             return function()

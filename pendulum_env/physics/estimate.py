@@ -1,4 +1,4 @@
-"""Estimates: values of parameters with their standard errors, and quantities that are derived from them."""
+"""Estimates: parameter values with standard errors, and derived quantities."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from pendulum_env.formatting import format_estimate
 from pendulum_env.physics.term import Term
 from pendulum_env.units import JointUnits, to_shown_unit
 
-SIGNIFICANT = 3.0  # standard errors by which a parameter differs from zero
+SIGNIFICANT = 3.0  # standard errors from zero of a significant parameter
 
 
 @dataclass(frozen=True, repr=False)
 class Estimate:
-    """Value of a parameter with its standard error, both in `unit`; the error is 0 where nothing was estimated.
+    """Value of a parameter with its standard error, both in `unit`; the error is 0 for a value that was not estimated.
 
-    So it is at a bound: the fit would have gone further, and noise says nothing of a value that it did not choose.
-    If the model lacks an effect, the value is biased by an unknown amount, and the error counts noise alone.
+    It is also 0 for a value at a bound, which noise did not determine. If the model lacks an effect, the value is
+    biased by an unknown amount, and the standard error covers only the noise.
     """
 
     value: float
@@ -28,11 +28,11 @@ class Estimate:
     unit: str
     at_bound: bool = field(default=False, compare=False)
     is_biased: bool = field(default=False, compare=False)
-    is_unknown: bool = field(default=False, compare=False)  # the data do not determine it
+    is_unknown: bool = field(default=False, compare=False)  # whether the data do not determine the value
 
     @classmethod
     def from_bounds(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
-        """Make an estimate kept within bounds; equal bounds make a known value."""
+        """Make an estimate from a fit within bounds; with equal bounds, the value is known."""
         at_bound = least < most and value in (least, most)
         return cls(value, 0.0 if at_bound or least == most else std, unit, at_bound)
 
@@ -52,7 +52,7 @@ class Estimate:
 
     @property
     def shown(self) -> Estimate:
-        """Convert to the displayed unit: an angle may be in degrees. Speeds and frequencies stay in rad/s."""
+        """Convert to the displayed unit; angles may be in degrees, rad/s is kept."""
         factor, unit = to_shown_unit(1.0, self.unit, is_parameter=True)
         return replace(self, value=factor * self.value, std=factor * self.std, unit=unit)
 
@@ -67,13 +67,13 @@ class Estimate:
         return self.value
 
     def json(self) -> JSON:
-        """Return a plain dictionary for JSON; flags mark a biased or unknown value."""
+        """Return a dictionary for JSON, with flags for a biased or unknown value."""
         data: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
         return data | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
 
 
 def shorten_name(name: str) -> str:
-    """Shorten the name of a parameter for a reader: `dead_time` for `dead_time.dead_time`."""
+    """Shorten the name of a parameter for display: `dead_time` for `dead_time.dead_time`."""
     id, _, rest = name.partition(".")
     part, at, joint = rest.partition("@")
     return f"{id}{at}{joint}" if part == id else name
@@ -82,7 +82,7 @@ def shorten_name(name: str) -> str:
 def derive_estimates(
     terms: Sequence[Term], estimates: Mapping[str, Estimate], covariance: Array, units: JointUnits
 ) -> dict[str, Estimate]:
-    """Compute the derived quantities of a model, by name, with standard errors to first order."""
+    """Compute the derived quantities of a model by name, with standard errors to first order."""
     names, values = list(estimates), np.array([estimate.value for estimate in estimates.values()])
     found = {}
     for term in terms:
@@ -108,7 +108,7 @@ def derive_estimates(
 
 
 def _derive_quantities(term: Term, values: Array) -> dict[str, tuple[float, str]]:
-    """Compute derived quantities of a term from its parameters (P + S,), linear ones first."""
+    """Compute derived quantities with units by short name, from linear and nonlinear parameters (P + S,)."""
     count = len(term.columns)
     nonlinear = {parameter.name: float(value) for parameter, value in zip(term.free, values[count:], strict=True)}
     return replace(term, **nonlinear).derived(values[:count])

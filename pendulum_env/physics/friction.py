@@ -1,4 +1,4 @@
-"""Friction beyond viscous and Coulomb."""
+"""Friction effects."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from pendulum_env.physics.term import ROOM, Column, Memory, NonlinearParameter, 
 class CoulombAsymmetry(Term):
     """Dry friction that differs by direction: fc + d forwards, fc - d backwards, hence the constant d.
 
-    A set-valued law shifted by d: in one recording it is the same as a torque offset of -d.
+    The set-valued law is shifted by d. In a single recording, this equals a torque offset of -d.
     """
 
     id = "coulomb_asymmetry"
@@ -38,7 +38,7 @@ class ViscousAsymmetry(Term):
 class Stribeck(Term):
     """Extra dry friction at low speed that fades with the Stribeck velocity vs.
 
-    The exponent n is 2 unless data call for another; bearings have been found to have 0.5 to 2.
+    The exponent n is 2 unless the data require another value; published values for bearings are 0.5 to 2.
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994.
     """
 
@@ -74,7 +74,7 @@ class QuadraticDrag(Term):
     law = "c q' |q'|"
     kind = "dissipative"
 
-    columns = (  # fast enough, it outweighs any other friction
+    columns = (  # non-negative: at high speed, drag dominates all friction
         Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity), least=0.0),
     )
 
@@ -83,16 +83,16 @@ class QuadraticDrag(Term):
 class LoadDependentFriction(Term):
     """Dry friction that grows with the load of a gear, (mu |tau| + mu_o |w sin q|) sgn q'.
 
-    Teeth are pressed from both sides, each with a coefficient of its own: by the motor, whose back-EMF is no torque
-    that gets there, and by what hangs on the output, which is the model's own gravity w and the known load. Where the
-    motor drives all motion, mu and the scale of the torque are one number.
-    Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo Actuators, 2024.
+    Each side of the teeth has its own coefficient: mu for the motor torque without the back-EMF, mu_o for the load,
+    which is the model's gravity w plus the known load. If the motor drives all motion, mu and the scale of the torque
+    are indistinguishable. Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo
+    Actuators, 2024.
     """
 
     weight: float = 0.0
     back_emf: float = 0.0
 
-    most = 0.7  # of both coefficients: gears that take more of the torque are not driven backwards by any weight
+    most = 0.7  # bound of both coefficients; above it, a gear is not backdrivable
     id = "load_dependent_friction"
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
@@ -138,9 +138,9 @@ class PositionDependentFriction(Term):
 
 @dataclass(frozen=True)
 class TemperatureDependentFriction(Term):
-    """Friction that changes with the measured temperature T of the joint: the model's own friction is that at 25 deg C.
+    """Friction that changes with the measured temperature T of the joint: the base friction is that at 25 deg C.
 
-    Lubricants thin as they warm up: viscous friction falls by one to three per cent per kelvin, dry friction may rise.
+    Viscous friction of a warming lubricant falls by one to three per cent per kelvin; dry friction may rise.
     Source: Bittencourt and Gunnarsson, ASME Journal of Dynamic Systems 134(5), 2012.
     """
 
@@ -150,7 +150,7 @@ class TemperatureDependentFriction(Term):
     typical_size = "viscous=-0.001,coulomb=0.001"
     percent_of = ("viscous", "coulomb")
     needs = "temperature"
-    span = 1.0  # [s], over which its rate of change is taken
+    span = 1.0  # [s], interval of the temperature's rate of change
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -173,7 +173,7 @@ class TemperatureDependentFriction(Term):
         return temperature, 0.0 * temperature
 
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
-        temperature, rate = memory  # not measured in a simulation
+        temperature, rate = memory  # extrapolated from the last measurement
         return temperature + duration * rate, rate + 0.0
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
@@ -186,9 +186,9 @@ class TemperatureDependentFriction(Term):
 class Presliding(Term):
     """Dry friction that acts as a stiff spring before it slips: f z instead of f sgn q', with d z' = q' - |q'| z.
 
-    The state z runs from -1 to 1 over a few presliding displacements d; f is the part of the dry friction that behaves
-    so, usually all of it. Stiffness at reversal: f / d.
-    Source: Dahl, Aerospace Corporation report TOR-0158, 1968.
+    After a reversal, the state z changes from -1 to 1 over a few displacements d. f is the part of the dry friction
+    with this behaviour, usually all. Stiffness at reversal: f / d. Source: Dahl, Aerospace Corporation report TOR-0158,
+    1968.
     """
 
     displacement: float = 0.02
@@ -206,7 +206,7 @@ class Presliding(Term):
                 "N m",
                 force=lambda x: x.memory[self.id][0],
                 dry=lambda x: -np.ones_like(x.velocity),
-                least=0.0,  # friction does not push
+                least=0.0,  # friction does not accelerate
             ),
         )
 
@@ -219,7 +219,7 @@ class Presliding(Term):
         return (direction + (memory[0] - direction) * np.exp(-np.abs(x.velocity) * duration / self.displacement),)
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        # From one reversal to the next the state decays with the distance travelled since.
+        # Between reversals, z - sgn q' decays with the distance travelled since the last one.
         position = np.asarray(x.position)
         turns = np.flatnonzero(np.diff(np.sign(np.diff(position))) != 0) + 1
         first, last = np.r_[0, turns], np.r_[turns, len(position) - 1]

@@ -1,4 +1,4 @@
-"""The library of effects: built-in ones, users' own, and those that installed packages offer."""
+"""Library of effects: built-in effects, effects of the user, and effects of installed packages."""
 
 import warnings
 from functools import cache
@@ -38,7 +38,7 @@ BUILT_IN: tuple[type[Term], ...] = (
     sensor.EncoderEccentricity,
     potential.HardStop,
 )
-MEASURED: dict[str, type[Term]] = {  # which act by another measured quantity than motion and torque
+MEASURED: dict[str, type[Term]] = {  # effects of measured quantities other than motion and torque
     friction.TemperatureDependentFriction.id: friction.TemperatureDependentFriction,
 }
 
@@ -46,13 +46,13 @@ _registered: dict[str, type[Term]] = {}
 
 
 def register(effect: type[Term]) -> type[Term]:
-    """Add an effect to the library for this process; usable as a class decorator.
+    """Add an effect to the library of this process; usable as a class decorator.
 
-    The class is checked, and each of its laws is evaluated on a made-up motion. A class of the same module and name
-    takes the place of the earlier one, as when a cell of a notebook runs again.
+    The class is checked, with each law evaluated on synthetic motion. A class of the same module and name replaces the
+    earlier one, for example when a notebook cell runs again.
 
     Raises:
-        UserError: if a field or a law of the class is wrong, or its id is that of another effect or of a base term.
+        UserError: if a field or a law is invalid, or another effect or base term has the same id.
     """
     if effect in _registered.values():
         return effect
@@ -82,28 +82,28 @@ def load_installed() -> tuple[type[Term], ...]:
                 check_effect(kind)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # whatever another package does wrong must not end this one
+        except BaseException as error:  # also SystemExit of another package
             warnings.warn(f"the effects of '{point.value}' cannot be loaded: {format_error(error)}", stacklevel=2)
             continue
         if isinstance(kind, type) and issubclass(kind, Term):
             found.append(kind)
-        elif not isinstance(kind, ModuleType):  # a module has registered its effects by being loaded
+        elif not isinstance(kind, ModuleType):  # a module registers its effects when it is imported
             warnings.warn(f"'{point.value}' is no effect: name a subclass of Term, or a module", stacklevel=2)
     return tuple(found)
 
 
 def effects() -> dict[str, type[Term]]:
-    """Return all known effects by id, built-in ones first."""
+    """Return all known effects by id, built-in effects first."""
     return {effect.id: effect for effect in (*BUILT_IN, *load_installed(), *_registered.values())}
 
 
 def list_nameable() -> dict[str, type[Term]]:
-    """Return the effects that a diagnosis may name, by id: the library, and those of other measured quantities."""
+    """Return the effects that a diagnosis may name, by id: the library and `MEASURED`."""
     return effects() | MEASURED
 
 
 def list_addable() -> dict[str, type[Term]]:
-    """Return all that can be added to a model, by id: nameable effects and tables."""
+    """Return the terms that can be added to a model, by id: effects and tables."""
     return list_nameable() | TABLES
 
 

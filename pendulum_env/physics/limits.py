@@ -1,4 +1,4 @@
-"""Limits that a user sets to the parameters of terms, and values that are known."""
+"""Bounds and known values of parameters, given by the user."""
 
 import difflib
 from collections.abc import Iterable, Mapping
@@ -13,16 +13,16 @@ from pendulum_env.errors import UserError
 from pendulum_env.physics.term import Column, NonlinearParameter, Term, derive_kind
 from pendulum_env.reading import quote_value
 
-Limits = Mapping[str, tuple[float, float]]  # least and largest value by parameter, `gravity` or `cogging.order`
-Bounds = Mapping[str, tuple[float | None, float | None]]  # as a user gives them: None is no limit
+Limits = Mapping[str, tuple[float, float]]  # least and largest value by name, `gravity` or `cogging.order`
+Bounds = Mapping[str, tuple[float | None, float | None]]  # bounds of the user; None for no bound
 
 
 def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[float, float]]:
     """Make limits from known values and from bounds.
 
     Raises:
-        UserError: if a parameter is named twice, or its limits leave nothing.
-        TypeError: if values are no numbers, or bounds no pairs of them.
+        UserError: if a parameter is both fixed and bounded, or its limits are empty.
+        TypeError: if a value is not a number, or a bound is not a pair.
     """
     known = {name: float(value) for name, value in _refuse_other_values(fixed, "fixed", "{'gravity': 2.0}").items()}
     ends = _refuse_other_values(bounds, "bounds", "{'viscous': (0.0, None)}", is_pair=True)
@@ -43,7 +43,7 @@ def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[f
 
 
 def _refuse_other_values(given: Any, argument: str, example: str, is_pair: bool = False) -> Mapping[str, Any]:
-    """Refuse arguments that do not map names to numbers, or to pairs of numbers or None."""
+    """Refuse arguments that do not map names to numbers or, if `is_pair`, to pairs of numbers or None."""
 
     def is_right(value: Any) -> bool:
         if not is_pair:
@@ -57,10 +57,10 @@ def _refuse_other_values(given: Any, argument: str, example: str, is_pair: bool 
 
 
 def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
-    """Refuse limits of parameters that no term has.
+    """Refuse limits of unknown parameters, and empty limits.
 
     Raises:
-        UserError: if a name is unknown or belongs to a parameter whose value cannot be fixed, or no value is left.
+        UserError: if a name is unknown, a nonlinear parameter is fixed, or the limits exclude all values.
     """
     terms = [kind() for kind in kinds]
     nonlinear = {f"{term.id}.{p.name}": p for term in terms for p in term.nonlinear_parameters}
@@ -83,37 +83,37 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
 
 
 def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
-    """Derive a kind of term with limited parameters; the same kind if no limit concerns it.
+    """Derive a kind of term with limited parameters; return the same kind without limits of its parameters.
 
-    A parameter whose limits are one value is known: fits keep it, and it has no standard error. Of a kind that has
-    limits already, new ones of the same parameters take their place.
+    A parameter with equal limits is known: fits keep it, without standard error. New limits replace existing limits of
+    the same parameters.
     """
     kind, held = getattr(kind, "bare", (kind, ()))
     names = {column.name for column in kind().columns} | {f"{kind.id}.{p.name}" for p in kind.nonlinear_parameters}
     merged = {name: (low, high) for name, low, high in held} | {name: limits[name] for name in limits if name in names}
     chosen = tuple(sorted((name, low, high) for name, (low, high) in merged.items()))
-    return _make_limited_kind(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes can be hashed
+    return _make_limited_kind(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes are hashable
 
 
 def collect_limits(terms: Iterable[Term]) -> dict[str, tuple[float, float]]:
-    """Collect the limits that a user set to parameters of terms, by name; a known value is both."""
+    """Collect the limits of the terms' parameters by name; both limits of a known value are equal."""
     held = (getattr(type(term), "bare", (type(term), ()))[1] for term in terms)
     return {name: (low, high) for entries in held for name, low, high in entries}
 
 
 def write_limits(limits: Limits) -> dict[str, list[float | None]]:
-    """Write limits for JSON, `[low, high]`, null for none, as bounds that `make_limits` takes."""
+    """Convert limits to bounds for JSON: `[low, high]`, with null for an infinite limit."""
     return {name: [end if np.isfinite(end) else None for end in ends] for name, ends in limits.items()}
 
 
 def limit_term(term: Term, limits: Limits) -> Term:
-    """Limit the parameters of a term, and move its nonlinear parameters within."""
+    """Limit the parameters of a term, and clip its nonlinear parameters."""
     kind = limit_kind(type(term), limits)
     return term if kind is type(term) else clip_term(kind(**term.nonlinear_values))
 
 
 def release_term(term: Term) -> Term:
-    """Free the known parameters of a term; its bounds stay."""
+    """Free the known parameters of a term, and keep its bounds."""
     kind, held = getattr(type(term), "bare", (type(term), ()))
     bounded = {name: (low, high) for name, low, high in held if low < high}
     return term if len(bounded) == len(held) else limit_kind(kind, bounded)(**term.nonlinear_values)
@@ -125,7 +125,7 @@ def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float],
 
     def limit_column(column: Column) -> Column:
         low, high = by_name.get(column.name, (column.least, column.most))
-        if low < high:  # a user's bounds are within those of a body; what is known is known
+        if low < high:  # physical bounds also apply, except to known values
             low, high = max(low, column.least), min(high, column.most)
         return replace(column, least=low, most=high)
 
@@ -144,7 +144,7 @@ def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float],
 
 
 def clip_term(term: Term) -> Term:
-    """Move the nonlinear parameters of a term into their bounds; nominal values stay."""
+    """Clip the nonlinear parameters of a term to their bounds, except nominal values."""
     values = term.nonlinear_values
     inside = {
         p.name: float(np.clip(values[p.name], p.low, p.high))

@@ -1,4 +1,4 @@
-"""Joints of a mechanism: the one of a pendulum, or those of an arm."""
+"""Joints of a mechanism: a pendulum or an arm."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from pendulum_env.units import TURNING, JointUnits
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Joints that turn or slide: one without a name for a pendulum; `pendulum_env.arms.Body` also has links.
+    """Revolute or linear joints: an unnamed joint for a pendulum, and with links `pendulum_env.arms.Body`.
 
     Attributes:
-        joints: names of the n joints that move by themselves, from the base on.
-        sliding: joints that slide instead of turning, also of those that do not move.
+        joints: names of the n independent joints, from the base on.
+        sliding: names of linear joints, including held ones.
     """
 
     joints: tuple[str, ...]
     sliding: frozenset[str]
 
-    can_simulate: ClassVar[bool] = True  # whether models of it are compared with the motion, by simulating it
-    can_limit: ClassVar[bool] = True  # whether parameters of its models may be known or bounded
+    can_simulate: ClassVar[bool] = True  # whether models are compared by simulated motion
+    can_limit: ClassVar[bool] = True  # whether parameters can be fixed or bounded
 
     @property
     def slides(self) -> tuple[bool, ...]:
-        """Return for each joint whether it slides instead of turning (n,)."""
+        """Return whether each joint is linear (n,)."""
         return tuple(joint in self.sliding for joint in self.joints)
 
     @property
     def combined(self) -> dict[str, str]:
-        """Return the parameters that each parameter combines, by its name; empty for a pendulum."""
+        """Return the combinations of parameters as text, by name; empty for a pendulum."""
         return {}
 
     def units(self, joint: str, recorded: JointUnits = TURNING) -> JointUnits:
-        """Return the units of quantities at a joint, by those of a recording."""
+        """Return the units of quantities at a joint, given those of a recording."""
         return JointUnits(recorded.torque_unit, recorded.slides or joint in self.sliding)
 
 
 def describe_joints(names: Sequence[str]) -> str:
-    """Name the kind of mechanism that has these joints: `a pendulum`, `an arm with joints hip, knee`."""
+    """Describe a mechanism by its joints: `a pendulum`, `an arm with joints hip, knee`."""
     return f"an arm with joints {', '.join(names)}" if any(names) else "a pendulum"
 
 

@@ -1,4 +1,4 @@
-"""A model: an ordered list of terms and the values of their parameters."""
+"""Models: ordered terms with parameter values."""
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -36,21 +36,21 @@ NO_INERTIA = "the model lacks the term inertia: add it"
 
 @dataclass(frozen=True, repr=False)
 class Model(Mapping[str, Estimate], Shown):
-    """Terms and parameters of the torque balance; `model["gravity"]` is an estimate, printed with a line for each.
+    """Terms and parameters of the torque balance; `model["gravity"]` is an estimate.
 
-    A model is a mapping of its estimates by full name, as `dead_time.dead_time`. An estimate is also found by the short
-    name that is printed, as `dead_time`.
+    A model is a mapping of its estimates by full name, such as `dead_time.dead_time`. Indexing also accepts the
+    displayed short name, `dead_time`.
 
     Attributes:
-        terms: ordered terms; a term's nonlinear parameters are fields of the term.
-        estimates: every parameter by name: linear ones by the name of their column, nonlinear ones as `id.name`.
-        torque_unit: `N m`, or that of a current in whose stead every parameter is per unit of it.
-        slides: whether the one joint slides; of an arm the body tells it.
-        torque_constant: by which a current became the torque that the model was fitted to, if one did; the errors of
-            the estimates include its own.
-        correlation: of the errors of the estimates, rows and columns in their order; empty if unknown.
-        log_format: how the recordings that it was fitted to were read, in the words of a study, so that the next one
-            can be read alike: `columns`, `unwrap`, `load`, `drive`, as far as given.
+        terms: ordered terms, with nonlinear parameters as their fields.
+        estimates: all parameters by name; linear ones have the name of their column, nonlinear ones `id.name`.
+        torque_unit: `N m`, or the unit of the recorded current in place of torque.
+        slides: whether the joint of a pendulum is linear; `body` has the joints of an arm.
+        torque_constant: constant that converted a current to the fitted torque; None without one. The standard errors
+            of the estimates include its error.
+        correlation: correlation matrix of the estimates, in their order; empty if unknown.
+        log_format: options with which the fitted recordings were read, as keys of a study: `columns`, `unwrap`,
+            `load`, `drive`.
     """
 
     terms: tuple[Term, ...] = BASE
@@ -63,13 +63,13 @@ class Model(Mapping[str, Estimate], Shown):
 
     @classmethod
     def build(cls, terms: Sequence[Term], theta: ArrayLike, std: ArrayLike = 0.0, **nonlinear_std: float) -> Self:
-        """Build a model from linear parameters theta (P,) and their standard errors, in the order of the columns.
+        """Build a model from linear parameters and standard errors in the order of the columns.
 
         Args:
             terms: ordered terms.
             theta: linear parameters (P,).
-            std: their standard errors, scalar or (P,).
-            nonlinear_std: standard errors of nonlinear parameters by `id.name`, where known.
+            std: standard errors of theta, scalar or (P,).
+            nonlinear_std: standard errors of nonlinear parameters by `id.name`; default 0.
         """
         columns = [column for term in terms for column in term.columns]
         values = np.broadcast_to(np.asarray(theta, dtype=float), (len(columns),))
@@ -88,7 +88,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Return the columns of the regressor in order."""
+        """Return the columns of the regressor, in order."""
         return tuple(column for term in self.terms for column in term.columns)
 
     def __getitem__(self, name: str) -> Estimate:
@@ -112,13 +112,13 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Return the ids of the terms beyond the base."""
+        """Return the ids of the effects: the terms that are not base terms."""
         base = {term.id for term in BASE}
         return tuple(term.id for term in self.terms if term.id not in base)
 
     @property
     def tables(self) -> dict[str, tuple[Table, TableCurve]]:
-        """Return the tables of the model by id, with their quantity and range."""
+        """Return the tables of the model with their curves, by id."""
         tables = [term for term in self.terms if isinstance(term, Table)]
         names, covariance, found = list(self.estimates), self.assumed_covariance if tables else np.empty((0, 0)), {}
         for term in tables:
@@ -129,7 +129,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def readable(self) -> dict[str, Estimate]:
-        """Return the estimates for a reader: a table's coefficients become its largest value, under its id."""
+        """Return the estimates for display, with the largest value of a table in place of its coefficients."""
         tables = self.tables
         entries = {column.name for term, _ in tables.values() for column in term.columns}
         shown = {name: estimate for name, estimate in self.estimates.items() if name not in entries}
@@ -143,7 +143,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def covariance(self) -> Array | None:
-        """Return the covariance (P + S, P + S) of the estimates in order; None if their correlation is unknown."""
+        """Return the covariance (P + S, P + S) of the estimates, in order, or None if the correlation is unknown."""
         if not self.correlation:
             return None
         std = np.array([estimate.std for estimate in self.estimates.values()])
@@ -151,17 +151,17 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def assumed_covariance(self) -> Array:
-        """Return the covariance, with zero for unknown correlations."""
+        """Return the covariance (P + S, P + S), with zero for unknown correlations."""
         std = np.array([estimate.std for estimate in self.estimates.values()])
         return np.diag(std**2) if self.covariance is None else self.covariance
 
     def with_covariance(self, names: Sequence[str], covariance: Array) -> Self:
-        """Return the model with the correlations of a covariance (Q, Q) of some parameters."""
+        """Return the model with the correlations of a covariance (Q, Q) of the named parameters."""
         std = np.sqrt(np.diag(covariance))
         known = covariance / np.maximum(np.outer(std, std), 1e-300)
         place = [list(self.estimates).index(name) for name in names]
         full = np.eye(len(self.estimates))
-        full[np.ix_(place, place)] = np.clip(known.round(9), -1.0, 1.0)  # the same when read from a covariance
+        full[np.ix_(place, place)] = np.clip(known.round(9), -1.0, 1.0)  # equal after writing and reading
         np.fill_diagonal(full, 1.0)
         return replace(self, correlation=tuple(tuple(row) for row in full.tolist()))
 
@@ -171,7 +171,7 @@ class Model(Mapping[str, Estimate], Shown):
         return derive_estimates(self.terms, self.estimates, self.assumed_covariance, self.units())
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Self:
-        """Return the model with one more term, its linear parameters at `theta`; fit it to recordings next."""
+        """Return the model with an added term with linear parameters `theta`."""
         if term.id in {old.id for old in self.terms}:
             raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
         refuse_held(self.terms, term)
@@ -185,7 +185,7 @@ class Model(Mapping[str, Estimate], Shown):
         return self.terms[0].mechanism if self.terms else PENDULUM
 
     def with_values(self, values: Mapping[str, float]) -> Self:
-        """Return the model with some parameters, by name, at other values."""
+        """Return the model with other values of some parameters, by name."""
         for name, value in values.items():
             find("parameter of the model", name, self.estimates)
             if not np.isfinite(value) or (name == "inertia" and value <= 0):
@@ -199,7 +199,7 @@ class Model(Mapping[str, Estimate], Shown):
         return self.body.units(joint, JointUnits(self.torque_unit, self.slides))
 
     def convert_units(self, units: JointUnits) -> Self:
-        """Return the model with the units of another joint or torque unit, such as `A`."""
+        """Return the model with other units of torque or joint; the values are unchanged."""
         unit_of_nonlinear = {
             term.get_full_name(parameter.name): parameter.get_unit(units)
             for term in self.terms
@@ -212,12 +212,12 @@ class Model(Mapping[str, Estimate], Shown):
         return replace(self, estimates=named, torque_unit=units.torque_unit, slides=units.slides)
 
     def get_parameters(self, id: str) -> dict[str, Estimate]:
-        """Return the parameters of one of the terms, by name."""
+        """Return the parameters of the term `id` by name."""
         (term,) = (term for term in self.terms if term.id == id)
         return {name: self.estimates[name] for name in term.parameter_names}
 
     def mark_biased(self, names: Container[str] | None = None) -> Self:
-        """Mark estimates, by default all, as biased by an effect that the model lacks."""
+        """Return the model with estimates, by default all, marked as biased by a missing effect."""
         estimates = {
             name: replace(e, is_biased=True) if names is None or name in names else e
             for name, e in self.estimates.items()
@@ -225,7 +225,7 @@ class Model(Mapping[str, Estimate], Shown):
         return replace(self, estimates=estimates)
 
     def withhold(self, names: Container[str]) -> Self:
-        """Return the model with some parameters marked unknown, since the data do not determine them."""
+        """Return the model with some parameters marked as unknown, because the data do not determine them."""
         estimates = {name: replace(e, is_unknown=True) if name in names else e for name, e in self.estimates.items()}
         return replace(self, estimates=estimates)
 
@@ -234,20 +234,20 @@ class Model(Mapping[str, Estimate], Shown):
     withholding = withhold
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
-        """Return the torque that the model needs for a motion [N m]; undefined in stick, mask these samples."""
+        """Return the torque of the model for a motion [N m]; undefined in stick, so mask these samples."""
         linear = sum(c * column.torque(x, acceleration) for c, column in zip(self.theta, self.columns, strict=True))
         return linear + sum(column.torque(x, acceleration) for term in self.terms for column in term.fixed)
 
     @property
     def has_known_inertia(self) -> bool:
-        """Return whether the inertia is positive and not marked as unknown; True for an arm."""
+        """Return whether the inertia is positive and determined by the data; True for an arm."""
         inertia = self.estimates.get("inertia")
         if inertia is None:
             return any(term.kind == "inertial" for term in self.terms)  # the links of an arm
         return not inertia.is_unknown and inertia.value > 0
 
     def refuse_unknown_inertia(self) -> None:
-        """Refuse to simulate a model whose inertia is missing or unknown."""
+        """Refuse a missing or unknown inertia, before a simulation."""
         if self.has_known_inertia:
             return
         if "inertia" not in self.estimates:
@@ -261,12 +261,12 @@ class Model(Mapping[str, Estimate], Shown):
     def simulate(
         self, period: float, torque: Array, position: ArrayLike, velocity: ArrayLike, start: ArrayLike = 0.0
     ) -> Trajectory:
-        """Simulate free motion under a held torque command; see `pendulum_env.physics.simulation.simulate`."""
+        """Simulate motion under a held torque command; see `pendulum_env.physics.simulation.simulate`."""
         self.refuse_unknown_inertia()
         return simulate(self.terms, self.theta, period, torque, position, velocity, start)
 
     def json(self) -> JSON:
-        """Return a plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         described, covariance = describe_terms(self.terms), self.covariance
         data: JSON = {
             "schema": SCHEMA,
@@ -286,10 +286,10 @@ class Model(Mapping[str, Estimate], Shown):
 
     @classmethod
     def from_json(cls, data: JSON) -> Self:
-        """Make a model from a dictionary that `json` made.
+        """Make a model from a dictionary of `json`.
 
         Raises:
-            ModelError: if a term is unknown, or a parameter is missing or no number that a pendulum could have.
+            ModelError: if a term is unknown, or a parameter is missing or invalid.
         """
         try:
             content = parse_model(data)
@@ -311,7 +311,7 @@ class Model(Mapping[str, Estimate], Shown):
             raise ModelError(str(error)) from None
 
     def save(self, path: str | Path) -> None:
-        """Write JSON, whole or not at all."""
+        """Write the model as a JSON file."""
         write_model(path, self.json())
 
     @classmethod
@@ -319,7 +319,7 @@ class Model(Mapping[str, Estimate], Shown):
         """Read a model file.
 
         Raises:
-            ModelError: if the file is missing, is no JSON or is no model; the message names the file.
+            ModelError: if the file is missing or is not a model; the message names the file.
         """
         content = read_model(path)
         try:

@@ -1,4 +1,4 @@
-"""Model files: what stands in them, and how it is checked."""
+"""Content of model files, and its checks."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -21,24 +21,24 @@ from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import format_setting
 
 SCHEMA = "pendulum-ident/model@1"
-ARM_SCHEMA = "pendulum-ident/arm-model@1"  # of several joints, which `pendulum_env.arms` reads
+ARM_SCHEMA = "pendulum-ident/arm-model@1"  # model of an arm, read by `pendulum_env.arms`
 
 
 class ModelError(UserError):
-    """Model or model file that is invalid; the message has the place and the remedy."""
+    """Invalid model or model file; the message has the place and the remedy."""
 
 
 class ParameterFile(Struct):
     """Parameter in a model file."""
 
     value: Number
-    std: Annotated[float, Meta(ge=0.0, le=1e100)] | None = None  # large where data do not show it; its square is finite
+    std: Annotated[float, Meta(ge=0.0, le=1e100)] | None = None  # large if undetermined; the square is finite
     unit: str | None = None
     biased: bool | None = None
     unknown: bool | None = None
 
     def estimate(self, unit: str) -> Estimate:
-        """Make an estimate in a unit."""
+        """Return the estimate in the given unit."""
         return Estimate(self.value, self.std or 0.0, unit, is_biased=bool(self.biased), is_unknown=bool(self.unknown))
 
 
@@ -49,7 +49,7 @@ class Covariance(Struct):
     matrix: list[list[Number]]
 
     def read(self, known: Sequence[str]) -> Array:
-        """Return the covariance (Q, Q) of known parameters; the file may hold more."""
+        """Return the covariance (Q, Q) of the parameters `known`; the file may have more."""
         names = self.parameters
         is_square = [len(row) for row in self.matrix] == [len(names)] * len(names)
         if not (set(known) <= set(names) and is_square and min(np.diag(self.matrix)) >= 0):
@@ -62,25 +62,25 @@ class ModelFile(Struct):
     """Content of a model file."""
 
     terms: list[Text]
-    theta: dict[str, Any]  # of each, as `ParameterFile`
+    theta: dict[str, Any]  # parameters by name, as `ParameterFile`
     tables: dict[str, Any] | None = None
     torque_unit: Text | None = None
     slides: bool = False
     torque_constant: ParameterFile | None = None
     covariance: Covariance | None = None
     log_format: dict[str, Any] | None = None
-    limits: dict[str, tuple[Number | None, Number | None]] | None = None  # of known and bounded parameters
+    limits: dict[str, tuple[Number | None, Number | None]] | None = None  # bounds of known and bounded parameters
 
 
 def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
-    """Read a parameter of a model file, in its unit."""
+    """Read a parameter of a model file in the given unit."""
     if theta.get(name) is None:
         raise FileError(f"'theta' lacks '{name}'")
     return convert(theta[name], ParameterFile, f"theta.{name}").estimate(unit)
 
 
 def parse_model(content: Any) -> ModelFile:
-    """Parse the content of a model file; raises ModelError if it is none."""
+    """Parse the content of a model file; raise a ModelError for other content."""
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema == ARM_SCHEMA:
         raise ModelError(
@@ -101,7 +101,7 @@ def build_terms(data: ModelFile) -> tuple[Term, ...]:
 
 
 def read_estimates(data: ModelFile, units: Mapping[str, str]) -> dict[str, Estimate]:
-    """Read the parameters of a model file, in given units by name."""
+    """Read the parameters of a model file in the given units, by name."""
     estimates = {name: read_estimate(data.theta, name, unit) for name, unit in units.items()}
     inertia = estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
@@ -110,13 +110,13 @@ def read_estimates(data: ModelFile, units: Mapping[str, str]) -> dict[str, Estim
 
 
 def describe_terms(terms: Sequence[Term]) -> JSON:
-    """Describe the tables among terms by their extents, and limits of parameters, as in a model file."""
+    """Return the extents of tables and the limits of parameters, as in a model file."""
     tables = {term.id: term.extent._asdict() for term in terms if isinstance(term, Table)}
     return {"tables": tables, "limits": write_limits(collect_limits(terms))}
 
 
 def read_model(path: str | Path) -> Any:
-    """Read the JSON of a model file; raises ModelError with its name if it is missing or no JSON."""
+    """Read the JSON of a model file; raise a ModelError that names the file."""
     try:
         return read_json(path, "a model is what `Model.save` or `identify -o` writes, and comes before the recordings")
     except FileError as error:
@@ -124,12 +124,12 @@ def read_model(path: str | Path) -> Any:
 
 
 def write_model(path: str | Path, content: JSON) -> None:
-    """Write the JSON of a model file, whole or not at all."""
+    """Write the JSON of a model file."""
     write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
 def _build_term(id: str, data: ModelFile) -> Term:
-    """Build the term of an id in a model file, with its nonlinear parameters, or its extent."""
+    """Build a term of a model file with its nonlinear parameters, or a table with its extent."""
     try:
         kind = library.find_term(id)
     except UnknownName as error:
@@ -153,10 +153,10 @@ def _build_term(id: str, data: ModelFile) -> Term:
 
 
 def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estimate]) -> None:
-    """Refuse a link with more dry or viscous friction than the joint, as the motor would have less than none."""
+    """Refuse a link with more dry or viscous friction than the whole joint."""
     linear = {
         name: estimate.value for name, estimate in estimates.items() if name != "gravity"
-    }  # the weight may be uncertain
+    }  # gravity may be uncertain
     for term in terms:
         bound = term.bind(linear).nonlinear_values
         for name, value in term.nonlinear_values.items():
@@ -169,7 +169,7 @@ def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estima
 
 
 def check_value(parameter: NonlinearParameter, number: float, place: str) -> float:
-    """Return the value of a nonlinear parameter in a model file; refuse one out of its range, by its place."""
+    """Return the value of a nonlinear parameter of a model file; refuse a value out of range at its `place`."""
     if not (parameter.low <= number <= parameter.high and (number.is_integer() or not parameter.integer)):
         what = "a whole number" if parameter.integer else "a number"
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"

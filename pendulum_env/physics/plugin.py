@@ -1,4 +1,4 @@
-"""Effects in a file of the user's own, without a package around it."""
+"""Load effects from Python files."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _loaded: dict[Path, tuple[type[Term], ...]] = {}
 
 
 class PluginError(UserError):
-    """File of effects that cannot be used; the message has the place and the reason."""
+    """Invalid file of effects; the message has the place and the reason."""
 
 
 def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
-    """Run a Python file whose effects register themselves; returns them. `register` checks each class.
+    """Run a Python file that registers effects, and return them.
 
-    It runs once: what is loaded again is what it was.
+    The file runs once; later calls return the same effects.
 
     Raises:
-        PluginError: if there is no such file, it fails, or it registers nothing.
+        PluginError: if the file is missing, fails, or registers no effect.
     """
     file = Path(path).resolve()
     if file not in _loaded:
@@ -44,12 +44,12 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
 
 
 def list_plugins() -> tuple[Path, ...]:
-    """List the loaded files of effects, which a process that this one starts has to load, too."""
+    """List the loaded files, which a child process must load too."""
     return tuple(_loaded)
 
 
 def describe_fault(error: BaseException) -> PluginError | None:
-    """Describe an error in the code of an effect of a file or package; None for other errors."""
+    """Return the PluginError of an error in the code of a loaded effect, or None for other errors."""
     files = (*_loaded, *(Path(inspect.getfile(kind)) for kind in library.load_installed()))
     return next((_make_plugin_error(error, file, file) for file in files if _find_lines(error, file)), None)
 
@@ -60,7 +60,7 @@ def _run(file: Path, path: str | Path) -> None:
     spec = importlib.util.spec_from_file_location(file.stem, file)
     assert spec is not None and spec.loader is not None, "a .py file has a loader"
     module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(file.stem, module)  # dataclasses look there for the module of a class
+    sys.modules.setdefault(file.stem, module)  # dataclasses find the module of a class here
     try:
         spec.loader.exec_module(module)
     except SyntaxError as error:
@@ -74,6 +74,6 @@ def _make_plugin_error(error: BaseException, file: Path, path: str | Path) -> Pl
 
 
 def _find_lines(error: BaseException, file: Path) -> list[int | None]:
-    """Find the lines of a file that an error, and its cause after it, came through."""
+    """Return the lines of a file in the traceback of an error and of its cause."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
     return lines + (_find_lines(error.__cause__, file) if error.__cause__ is not None else [])

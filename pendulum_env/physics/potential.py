@@ -1,4 +1,4 @@
-"""Torques that depend on the angle alone and store energy."""
+"""Effects with torque that depends on the angle and stores energy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 
-FINEST = 400  # order of cogging, twice the ratio of usual gears
+FINEST = 400  # largest order of cogging, twice the ratio of usual gears
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class GravityTilt(Term):
 class Cogging(Term):
     """Torque of the magnets on the slots, s sin Nq + c cos Nq, N periods in a turn; motors often have several orders N.
 
-    Orders beyond the first are none, 0, unless the data call for them, where each wave was seen several times: waves of
-    any orders draw any curve.
+    Further orders are 0, for none, unless the data require them. They are tried only if the motion covers several
+    periods, because waves of any order fit any curve.
     """
 
     order: float = 12.0
@@ -51,7 +51,7 @@ class Cogging(Term):
 
     @property
     def _orders(self) -> list[tuple[str, float]]:
-        """Return the orders N with the ends of their parameters' names."""
+        """Return the nonzero orders N with the suffixes of their parameters."""
         more = [(f"_{k}", getattr(self, f"order_{k}")) for k in range(2, 6)]
         return [("", self.order), *((end, n) for end, n in more if not isinstance(n, float | np.ndarray) or np.any(n))]
 
@@ -66,7 +66,7 @@ class Cogging(Term):
 
 
 def _make_wave(end: str, n: float) -> tuple[Column, Column]:
-    """Make sine and cosine of cogging with n periods in a turn; `end` completes their names."""
+    """Make the sine and cosine columns of cogging with n periods per turn; `end` is the suffix of their names."""
     return (
         Column(
             f"cogging.sin{end}",
@@ -87,7 +87,7 @@ def _make_wave(end: str, n: float) -> tuple[Column, Column]:
 class Spring(Term):
     """Elastic pull towards a rest angle, k (q - q0): a cable or hose; linear in k and in k q0.
 
-    One that hardens or softens is of degree 3, k q - k q0 + k2 q^2 + k3 q^3, if data call for that.
+    A hardening or softening spring has degree 3, k q - k q0 + k2 q^2 + k3 q^3, if the data require it.
     """
 
     degree: float = 1.0
@@ -102,9 +102,9 @@ class Spring(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         preload = _make_power("spring.preload", "N m", 0)
-        if isinstance(self.degree, float | np.ndarray) and not np.any(np.asarray(self.degree) > 1):  # no symbol
+        if isinstance(self.degree, float | np.ndarray) and not np.any(np.asarray(self.degree) > 1):  # not symbolic
             return _make_power("spring.stiffness", "N m/rad", 1), preload
-        # a negative stiffness and gravity would fit any curve between them
+        # negative stiffness and gravity together would fit any curve
         pulls = _make_power("spring.stiffness", "N m/rad", 1, least=0.0)
         return (
             pulls,
@@ -133,10 +133,10 @@ def _make_power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
 class HardStop(Term):
     """Ends of the range of motion, elastic with losses: k (x + c x x' + T x') at a depth x beyond `lower` or `upper`.
 
-    Both stops are of one kind, and push but never pull; a stop at infinity is none. The hysteresis c is that of a
-    bumper, whose losses begin gently: of a slow impact at speed v the share 1 - 2 c v / 3 of the speed comes back. The
-    damping time T is that of a spring and a damper side by side, d = k T, which push at once when they are met.
-    Source: Hunt and Crossley, Journal of Applied Mechanics 42(2), 1975, who compare the two; here with exponent 1.
+    Both stops have the same stiffness and losses, and only push; an infinite limit is no stop. The hysteresis c is that
+    of a bumper with losses that begin at zero: after a slow impact at speed v, the joint leaves with the share 1 - 2 c
+    v / 3 of the speed. The damping time T is that of a parallel spring and damper, d = k T, with a jump of the torque
+    at contact. Source: Hunt and Crossley, Journal of Applied Mechanics 42(2), 1975, with exponent 1.
     """
 
     lower: float = -np.inf
@@ -174,7 +174,7 @@ class HardStop(Term):
         )
 
     def _loss(self, x: Samples) -> Array:
-        """Return the inelastic part of the push [rad], at most all of it."""
+        """Return the inelastic torque per unit of stiffness [rad], bounded so that the stop does not pull."""
         depth = self._depth(x)
         inwards = np.sign(depth) * x.velocity
         lost = (self.hysteresis * np.abs(depth) + self.damping_time * (depth != 0)) * inwards
@@ -182,7 +182,7 @@ class HardStop(Term):
         return pushed
 
     def _depth(self, x: Samples) -> Array:
-        """Compute the penetration of a stop [rad], negative at the lower one."""
+        """Return the penetration of a stop [rad], negative at the lower stop."""
         beyond: Array = np.maximum(x.position - self.upper, 0.0) + np.minimum(x.position - self.lower, 0.0)
         return beyond
 

@@ -1,4 +1,4 @@
-"""Errors of the position sensor."""
+"""Effects of the position sensor."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ Function = Callable[[Array], Array]
 class EncoderEccentricity(Term):
     """Encoder error of N periods in a turn: it reads q + e sin(Nq + phase), written as s sin Nq + c cos Nq.
 
-    A disc off centre has N = 1, a tilted or elliptic one N = 2. The equation of motion holds for the true angle,
-    q - s sin Nq - c cos Nq in terms of the reading q. To first order in e that adds, per unit of s,
-    -(I d^2/dt^2 + mgl cos q + b d/dt) sin Nq, and the same of cos Nq per unit of c; inertia, gravity and viscous
-    friction follow the model's own.
+    An eccentric disc has N = 1, a tilted or elliptic disc N = 2. The equation of motion holds for the true angle, which
+    is q - s sin Nq - c cos Nq for the reading q. To first order in e, this adds -(I d^2/dt^2 + mgl cos q + b d/dt) sin
+    Nq per unit of s, and the same with cos Nq per unit of c. Inertia, gravity and viscous friction equal those of the
+    model.
     """
 
     inertia: float = 0.09
@@ -57,5 +57,5 @@ class EncoderEccentricity(Term):
         )
 
     def _add_load(self, x: Samples) -> tuple[ArrayLike, ArrayLike]:
-        """Return inertia [kg m^2] and gravity [N m] with the known load on the joint."""
+        """Return inertia [kg m^2] and gravity [N m] including the known load."""
         return self.inertia + x.load.inertia, self.gravity + x.load.gravity

@@ -1,10 +1,10 @@
-"""Batched simulation of pendulums with set-valued dry friction.
+"""Simulate batches of pendulums with set-valued dry friction.
 
-Each step is the explicit midpoint rule with the direction of friction held, as long as the joint keeps its direction.
-When the velocity reaches zero inside a step, the step is cut there: the joint sticks if dry friction can balance the
-rest, and otherwise leaves in the direction of the net torque for the time that remains. Second order in the step, where
-the implicit step of Moreau (v = 0 if |v*| <= h fc / I, else v* - h fc sgn v* / I) is first order; both share its exact
-stick. Source of the set-valued law: Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008.
+A step is the explicit midpoint rule with a constant direction of friction, as long as the joint keeps its direction. If
+the velocity reaches zero within a step, the step is split there: the joint sticks if dry friction can balance the net
+torque, and otherwise moves in the direction of the net torque for the remaining time. The scheme is of second order
+with exact stick. The implicit step of Moreau (v = 0 if |v*| <= h fc / I, else v* - h fc sgn v* / I) is of first order.
+Source of the set-valued law: Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008.
 """
 
 from __future__ import annotations
@@ -35,25 +35,25 @@ from pendulum_env.physics.term import (
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-LONGEST_STEP = 1e-3  # [s], of the integrator; a recording with a longer period is simulated in substeps
-LEAST = 1e-9  # [kg m^2], moment of inertia that a fit may propose
-UNBOUNDED = 1e6  # [rad/s]; a simulation faster than this has diverged and is held there, so that no NaN comes out
+LONGEST_STEP = 1e-3  # [s], longest integration step; longer periods have substeps
+LEAST = 1e-9  # [kg m^2], least moment of inertia in a simulation
+UNBOUNDED = 1e6  # [rad, rad/s], bound of the state of a diverged simulation, which avoids NaN
 
 
 class Trajectory(NamedTuple):
-    """Simulated motion at the start of every period and at the end of the last one."""
+    """Simulated motion at the start of each period and at the end of the last one."""
 
     position: Array  # (N + 1, B) [rad]
     velocity: Array  # (N + 1, B) [rad/s]
 
 
 class TorqueBalance:
-    """Torque balance of a batch of pendulums: columns with their coefficients, sorted by their part in the equation."""
+    """Torque balance of a batch of pendulums: weighted masses, forces and dry friction of all columns."""
 
     def __init__(self, terms: Sequence[Term], theta: Array, loaded: bool = False) -> None:
-        """Take the terms and theta (P,) or one column for each pendulum (P, B), in the order of the terms' columns.
+        """Set the terms and the linear parameters theta, (P,) or (P, B), in the order of the columns.
 
-        Known loads of the samples count only if the pendulums are `loaded`.
+        `loaded` includes the known load of the samples.
         """
         self.terms, self.theta, self.loaded = tuple(terms), theta, loaded
         self._remembering = [term for term in terms if term.has_memory]
@@ -63,12 +63,12 @@ class TorqueBalance:
         self._mass = [(coefficient, column.mass) for column, coefficient in weighted if column.mass is not zero]
         self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
         self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
-        # of most models these two do not change, and a step of one pendulum asks for them twice
+        # constant for most models
         self._steady_mass = np.maximum(sum(c for c, _ in self._mass), LEAST) if _sum_constant(self._mass) else None
         self._steady_dry = sum(c for c, _ in self._dry) if _sum_constant(self._dry) else None
 
     def __reduce__(self) -> tuple[type[TorqueBalance], tuple[Sequence[Term], Array, bool]]:
-        return TorqueBalance, (self.terms, self.theta, self.loaded)  # columns hold functions, which cannot be pickled
+        return TorqueBalance, (self.terms, self.theta, self.loaded)  # functions of columns cannot be pickled
 
     @property
     def has_states(self) -> bool:
@@ -76,11 +76,11 @@ class TorqueBalance:
         return bool(self._remembering)
 
     def start(self, x: Samples) -> dict[str, Memory]:
-        """Return the states of all terms, for a joint that has been as in `x` for long."""
+        """Return the steady states of all terms for the samples x."""
         return {term.id: term.start(x) for term in self._remembering}
 
     def advance(self, x: Samples, velocity: Array, duration: ArrayLike) -> Mapping[str, Memory]:
-        """Return the states of all terms after `duration` [s], the joint moving on from `x` at a velocity (B,)."""
+        """Return the states of all terms after `duration` [s] of motion from x at a constant velocity (B,)."""
         if not self._remembering:
             return x.memory
         x = replace(x, velocity=velocity)
@@ -94,26 +94,26 @@ class TorqueBalance:
         return total
 
     def net(self, x: Samples) -> ArrayLike:
-        """Return the torque left for acceleration and dry friction [N m]."""
+        """Return the torque minus all forces except dry friction [N m]."""
         return x.torque - self._sum(self._force, x)
 
     def mass(self, x: Samples) -> ArrayLike:
-        """Return the moment of inertia [kg m^2], kept positive against a bad fit."""
+        """Return the moment of inertia [kg m^2], at least `LEAST`."""
         return np.maximum(self._sum(self._mass, x), LEAST) if self._steady_mass is None else self._steady_mass
 
     def dry(self, x: Samples) -> ArrayLike:
-        """Return the magnitude of dry friction [N m], kept positive; a term with memory may replace some of it."""
+        """Return the magnitude of dry friction [N m]; it may be negative in a bad fit."""
         return self._sum(self._dry, x) if self._steady_dry is None else self._steady_dry
 
     def evaluate_at(self, x: Samples, stage: str) -> tuple[Any, Any]:
-        """Return `net` and `dry` at a stage of a step; symbols get names for the reader."""
+        """Return `net` and `dry` at a stage of a step, and label symbols with it."""
         set_label(x.position, f"position_at_{stage}")
         set_label(x.velocity, f"velocity_at_{stage}")
         return set_label(self.net(x), f"net_at_{stage}"), set_label(self.dry(x), f"dry_at_{stage}")
 
 
 def begin(balance: TorqueBalance, position: ArrayLike, velocity: ArrayLike) -> Samples:
-    """Begin of a run of a joint, scalars, or of several (B,), that have been so for long."""
+    """Return the samples at the start of a run, scalars or (B,), with steady states of all terms."""
     rest: Any = np.zeros(np.shape(position))[()]
     x = Samples(rest, np.float64(position), np.float64(velocity), rest)  # type: ignore[arg-type]
     return replace(x, memory=balance.start(x))
@@ -124,7 +124,7 @@ def _sum_constant(parts: list[tuple[ArrayLike, Law]]) -> bool:
 
 
 def _oppose_motion(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLike:
-    """Return the accelerating torque: friction opposes the motion, or holds a joint at rest if it can."""
+    """Return the torque after dry friction [N m], which opposes the motion or holds a joint at rest."""
     moving = net - dry * direction
     if not may_be_true(direction == 0):
         return moving
@@ -133,14 +133,14 @@ def _oppose_motion(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLik
 
 
 def count_substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
-    """Return the number of integration steps in a period."""
+    """Return the number of integration steps per period [s]."""
     return max(1, int(np.ceil(find_longest(period) / longest_step - 1e-9)))
 
 
 def move_half_way(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> tuple[Array, Samples]:
-    """Return the direction in which friction acts over a step of `duration` [s], and the samples at its middle.
+    """Return the direction of motion over a step of `duration` [s], and the samples at its middle.
 
-    A joint at rest takes the direction of the net torque if friction cannot hold it, else 0.
+    For a joint at rest, this is the direction of the net torque, or 0 if friction holds the joint.
     """
     v, h = x.velocity, duration
     direction = np.sign(v)
@@ -155,10 +155,10 @@ def move_half_way(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> tu
 
 
 def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
-    """Advance time, position, velocity and memory by `duration` [s] under constant commanded torque; all (B,).
+    """Advance time, position, velocity and states, each (B,), by `duration` [s] under a constant torque.
 
-    Compiled simulations and exports run it on symbols in the place of arrays, which NumPy's operators and functions
-    take, but neither `np.asarray` nor a branch that `may_be_true` does not guard.
+    Compiled simulations and exports call this function with symbols in place of arrays. Therefore it uses only
+    operators and functions of `symbols`, and guards branches by `may_be_true`.
     """
     q, v, h = x.position, x.velocity, duration
     direction, middle = move_half_way(balance, x, h)
@@ -171,7 +171,7 @@ def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
 
     stops = new_v * direction < 0
     if may_be_true(stops):
-        # v + a t = 0 inside the step: stop there, then stick or leave with what is left of the step
+        # v + a t = 0 within the step: stop, then stick or move for the remaining time
         elapsed = np.where(stops, np.clip(-v / np.where(stops, a, 1.0), 0.0, h), h)
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
         at_rest = np.zeros_like(new_v)
@@ -185,12 +185,12 @@ def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
 
 
 def clip_state(values: Array) -> Array:
-    """Clip values to +-`UNBOUNDED`; NaN is replaced, too."""
+    """Clip values to +-`UNBOUNDED`, and replace NaN."""
     return np.fmin(np.fmax(values, -UNBOUNDED), UNBOUNDED)
 
 
 def delay_torque(torque: Array, before: Array, periods: float) -> Array:
-    """Return the held command (N, B) that arrives `periods` late; `before` is older, oldest first."""
+    """Delay a held command (N, B) by a number of periods; `before` (M, B) are previous commands, oldest first."""
     whole = int(np.floor(periods))
     share = periods - whole
     missing = max(0, whole + 1 - len(before))
@@ -201,20 +201,20 @@ def delay_torque(torque: Array, before: Array, periods: float) -> Array:
 
 
 class CommandLine:
-    """Path of a command to the joint, one period at a time: terms of the model may delay it."""
+    """Delay line of the torque command, by the delays of the terms."""
 
     def __init__(self, terms: Sequence[Term], period: float, substeps: int) -> None:
-        """Create a delay line without earlier commands."""
+        """Make a delay line without previous commands; `period` is in seconds."""
         self._substeps, self._h = substeps, period / substeps
         self._past: Array | None = None  # commands of the last substeps, oldest first
         self.take(terms)
 
     def take(self, terms: Sequence[Term]) -> None:
-        """Go on with the delay of other terms; what was commanded before stays on its way."""
+        """Set the delay of other terms, and keep previous commands."""
         self._periods = sum(term.delay for term in terms) / self._h  # delay in substeps
 
     def push(self, torque: ArrayLike) -> Iterable[Any]:
-        """Return the torque in each substep of the period over which `torque`, () or (B,), is commanded."""
+        """Return the delayed torque of each substep of a period with the command `torque`, () or (B,)."""
         if self._periods == 0:
             return itertools.repeat(torque, self._substeps)
         now = np.repeat(np.asarray(torque, dtype=float)[None], self._substeps, axis=0)
@@ -223,7 +223,7 @@ class CommandLine:
         return iter(delay_torque(now, before, self._periods))
 
     def forget(self, which: Mask) -> None:
-        """Restart pendulums (B,)."""
+        """Clear the previous commands of the pendulums in the mask `which` (B,)."""
         self._past = None if self._past is None else np.where(which, 0.0, self._past)
 
 
@@ -243,23 +243,22 @@ def simulate(
     observe: Callable[[Samples], None] | None = None,
     program: PreparedStep | None = None,
 ) -> Trajectory:
-    """Simulate B pendulums in free run under a torque command that is held over each period.
+    """Simulate B pendulums under a torque command that is held over each period.
 
     Args:
-        terms: terms of the model, with P linear parameters in all.
+        terms: terms of the model, with P linear parameters in total.
         theta: linear parameters, (P,) for all pendulums or (P, B).
-        period: time between commands, scalar or, without a term that delays the torque, (B,) [s].
-        torque: command, (N,) for all pendulums or (N, B) [N m]; fewer columns are repeated, such as those of B / V
-            pendulums that each of V models simulates.
+        period: time between commands [s], scalar or, without delays, (B,).
+        torque: command [N m], (N,) for all pendulums or (N, B). Fewer columns, B / V for V models, are repeated.
         position: initial position, scalar or (B,) [rad].
         velocity: initial velocity, scalar or (B,) [rad/s].
         start: time of the first command, scalar or (B,) [s].
-        before: commands before the first, (M,) or (M, B), for terms that delay the torque; zero where unknown.
-        memory: initial state variables of terms with memory, where they are known; else those of long rest.
+        before: previous commands, (M,) or (M, B), for terms that delay the torque; default zero.
+        memory: initial states by id of the term; by default the steady states.
         longest_step: longest integration step [s].
-        load: known load, inertia and gravity scalars or (B,), torque a scalar or the mean over each period (N, B).
-        observe: called, after the run, with all that is known at the start of every period and at the end of the last.
-        program: of these terms, as `prepare_step` gives it; None prepares one.
+        load: known load, with inertia and gravity () or (B,), and torque () or its mean over each period (N, B).
+        observe: function called after the run with the samples at the start of each period and at the end.
+        program: result of `prepare_step` for the terms; None prepares one.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
@@ -306,7 +305,7 @@ def simulate(
 
 
 def _apply_command(x: Samples, given: Array) -> Samples:
-    """Return samples under the command of a step, and under the load torque if there is one, (1 or 2, B)."""
+    """Return the samples with the command and, if given, the load torque of a step, (1 or 2, B)."""
     command, *outside = given
     return replace(x, torque=command, load=x.load._replace(torque=outside[0]) if outside else x.load)
 
@@ -314,7 +313,7 @@ def _apply_command(x: Samples, given: Array) -> Samples:
 def _spread_commands(
     terms: Sequence[Term], torque: Array, before: Array | None, count: int, h: ArrayLike
 ) -> tuple[Array, int]:
-    """Return the torque, delayed as by the terms, and the number of steps of length h [s] over which each is held."""
+    """Return the torque with the delay of the terms, and the number of steps of h [s] per torque."""
     delay = sum(term.delay for term in terms)
     if delay <= 0:
         return torque, count
@@ -325,12 +324,12 @@ def _spread_commands(
 
 
 def stack_rows(x: Samples) -> list[Any]:
-    """Return the varying rows of a step: time, position, velocity and S states of terms."""
+    """Return the rows of a step's state: time, position, velocity and the states of terms."""
     return [x.time, x.position, x.velocity, *(row for memory in x.memory.values() for row in memory)]
 
 
 def unstack_rows(state: Iterable[Array], like: Samples) -> Samples:
-    """Return the samples of such rows, under the torque of other samples."""
+    """Return the samples of the rows of `stack_rows`, with torque and load of the samples `like`."""
     row = iter(state)
     t, q, v = next(row), next(row), next(row)
     memory = {id: tuple(next(row) for _ in memory) for id, memory in like.memory.items()}
@@ -338,19 +337,19 @@ def unstack_rows(state: Iterable[Array], like: Samples) -> Samples:
 
 
 class PreparedStep(NamedTuple):
-    """Compiled step of a model, None if a law is no formula, with the values of its nonlinear parameters."""
+    """Compiled step of a model, None if a law is not symbolic, with the values of nonlinear parameters."""
 
     step: Recurrence | None
     nonlinear: Sequence[ArrayLike]
 
 
 def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> PreparedStep:
-    """Prepare to simulate terms, with steps of at most `longest` [s].
+    """Compile a step of terms, for steps of at most `longest` [s].
 
-    The step is written at each call, as a law may depend on more than the terms hold; equal steps are compiled once.
-    `StepPrograms` keeps the steps for data that do not change.
+    Each call writes the step again, because a law may depend on global values; equal steps are compiled once.
+    `StepPrograms` keeps the steps instead.
     """
-    from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
+    from pendulum_env.physics.compiled import compile_recurrence  # slow import
 
     try:
         balance, x, nonlinear = write_balance(terms, loaded)
@@ -360,22 +359,22 @@ def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike
         parts: Any = [x.torque, *(x.load[2:] if loaded else ())], constants, stack_rows(x)
         inputs, known, before = ([symbol.label for symbol in each] for each in parts)
         step_of = compile_recurrence(inputs, known, before, stack_rows(after))
-    except Exception:  # a user's law may do anything that NumPy does
+    except Exception:  # a user's law may raise any error with symbols
         return PreparedStep(None, ())
     return PreparedStep(step_of, list(nonlinear.values()))
 
 
 class StepPrograms:
-    """Compiled steps of models that simulate the same data again and again, while no law changes."""
+    """Cache of compiled steps, valid while no law changes."""
 
     def __init__(self) -> None:
         self._known: dict[Hashable, Recurrence | None] = {}
 
     def __reduce__(self) -> tuple[type[StepPrograms], tuple[()]]:
-        return StepPrograms, ()  # programs cannot be pickled
+        return StepPrograms, ()  # compiled programs cannot be pickled
 
     def find(self, terms: Sequence[Term], prepare: Callable[..., PreparedStep], *others: Hashable) -> PreparedStep:
-        """Return what `prepare` makes of terms and other arguments; terms differ by class and free parameters."""
+        """Return the step of `prepare(terms, *others)`, cached by the terms' classes and free parameters."""
         key = (tuple((type(term), tuple(parameter.name for parameter in term.free)) for term in terms), *others)
         if key not in self._known:
             self._known[key] = prepare(terms, *others).step
@@ -385,10 +384,13 @@ class StepPrograms:
 
 
 def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBalance, Samples, dict[str, ArrayLike]]:
-    """Write the balance of terms in symbols, with its arguments and its nonlinear parameters by name.
+    """Write the torque balance of terms in symbols.
+
+    Returns:
+        Balance, samples of symbols, and values of the nonlinear parameters by symbol.
 
     Raises:
-        Exception: of any kind, if a law is no formula.
+        Exception: of any type, if a law is not symbolic.
     """
     each = [write_symbols(term, place) for place, term in enumerate(terms)]
     theta: Any = [make_symbol(f"theta_{k}") for k in range(sum(len(term.columns) for term, _ in each))]

@@ -1,8 +1,8 @@
-"""Numbers that remember how they were computed, so that a law for NumPy can be written down in another language.
+"""Symbolic numbers for NumPy, which record their computation.
 
-A term's law is a function of NumPy arrays. Called with a `Symbol` in their place it returns the expression it computes,
-and the simulator's own step returns the whole step: what is compiled and what is exported is what is simulated, also
-for effects of a user.
+A law is a function of NumPy arrays. Called with a `Symbol`, it returns its expression; the step of the simulation
+returns the expression of the whole step. Compiled and exported models are therefore identical to the simulated ones,
+including a user's effects.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ class Symbol(NDArrayOperatorsMixin):
     """Symbolic value: a name, or an operation on other values.
 
     Attributes:
-        op: the operation.
-        inputs: what it is applied to.
-        label: name that a reader should see.
-        most: largest value of a time, which tells how many steps it takes.
+        op: name of the operation.
+        inputs: operands.
+        label: name of the value for a reader.
+        most: largest value of a duration [s], for the number of steps.
     """
 
     op: str
@@ -51,9 +51,9 @@ class Symbol(NDArrayOperatorsMixin):
     __hash__ = object.__hash__
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        if method != "__call__" or options:  # where= and out= say more than the expression would
+        if method != "__call__" or options:  # where= and out= are not supported
             raise TypeError(f"np.{ufunc.__name__} with {', '.join(options) or method} has no written form")
-        if any(isinstance(x, np.ndarray) and x.dtype == object for x in inputs):  # of symbols, one by one
+        if any(isinstance(x, np.ndarray) and x.dtype == object for x in inputs):  # arrays of symbols, elementwise
             return ufunc(*map(box, inputs))
         if ufunc.__name__ == "square":
             return inputs[0] * inputs[0]
@@ -68,7 +68,7 @@ class Symbol(NDArrayOperatorsMixin):
 
     @property
     def largest(self) -> float:
-        """Return the largest value, where it is known."""
+        """Return the largest value, if known."""
         if self.most is None:
             raise TypeError("a largest value has no written form")
         return self.most
@@ -92,22 +92,22 @@ FUNCTIONS: dict[Any, Any] = {
 
 
 def may_be_true(condition: Any) -> bool:
-    """Return whether a condition may be true; a symbolic one may, since both branches are evaluated."""
+    """Return whether a condition may be true; always True for a symbol, which evaluates both branches."""
     return isinstance(condition, Symbol) or bool(condition.any() if isinstance(condition, np.ndarray) else condition)
 
 
 def find_longest(duration: Any) -> float:
-    """Return the longest of some durations, or its bound."""
+    """Return the longest of durations, or the bound of a symbolic duration."""
     return duration.largest if isinstance(duration, Symbol) else float(np.max(duration))
 
 
 def make_symbol(text: str, most: float | None = None) -> Symbol:
-    """Make the symbol of a given value, with its largest value if known."""
+    """Make a symbol with a name and, if known, a largest value."""
     return Symbol(NAME, label=text, most=most)
 
 
 def make_symbols(text: str, *shape: int) -> Any:
-    """Make an array of given values, with NumPy's operators; a symbol without a shape."""
+    """Make an array of named symbols, or a single symbol without a shape."""
     if not shape:
         return make_symbol(text)
     given = np.empty(shape, dtype=object)
@@ -117,7 +117,7 @@ def make_symbols(text: str, *shape: int) -> Any:
 
 
 def box(value: Any) -> Any:
-    """Box a symbol into an array of no dimensions, so that NumPy broadcasts it; return other values as they are."""
+    """Box a symbol into an array of shape (), so that NumPy broadcasts it; return other values unchanged."""
     if not isinstance(value, Symbol):
         return value
     boxed = np.empty((), dtype=object)
@@ -126,16 +126,16 @@ def box(value: Any) -> Any:
 
 
 def make_operation(op: str, *inputs: Any) -> Operand:
-    """Make an operation, simplified if it can be."""
+    """Make an operation, simplified if possible."""
     operands = tuple(x if isinstance(x, Symbol) else float(x) for x in inputs)
-    if op == "add" and all(map(_is_condition, operands)):  # of truth values, as of NumPy's
+    if op == "add" and all(map(_is_condition, operands)):  # NumPy adds truth values so
         return Symbol("logical_or", operands)
     if op == "power" and not isinstance(operands[1], Symbol) and operands[1] == 2.0:
         return make_operation("multiply", operands[0], operands[0])
     if op == WHERE and not isinstance(operands[0], Symbol):
         return operands[1] if operands[0] else operands[2]
     short = _simplify(op, operands) if op in BINARY else Symbol(op, operands)
-    if op == "multiply" and isinstance(short, Symbol):  # a part of a time
+    if op == "multiply" and isinstance(short, Symbol):  # a share of a duration
         share, whole = operands
         if isinstance(whole, Symbol) and whole.most is not None and not isinstance(share, Symbol) and share > 0:
             short.most = share * whole.most
@@ -143,7 +143,7 @@ def make_operation(op: str, *inputs: Any) -> Operand:
 
 
 def _simplify(op: str, operands: tuple[Operand, ...]) -> Operand:
-    """Simplify an operation with a neutral element."""
+    """Simplify an operation with a neutral or absorbing element."""
     first, second = operands
     is_number = [not isinstance(x, Symbol) for x in operands]
     if op == "add" and is_number[0] and first == 0:
@@ -172,23 +172,23 @@ def _is_condition(operand: Operand) -> bool:
 
 
 def set_label(value: Any, label: str) -> Any:
-    """Label a computed value for the reader, if it has no name yet."""
+    """Label a symbol without a label; return the value."""
     if isinstance(value, Symbol) and not value.label:
         value.label = label
     return value
 
 
 def repeat(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Array, every: int = 1) -> Array:
-    """Run a step by NumPy, for steps that are no formula.
+    """Run a step by NumPy, for steps that are not symbolic.
 
     Args:
-        step: states after a step, of what is given and of the states before it.
-        inputs: given at each step (N, ...).
-        states: at the start (S, ...).
-        every: steps from one state that is kept to the next.
+        step: function from inputs and states to the states after a step.
+        inputs: inputs of each step (N, ...).
+        states: initial states (S, ...).
+        every: steps between returned states.
 
     Returns:
-        States at the start and after every so many steps (N / every + 1, S, ...).
+        States at the start and after each `every` steps (N / every + 1, S, ...).
     """
     path, now = [states], states
     for k, given in enumerate(inputs):
@@ -199,7 +199,7 @@ def repeat(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Arr
 
 
 def sort_symbols(results: Sequence[Operand]) -> Iterator[Symbol]:
-    """Sort all symbols that the results need, each after its inputs."""
+    """Yield the symbols of the results, each after its inputs."""
     seen: set[Symbol] = set()
     waiting = [x for x in reversed(results) if isinstance(x, Symbol)]
     while waiting:
@@ -215,7 +215,7 @@ def sort_symbols(results: Sequence[Operand]) -> Iterator[Symbol]:
 
 
 def merge_equal(results: Sequence[Operand]) -> tuple[list[Symbol], dict[Symbol, Symbol]]:
-    """Merge equal symbols: return them in order, and the representative of each."""
+    """Merge equal symbols; return the distinct symbols in order, and the representative of each symbol."""
     known: dict[object, Symbol] = {}
     same: dict[Symbol, Symbol] = {}
     order = []

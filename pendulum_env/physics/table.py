@@ -1,10 +1,10 @@
-"""Functions that no effect is: of the angle, of the speed, or of time, by cubic B-splines.
+"""Tables: nonparametric functions of angle, speed or time by cubic B-splines.
 
-They are terms like any other, which are fitted, confirmed on held-out data, simulated and exported, but no effects that
-a diagnosis proposes: they tell what is there, not why. They compete with the effects by the same score: where a table
-predicts significantly better, and explains most of what effects leave, these only imitate it. A table is orthogonal to
-what it would else share with the model, as gravity, an offset or Coulomb friction, and natural at its ends, beyond
-which it stays at what it is there. A function of time is another in each recording, so that no model keeps it.
+A table is a term that is fitted, confirmed on held-out data, simulated and exported, but not proposed as a cause. It
+competes with the effects by the same score. If a table predicts significantly better and explains most of the effects'
+residual, the effects are imitations. A table is orthogonal to functions that the model contains, such as gravity, an
+offset or Coulomb friction. It has zero curvature at its ends and is constant beyond them. A function of time differs
+between recordings, so models do not keep it.
 
 Source: de Boor, A Practical Guide to Splines, 2001.
 """
@@ -26,7 +26,7 @@ from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term, derive_kind
 from pendulum_env.reading import Number, Text, convert
 
-FARTHEST, NARROWEST = 1e6, 1e-6  # of a table in a file [rad, rad/s]
+FARTHEST, NARROWEST = 1e6, 1e-6  # [rad, rad/s], largest end and least relative width of a table in a file
 OF_ANGLE: dict[str, Callable[[Array], Array]] = {
     "one": np.ones_like,
     "line": np.positive,
@@ -36,9 +36,9 @@ OF_ANGLE: dict[str, Callable[[Array], Array]] = {
 
 
 class Extent(NamedTuple):
-    """Range of a table, in rad, rad/s or s, and its number of pieces; -pi to pi is periodic.
+    """Range of a table [rad, rad/s or s] and number of pieces; the range -pi to pi is periodic.
 
-    A torque by angle leaves the functions named `beside` to terms that have them already.
+    `beside` names the angle functions that other terms contain, to which a torque by angle is orthogonal.
     """
 
     low: float
@@ -62,7 +62,7 @@ class _Extent(Struct):
 
 
 def read_table(kind: type[Table], data: Any, key: str) -> Table:
-    """Make a table over the extent under a key of a model file."""
+    """Make a table from the extent under a key of a model file."""
     extent = Extent(*astuple(convert(data, _Extent, key)))
     least = 0.0 if kind.axis == "velocity" else -FARTHEST
     is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))
@@ -74,7 +74,7 @@ def read_table(kind: type[Table], data: Any, key: str) -> Table:
 
 
 class TableCurve(NamedTuple):
-    """Table as a function: arguments, values and their standard errors, (N,) each."""
+    """Table as a function: arguments, values and standard errors, (N,) each."""
 
     x: Array
     value: Array
@@ -83,25 +83,25 @@ class TableCurve(NamedTuple):
 
 @dataclass(frozen=True)
 class Table(Term):
-    """A function of one quantity; its parameters are linear, and its extent belongs to the class: see `with_extent`."""
+    """Function of one quantity with linear parameters; the extent belongs to the class, see `with_extent`."""
 
     extent: ClassVar[Extent] = Extent(-1.0, 1.0, 4)
     axis: ClassVar[str] = ""
     unit: ClassVar[str] = "N m"
-    is_dry: ClassVar[bool] = False  # whether it is set-valued friction, and no smooth torque
-    is_gain: ClassVar[bool] = False  # whether it is a share of the commanded torque, none where the table begins
+    is_dry: ClassVar[bool] = False  # whether the torque is set-valued friction
+    is_gain: ClassVar[bool] = False  # whether the table is a share of the commanded torque, zero at its low end
 
     @classmethod
     def with_extent(cls, extent: Extent) -> type[Self]:
-        """Return the table over another extent."""
+        """Return the class of the table with another extent."""
         return cast(type[Self], _set_extent(cls.__dict__.get("bare_table", cls), extent))
 
     def without_known_functions(self, terms: Sequence[Term]) -> Table:
-        """Return the table without the functions of its argument that terms of a model contain."""
+        """Return the table orthogonal to the functions of its argument that the terms contain."""
         return self
 
     def covers(self, x: Samples) -> bool:
-        """Return whether the table reaches over samples (N,), so that it can predict their torque."""
+        """Return whether the extent covers samples (N,), so that the table predicts their torque."""
         return True
 
     @classmethod
@@ -111,7 +111,7 @@ class Table(Term):
 
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
-        """Return the functions of the argument that the model has already, to which the table is orthogonal."""
+        """Return the functions of the argument to which the table is orthogonal."""
         return ()
 
     @classmethod
@@ -128,7 +128,7 @@ class Table(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return _make_columns(type(self))  # type: ignore[arg-type]  # classes can be hashed
+        return _make_columns(type(self))  # type: ignore[arg-type]  # classes are hashable
 
     @classmethod
     def basis(cls, argument: ArrayLike) -> list[ArrayLike]:
@@ -136,7 +136,7 @@ class Table(Term):
         return [_sum(cls, argument, row) for row in _compute_weights(cls)]  # type: ignore[arg-type]
 
     def curve(self, theta: Array, covariance: Array | None = None) -> TableCurve:
-        """Evaluate the function of linear parameters (P,), with standard errors from their covariance (P, P)."""
+        """Evaluate the function for linear parameters (P,), with standard errors from their covariance (P, P)."""
         x = np.linspace(self.extent.low, self.extent.high, 241)
         phi = np.column_stack([np.broadcast_to(column, x.shape) for column in self.basis(x)])
         variance = np.zeros(len(x)) if covariance is None else np.einsum("np,pq,nq->n", phi, covariance, phi)
@@ -144,14 +144,14 @@ class Table(Term):
 
 
 def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
-    """Sum cubic B-splines at an argument; `weights` by the number of the knot at their centre."""
+    """Sum cubic B-splines at an argument; `weights` are keyed by the index of the spline's central knot."""
     low, high, pieces, _ = kind.extent
     if kind.extent.is_turn:
         inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
     else:
         low, high = (float(cast(float, kind.warp(end))) for end in (low, high))
         inside = np.clip(kind.warp(argument), low, high)
-    at = (inside - low) * (pieces / (high - low))  # from 0 to the number of pieces
+    at = (inside - low) * (pieces / (high - low))  # in pieces from the low end
     total: ArrayLike = 0
     for knot, weight in weights.items():
         apart = np.absolute(at - float(knot))
@@ -162,7 +162,7 @@ def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -
 
 
 def _evaluate_spline(apart: Any) -> Any:
-    """Evaluate the cubic B-spline `apart` knots from its centre."""
+    """Evaluate the cubic B-spline at a distance of `apart` knots from its centre."""
     near, far = np.maximum(1.0 - apart, 0.0), np.maximum(2.0 - apart, 0.0)
     return (far * far * far - 4.0 * (near * near * near)) / 6.0
 
@@ -174,10 +174,10 @@ def _set_extent(kind: type[Table], extent: Extent) -> type[Table]:
 
 @cache
 def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
-    """Compute the weights of splines for each coefficient of a table, under all conditions."""
+    """Compute the spline weights of each coefficient of a table, subject to orthogonality and end conditions."""
     low, high, pieces = kind.extent[:3]
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
-    fine = 2000  # points over which functions are orthogonal
+    fine = 2000  # points of the inner product
     x = low + (high - low) * (np.arange(fine) + 0.5) / fine
 
     def at(x: Array) -> Array:
@@ -186,14 +186,14 @@ def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     conditions = [at(x) @ law(x) / fine for law in kind.laws()]
     if kind.is_gain:
         conditions.append(at(np.array([low]))[:, 0])
-    if not kind.extent.is_turn:  # no bend at the ends
+    if not kind.extent.is_turn:  # zero curvature at the ends
         bend = np.zeros(len(knots))
         bend[:3] = 1.0, -2.0, 1.0
         conditions += [bend, bend[::-1]]
-    rows = np.array(conditions).reshape(-1, len(knots))  # of a turn alone there may be none
+    rows = np.array(conditions).reshape(-1, len(knots))  # a periodic table may have no conditions
     order = scipy.linalg.qr(rows, mode="r", pivoting=True)[1]
     bound, free = order[: len(rows)], np.sort(order[len(rows) :])
-    shares = np.linalg.solve(rows[:, bound], rows[:, free])  # of each bound coefficient, by the free ones
+    shares = np.linalg.solve(rows[:, bound], rows[:, free])  # bound coefficients as combinations of the free ones
     return tuple(
         {knots[k]: 1.0}
         | {knots[b]: -float(share) for b, share in zip(bound, shares[:, place], strict=True) if abs(share) > 1e-9}
@@ -212,10 +212,10 @@ def _make_columns(kind: type[Table]) -> tuple[Column, ...]:
 
 @dataclass(frozen=True)
 class ByAngle(Table):
-    """A function of the angle, over a turn where the joint turned."""
+    """Function of the angle, periodic if the joint turned."""
 
     axis = "position"
-    outside: ClassVar[float] = 0.0  # times a piece's share of the samples, that lie beyond either end
+    outside: ClassVar[float] = 0.0  # samples beyond either end, in units of the samples per piece
 
     def covers(self, x: Samples) -> bool:
         low, high, pieces, _ = self.extent
@@ -241,7 +241,7 @@ class TorqueByAngle(ByAngle):
 
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
-        # no line goes on round the turn
+        # a line is not periodic
         return [OF_ANGLE[name] for name in cls.extent.beside if not (name == "line" and cls.extent.is_turn)]
 
 
@@ -285,7 +285,7 @@ class FrictionBySpeed(Table):
 
 @dataclass(frozen=True)
 class PowerOfSpeed(Table):
-    """Friction that grows with any power of the speed: two parameters, where a spline takes as many as two effects."""
+    """Friction that grows with a power of the speed: two parameters."""
 
     power: float = 3.0
 
@@ -302,11 +302,11 @@ class PowerOfSpeed(Table):
 
 @dataclass(frozen=True)
 class ByTime(Table):
-    """A function of time: that of one recording is none of the next."""
+    """Function of time in a single recording."""
 
     axis = "time"
-    most: ClassVar[float] = np.inf  # pieces
-    length: ClassVar[float] = 0.5  # [s] of each, if they are no more than that
+    most: ClassVar[float] = np.inf  # largest number of pieces
+    length: ClassVar[float] = 0.5  # [s], length of a piece, longer if `most` is reached
 
     def covers(self, x: Samples) -> bool:
         return False
@@ -327,21 +327,21 @@ class TorqueByTime(ByTime):
 
 @dataclass(frozen=True)
 class GainByTime(ByTime):
-    """Motor torque that is lost in a share that wanders with time: the joint receives tau (1 - f(t))."""
+    """Motor gain that varies slowly with time: the joint receives tau (1 - f(t))."""
 
     id = "gain_by_time"
     law = "tau f(t)"
     kind = "actuation"
     unit = "1"
     is_gain = True
-    most = 5  # a motor warms and a battery empties slowly
+    most = 5  # slow: temperature of the motor, charge of a battery
 
 
 def refuse_held(terms: Iterable[Term], new: Term) -> None:
-    """Refuse a term beside a table that may be all that it is: no data could tell them apart.
+    """Refuse a new term whose function a table of the model contains, as both would be indistinguishable.
 
     Raises:
-        UserError: with both, and the order in which they can be added.
+        UserError: with both ids and the order in which they can be added.
     """
     for table in terms:
         if isinstance(table, Table) and set(table.without_known_functions([new]).extent.beside) - set(
@@ -350,17 +350,17 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
             raise UserError(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
 
 
-# Those that a model keeps.
+# tables that a model can keep
 TABLES: dict[str, type[Term]] = {kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed)}
 
 
 @cache
 def _trim_ends(kind: type[ByAngle]) -> type[ByAngle]:
-    """Remove the ends with few samples, which predict badly."""
+    """Derive the table without ends that have few samples, which predict badly."""
     return derive_kind(kind, _trim_ends, outside=0.5)
 
 
-COMPETING: tuple[type[Term], ...] = (  # with effects
+COMPETING: tuple[type[Term], ...] = (  # tables that compete with effects
     PowerOfSpeed,
     _trim_ends(TorqueByAngle),
     _trim_ends(FrictionByAngle),

@@ -1,4 +1,4 @@
-"""Sets of terms: what they are called, and what they have of links, hidden states and parameters."""
+"""Properties of sets of terms: ids, links, hidden states and parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -22,7 +22,7 @@ def list_forms(terms: Sequence[Term]) -> frozenset[tuple[str, ...]]:
 
 
 def has_link(terms: Sequence[Term]) -> bool:
-    """Return whether a term has a link behind the motor, whose motion is not measured."""
+    """Return whether a term has a link with unmeasured motion."""
     return any(term.link for term in terms)
 
 
@@ -37,7 +37,7 @@ def find_link(terms: Sequence[Term]) -> Term:
 
 
 def read_encoder(x: Samples, terms: Sequence[Term], at_output: bool) -> Samples:
-    """Return samples with position and velocity of the encoder's shaft, that of the motor or of a link."""
+    """Return the samples with position and velocity of the encoder's shaft, motor or link."""
     if not (at_output and has_link(terms)):
         return x
     position, velocity = x.memory[find_link(terms).id]
@@ -45,11 +45,11 @@ def read_encoder(x: Samples, terms: Sequence[Term], at_output: bool) -> Samples:
 
 
 def move_to_motor(x: Samples, terms: Sequence[Term], at_output: bool) -> Samples:
-    """Return the samples of a joint at long rest, given those with the position that its encoder measures."""
+    """Return the steady samples of the motor, given those with the position of the encoder."""
     if not (at_output and has_link(terms)):
         return x
     link = find_link(terms).id
-    extension = x.position - x.memory[link][0]  # that the weight of the link makes
+    extension = x.position - x.memory[link][0]  # due to the weight of the link
     return replace(x, position=x.position + extension, memory={**x.memory, link: (x.position, x.velocity)})
 
 
@@ -59,7 +59,7 @@ def has_transmission(terms: Sequence[Term]) -> bool:
 
 
 def has_bristles(term: Term) -> bool:
-    """Return whether a term is friction with a state, which is not measured."""
+    """Return whether a term is friction with an unmeasured state."""
     return term.kind == "dissipative" and term.hides
 
 
@@ -71,7 +71,7 @@ def is_dry(term: Term) -> bool:
 
 
 def is_hidden(term: Term) -> bool:
-    """Return whether a term has a hidden state of a link or bristles, which shows in motion more than in windows."""
+    """Return whether a term has an unmeasured state of a link or of friction."""
     return term.link or has_bristles(term)
 
 
@@ -87,17 +87,17 @@ def set_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike])
 
 
 def find_untested_ends(term: Term, low: float, high: float, units: JointUnits = TURNING) -> dict[str, Quantity]:
-    """Return the ends `low` and `high` of a motion [rad] beyond which a term may act; empty if none."""
+    """Return the ends `low` and `high` of the tested range [rad] beyond which a term may act."""
     ends = zip(("low", "high"), (low, high), term.open_ends, strict=True)
     unit = units.unit("rad")
     return {name: Quantity(value, unit=unit) for name, value, is_open in ends if is_open}
 
 
 def count_term_parameters(term: Term) -> int:
-    """Count the parameters of a term without those that are known."""
+    """Count the parameters of a term, without known ones."""
     return sum(not column.is_known for column in term.columns) + sum(not parameter.follows for parameter in term.free)
 
 
 def count_parameters(terms: Sequence[Term]) -> int:
-    """Count the parameters of terms without those that are known."""
+    """Count the parameters of terms, without known ones."""
     return sum(count_term_parameters(term) for term in terms)

@@ -1,4 +1,4 @@
-"""Effects that change with time; time counts from the start of a recording."""
+"""Effects that change with the time since the start of a recording."""
 
 from dataclasses import dataclass
 
@@ -49,7 +49,7 @@ class PayloadChange(Term):
         )
 
     def _after(self, x: Samples) -> Array:
-        """Return whether the change has happened."""
+        """Return 1 after the change, else 0."""
         return np.where(x.time >= self.moment, 1.0, 0.0)
 
 
