@@ -83,8 +83,8 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
 class Coupling(Term):
     """Inertia and friction of a motor at q_a + s q_b of two joints, s = 1 or -1, as in geared wrists and cable drives.
 
-    Its torque acts on joint a, and s times that torque on joint b. Made by `get_coupling`. Source: Gautier, Janot and
-    Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (Staubli TX40).
+    Its torque acts on joint a, and s times that torque on joint b. Made by `get_coupling`.
+    Source: Gautier, Janot and Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (Staubli TX40).
     """
 
     id = "coupling"

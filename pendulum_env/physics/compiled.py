@@ -46,11 +46,7 @@ CALLS = {  # LLVM functions by operation; some call the C library
     "arctan": "atan",
 }
 LIBRARY = ("rint", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
-PI = (
-    3.141592651605606,
-    1.9841871479187034e-09,
-    1.1442377452219664e-17,
-)  # pi = 27 bits + 25 bits + the rest
+PI = (3.141592651605606, 1.9841871479187034e-09, 1.1442377452219664e-17)  # 27 bits, 25 bits and the rest
 ODD = (  # coefficients of x, x^3, x^5, ...: minimax polynomial of the sine up to pi / 2, error 3e-19
     1.0,
     -0.16666666666666666,

@@ -85,8 +85,8 @@ class LoadDependentFriction(Term):
 
     Each side of the teeth has its own coefficient: mu for the motor torque without the back-EMF, mu_o for the load,
     which is the model's gravity w plus the known load. If the motor drives all motion, mu and the scale of the torque
-    are indistinguishable. Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo
-    Actuators, 2024.
+    are indistinguishable.
+    Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo Actuators, 2024.
     """
 
     weight: float = 0.0
@@ -187,8 +187,8 @@ class Presliding(Term):
     """Dry friction that acts as a stiff spring before it slips: f z instead of f sgn q', with d z' = q' - |q'| z.
 
     After a reversal, the state z changes from -1 to 1 over a few displacements d. f is the part of the dry friction
-    with this behaviour, usually all. Stiffness at reversal: f / d. Source: Dahl, Aerospace Corporation report TOR-0158,
-    1968.
+    with this behaviour, usually all. Stiffness at reversal: f / d.
+    Source: Dahl, Aerospace Corporation report TOR-0158, 1968.
     """
 
     displacement: float = 0.02

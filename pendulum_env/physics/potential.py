@@ -134,9 +134,9 @@ class HardStop(Term):
     """Ends of the range of motion, elastic with losses: k (x + c x x' + T x') at a depth x beyond `lower` or `upper`.
 
     Both stops have the same stiffness and losses, and only push; an infinite limit is no stop. The hysteresis c is that
-    of a bumper with losses that begin at zero: after a slow impact at speed v, the joint leaves with the share 1 - 2 c
-    v / 3 of the speed. The damping time T is that of a parallel spring and damper, d = k T, with a jump of the torque
-    at contact. Source: Hunt and Crossley, Journal of Applied Mechanics 42(2), 1975, with exponent 1.
+    of a bumper with losses that begin at zero: after a slow impact at speed v, the speed is lower by the share 2 c v /
+    3. The damping time T is that of a parallel spring and damper, d = k T, with a jump of the torque at contact.
+    Source: Hunt and Crossley, Journal of Applied Mechanics 42(2), 1975, with exponent 1.
     """
 
     lower: float = -np.inf

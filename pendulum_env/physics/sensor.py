@@ -16,9 +16,9 @@ class EncoderEccentricity(Term):
     """Encoder error of N periods in a turn: it reads q + e sin(Nq + phase), written as s sin Nq + c cos Nq.
 
     An eccentric disc has N = 1, a tilted or elliptic disc N = 2. The equation of motion holds for the true angle, which
-    is q - s sin Nq - c cos Nq for the reading q. To first order in e, this adds -(I d^2/dt^2 + mgl cos q + b d/dt) sin
-    Nq per unit of s, and the same with cos Nq per unit of c. Inertia, gravity and viscous friction equal those of the
-    model.
+    is q - s sin Nq - c cos Nq for the reading q. To first order in e, this adds, per unit of s,
+    -(I d^2/dt^2 + mgl cos q + b d/dt) sin Nq, and per unit of c the same with cos Nq. Inertia, gravity and viscous
+    friction equal those of the model.
     """
 
     inertia: float = 0.09
