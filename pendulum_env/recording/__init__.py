@@ -1,4 +1,4 @@
-"""Recordings of a pendulum: one record type, alone or together as a study, read from files and written to them."""
+"""Recordings and studies, read from files and written to files."""
 
 from pendulum_env.errors import RecordingError
 from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, Load, TorqueConstant

@@ -1,4 +1,4 @@
-"""Find the unit of an angle from the motion: gravity acts with the sine of radians."""
+"""Find the unit of an angle from the motion, in which gravity acts with the sine of radians."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,23 +13,23 @@ from pendulum_env.recording.vocabulary import UNITS
 from pendulum_env.tone import has_one_frequency
 
 DEGREE, TURN = UNITS["position"]["deg"], UNITS["position"]["rev"]  # [rad]
-SMOOTHING = 0.05  # [s] window of the second derivative
-CLEAR = 0.1  # of the misfit of radians, below which that of another unit tells the unit
-BETTER = 0.82  # the same, of gravity about a zero that is unknown, if its wave number is that of turns as well
-LONG = 8.0  # [s] of motion, from which such a difference is no accident
-NEAR = 1.2  # ratio of wave numbers that are the same; those of radians and turns differ by 6.3
-ORDERS = (5, 6, 7)  # of cogging, whose torque over radians resembles gravity over turns
-WOUND = 10 * np.pi  # [rad] that a spring at a joint may be wound up and down, at the most
+SMOOTHING = 0.05  # [s], window of the second derivative
+CLEAR = 0.1  # ratio to the misfit of radians below which another unit is found
+BETTER = 0.82  # the same for gravity about an unknown zero with the wave number of turns
+LONG = 8.0  # [s], least motion for `BETTER`
+NEAR = 1.2  # largest ratio of equal wave numbers; those of radians and turns differ by 6.3
+ORDERS = (5, 6, 7)  # orders of cogging over radians that resemble gravity over turns
+WOUND = 10 * np.pi  # [rad], largest range of a spring at a joint
 
 
 @dataclass(frozen=True)
 class UnitSuspicion:
-    """Unit other than radians that a motion suggests."""
+    """Unit other than radians, found from a motion."""
 
     unit: str  # deg or rev
-    range: tuple[float, float]  # of the angle, as it was read [rad]
-    residual: float  # of gravity in that unit, in the proportion to that in radians
-    is_certain: bool = True  # else a spring over radians explains the motion as well
+    range: tuple[float, float]  # range of the angle, read as radians [rad]
+    residual: float  # ratio of the misfit to that of radians
+    is_certain: bool = True  # False if a spring over radians also explains the motion
 
     @property
     def name(self) -> str:
@@ -38,14 +38,14 @@ class UnitSuspicion:
 
     @property
     def text(self) -> str:
-        """Return the evidence for that unit, as the subject of an error."""
+        """Return the evidence for the unit, for an error message."""
         if self.unit == "rev":
             return f"gravity acts on position as on turns, with a residual of {self.residual:.1%} of that in radians"
         low, high = self.range
         return f"position runs from {low:.4g} to {high:.4g} and gravity acts on it as on degrees"
 
     def note(self, columns: Mapping[str, str]) -> Note:
-        """Note that the angle may have that unit, with the columns that read it so."""
+        """Return a note on the possible unit, with the option `columns` that selects it."""
         low, high = (Quantity(end, unit="rad") for end in self.range)
         return Note(NoteKind.MAY_BE_DEGREES, ("position",), {"low": low, "high": high}, columns=columns)
 
@@ -55,11 +55,11 @@ class AccelerationFit:
     """Regression of the acceleration of N samples on torque, friction and columns of gravity.
 
     Attributes:
-        position: smoothed (N,) [rad].
-        velocity: (N,) [rad/s].
-        acceleration: (N,) [rad/s^2].
-        torque: smoothed, of unit size (N,).
-        is_odd: second of each sample is odd (N,).
+        position: smoothed position (N,) [rad].
+        velocity: velocity (N,) [rad/s].
+        acceleration: acceleration (N,) [rad/s^2].
+        torque: smoothed torque, scaled to a maximum of 1 (N,).
+        is_odd: whether the second of each sample is odd (N,).
         period: time between samples [s].
     """
 
@@ -72,12 +72,12 @@ class AccelerationFit:
 
     @classmethod
     def from_motion(cls, position: Array, torque: Array, rate: float) -> "AccelerationFit | None":
-        """Average the samples to some 200 Hz, 100,000 at most; None if there are fewer than 20."""
+        """Average the samples to about 200 Hz and at most 100,000 samples; return None for fewer than 20."""
         stride = max(1, round(rate / 200.0))
         count = min(len(position) // stride, 100_000)
         if count < 20:
             return None
-        torque = torque / max(np.abs(torque).max(), np.finfo(float).tiny)  # only its shape matters
+        torque = torque / max(np.abs(torque).max(), np.finfo(float).tiny)  # scale is a fitted parameter
         q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (position, torque))
         step = stride / rate
         window = (min(max(5, round(SMOOTHING / step)), count) - 1) | 1  # odd
@@ -86,7 +86,7 @@ class AccelerationFit:
         return cls(filter_savitzky_golay(q, window, 3), v, a, filter_savitzky_golay(tau, window, 3), is_odd, step)
 
     def compute_misfit(self, *gravity: Array) -> float:
-        """Return the residual norm of every other second, predicted by the fit of the seconds between [rad/s^2]."""
+        """Return the residual norm [rad/s^2] of even and odd seconds, each predicted by the fit of the others."""
         v, a, odd = self.velocity, self.acceleration, self.is_odd
         phi = np.column_stack([self.torque, v, np.sign(v), np.ones_like(v), *gravity])
         phi /= np.abs(phi).max(axis=0) + np.finfo(float).tiny
@@ -94,12 +94,12 @@ class AccelerationFit:
         return float(np.linalg.norm(np.concatenate(left)))
 
     def compute_misfit_in_unit(self, factor: float) -> float:
-        """Return the misfit with gravity if position times `factor` is in radians."""
+        """Return the misfit [rad/s^2] with gravity, if position times `factor` is in radians."""
         x = factor * self.position
         return min(self.compute_misfit(np.sin(x)), self.compute_misfit(np.sin(x), np.cos(x)))
 
     def has_wave_number(self, factor: float) -> bool:
-        """Return whether sin(f q + phase) explains the motion best with f near a factor, of half to twice of it."""
+        """Return whether the best f of sin(f q + phase), from factor / 2 to 2 factor, is near the factor."""
         numbers = factor * np.geomspace(0.5, 2.0, 25)
         best = numbers[
             np.argmin([self.compute_misfit(np.sin(f * self.position), np.cos(f * self.position)) for f in numbers])
@@ -108,20 +108,20 @@ class AccelerationFit:
 
 
 def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = True) -> UnitSuspicion | None:
-    """Find another unit of an angle (N,) that was read as radians, from the action of gravity.
+    """Find another unit of an angle (N,) that was read as radians, from the torque of gravity.
 
-    Turns are found where their misfit is a tenth of that of radians, with or without a spring. Smaller swings about an
-    unknown zero bend gravity less: there the misfit of turns has to be the lower one, at the wave number of turns.
-    Cogging of an order near 2 pi must not explain the motion better by more than 5 %.
-    Degrees that cover more than 2 pi are found by a smaller difference. Below 30 degrees the sine is straight, as is a
-    spring over radians: the unit is uncertain. So it is in a motion of one frequency, whose position is proportional to
-    its acceleration, if a torque drives it: gravity on degrees may imitate an error of the torque.
+    Turns are found if their misfit is below `CLEAR` times that of radians, with or without a spring. In small swings
+    about an unknown zero, gravity is nearly linear: then the misfit of turns must be below `BETTER` times that of
+    radians, at the wave number of turns. Turns are rejected if cogging of an order near 2 pi explains the motion better
+    by more than 5 %. Degrees that cover more than 2 pi are found by a smaller difference. The unit is uncertain for
+    motion below 30 degrees, where the sine is linear like a spring over radians. It is also uncertain for driven motion
+    of one frequency, in which position is proportional to acceleration and gravity may imitate an error of the torque.
 
     Args:
-        position: uniformly sampled, in one segment.
-        torque: (N,), in any unit.
+        position: uniformly sampled angle of one segment (N,).
+        torque: torque (N,) in any unit.
         rate: samples per second [Hz].
-        turns: whether it may be in turns.
+        turns: whether to test for turns.
     """
     fit = AccelerationFit.from_motion(position, torque, rate)
     if fit is None:
@@ -152,13 +152,13 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
 
 
 def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | None:
-    """Suspect degrees if gravity fits better on them; position has to cover more than 2 pi."""
+    """Find degrees if gravity fits them better, for a position that covers more than 2 pi."""
     if np.ptp(position) <= 2 * np.pi:
         return None
     v, count = fit.velocity, len(fit.velocity)
     radians, degrees, none = fit.compute_misfit_in_unit(1.0), fit.compute_misfit_in_unit(DEGREE), fit.compute_misfit()
-    # Of 100 real and simulated runs, those in degrees have ratios below 0.945 here, those in radians above 0.975.
-    if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(count):  # [rad/s^2], mere noise
+    # In 100 real and simulated runs, the ratio is below 0.945 for degrees and above 0.975 for radians.
+    if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(count):  # [rad/s^2], noise only
         return None
     time = np.linspace(-1.0, 1.0, count)
     other = min(
@@ -167,7 +167,7 @@ def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | N
         fit.compute_misfit(v * np.abs(v)),
         fit.compute_misfit(time, time**2),
     )
-    spare = 0.01 * none  # what is left of next to nothing is no matter
+    spare = 0.01 * none  # ignores differences of tiny misfits
     if degrees + spare >= 0.96 * (min(other, none) + spare):
         return None
     return UnitSuspicion("deg", _find_range(position), degrees / radians, is_certain=bool(np.ptp(position) > WOUND))

@@ -1,4 +1,4 @@
-"""Parquet, and tables in memory that Arrow understands: data frames of pandas and Polars, tables of pyarrow."""
+"""Read Parquet, and tables in memory by Arrow: data frames of pandas and Polars, and tables of pyarrow."""
 
 from collections.abc import Callable
 from functools import partial
@@ -15,20 +15,20 @@ from pendulum_env.recording.vocabulary import INDICES
 
 
 def read_frame(data: Any, find: ColumnFinder) -> RawTable:
-    """Read the columns in need of a table in memory; an index of time is the time."""
+    """Read the needed columns of a table in memory; an unnamed index of times becomes the time."""
     try:
         table = pa.table(data)
-    except (pa.ArrowInvalid, pa.ArrowTypeError):  # pandas: a column of texts and numbers
+    except (pa.ArrowInvalid, pa.ArrowTypeError):  # a pandas column of mixed types
         return read_arrays({name: data[name].to_numpy() for name in data.columns}, find)
-    index = INDICES[1]  # of pandas, where it has no name
+    index = INDICES[1]  # unnamed index of pandas
     if index in table.column_names and (pa.types.is_temporal(kind := table[index].type) or pa.types.is_floating(kind)):
         table = table.rename_columns(["time" if name == index else name for name in table.column_names])
     return build_table(_list_series(table.slice(0, 1), len(table), table.column), find)
 
 
 def read_parquet(path: Path, find: ColumnFinder) -> RawTable:
-    """Read the columns in need of a Parquet file."""
-    import pyarrow.parquet as pq  # takes a while to import
+    """Read the needed columns of a Parquet file."""
+    import pyarrow.parquet as pq  # slow import
 
     with pq.ParquetFile(path, pre_buffer=False) as file:
         head = next(file.iter_batches(1), None)
@@ -42,7 +42,7 @@ def read_parquet(path: Path, find: ColumnFinder) -> RawTable:
 def _list_series(
     head: pa.Table | pa.RecordBatch | None, rows: int, read: Callable[[str], pa.ChunkedArray]
 ) -> dict[str, Series]:
-    """List the columns of an Arrow table by its first row."""
+    """Return the columns of an Arrow table by name, from its first row."""
     if not rows or head is None:
         raise RecordingError("the table has no rows: record it again")
 

@@ -1,8 +1,8 @@
-"""ROS bags, of ROS 1 and 2, and MCAP: every number in a message is a column named by its path, `/arm/effort[0]`.
+"""Read bags of ROS 1 and 2 and MCAP; each number in a message is a column named by its path, `/arm/effort[0]`.
 
-Joint states are named by joint, `/joint_states/elbow/position`, since their order may change. Time is that of a
-message's header, or else when it was received. What comes in other messages than position is taken at the times of
-these: torque as it was last, the others by interpolation.
+Joint states are named by joint, `/joint_states/elbow/position`, because their order may change. Time is that of the
+message's header, or else of its reception. Quantities of other topics than position are converted to the times of
+position: torque is held, other quantities are interpolated.
 """
 
 import os
@@ -20,12 +20,12 @@ from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import WIDEST, ColumnFinder, RawTable, require_module
 
-TIME = "time"  # the name of the column that every message has
-JOINT = ("position", "velocity", "effort")  # fields of a joint state, one element a joint
+TIME = "time"  # name of the time column of all messages
+JOINT = ("position", "velocity", "effort")  # fields of a joint state, with one element per joint
 
 
 def read_bag(path: Path, find: ColumnFinder) -> RawTable:
-    """Read the numbers in need from a bag, a folder that is one, or MCAP."""
+    """Read the needed columns of a bag, as a file or a folder, or of MCAP."""
     require_module("rosbags")
     with closing(_open_reader(path)) as reader:
         samples: dict[str, dict[str, float]] = {}
@@ -50,7 +50,7 @@ def read_bag(path: Path, find: ColumnFinder) -> RawTable:
 
 
 def _open_reader(path: Path) -> Any:
-    """Open a reader of a bag; if it defines no messages, use those that ship with ROS, which load slowly."""
+    """Open a reader of a bag; without message definitions, load those of ROS, which is slow."""
     from rosbags.highlevel import AnyReader, AnyReaderError
 
     reader = AnyReader([path])
@@ -65,7 +65,7 @@ def _open_reader(path: Path) -> Any:
 
 
 def _read_series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.int64], dict[str, Array]]:
-    """Read time [ns] since 1970 and fields of the messages of one topic, in the order of time."""
+    """Read time since 1970 [ns] and fields of the messages of a topic, ordered by time, (N,) each."""
     times, rows = [], []
     for connection, received, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
         message = reader.deserialize(raw, connection.msgtype)
@@ -106,7 +106,7 @@ def _merge_topics(
 
 
 def _list_numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
-    """Yield path and value of every number in a message."""
+    """Yield path and value of each number in a message."""
     if {"name", *JOINT} <= set(getattr(message, "__dataclass_fields__", ())):
         for field in JOINT:
             for joint, value in zip(message.name, getattr(message, field), strict=False):
@@ -130,4 +130,4 @@ def _list_numbers(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
 
 def is_bag(path: Path) -> bool:
     """Return whether a folder is a bag of ROS 2."""
-    return os.path.isfile(path / "metadata.yaml")  # False of a name that is too long, too
+    return os.path.isfile(path / "metadata.yaml")  # False for a too long name

@@ -1,4 +1,4 @@
-"""Sheets of Excel, and arrays that hold texts: read as the text of their cells."""
+"""Read Excel sheets and arrays of texts as the text of their cells."""
 
 import csv
 import io
@@ -32,7 +32,7 @@ def read_excel(path: Path, find: ColumnFinder) -> RawTable:
 
 
 def read_cells(columns: dict[str, FileColumn], cells: Mapping[str, NDArray[Any]]) -> RawTable:
-    """Read columns of arrays in memory, by quantity, as those of a text file: some of them hold text."""
+    """Read arrays by quantity, some of texts, like the columns of a text file."""
     made = {quantity: _make_cells(values) for quantity, values in cells.items()}
     file = pa.BufferOutputStream()
     pacsv.write_csv(pa.table(made), file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas

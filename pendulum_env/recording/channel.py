@@ -1,4 +1,4 @@
-"""Channel of the torque, perhaps a current, and the known loads that determine its torque constant."""
+"""Unit of the torque channel, known loads, and the torque constant that they determine."""
 
 import math
 from dataclasses import dataclass
@@ -8,18 +8,18 @@ from pendulum_env.errors import RecordingError
 from pendulum_env.formatting import format_estimate
 
 NEWTON_METRE = "N m"
-PER_INERTIA = "rad/s^2"  # unit of a torque that is divided by the inertia
+PER_INERTIA = "rad/s^2"  # unit of torque divided by inertia
 
 
 @dataclass(frozen=True)
 class Load:
-    """Known load that hung on the joint during one recording, in addition to the mechanism.
+    """Known load on the joint during one recording, in addition to the mechanism.
 
-    A load torque that was measured is the column `load_torque` of the recording.
+    A measured load torque is the column `load_torque` of the recording.
     """
 
     inertia: float  # [kg m^2] about the axis
-    gravity: float  # [N m], torque that holds it out level
+    gravity: float  # [N m], torque that holds the load horizontal
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.inertia) and self.inertia >= 0):
@@ -35,17 +35,17 @@ class TorqueConstant:
     value: float  # [N m/unit]
     std: float  # standard error [N m/unit]
     of: str  # unit of the logged channel: `A`, `V` or `duty`
-    loads: int = 0  # how many different ones it is known from, none counting as one; 0 if none told it
+    loads: int = 0  # number of different known loads, including no load; 0 if unknown
     by_load_torque: bool = False  # whether a measured load torque determines it
 
     @property
     def unit(self) -> str:
-        """Return `N m/A`."""
+        """Return the unit, `N m/A`."""
         return f"N m/{self.of}"
 
     @property
     def text(self) -> str:
-        """Return `torque constant 0.873 ± 0.004 N m/A, from 8 known loads`."""
+        """Return the constant as text: `torque constant 0.873 ± 0.004 N m/A, from 8 known loads`."""
         name = "torque constant" if self.of == "A" else "torque gain"
         sources = ["the load torque"] if self.by_load_torque else []
         sources += [f"{self.loads} known loads"] if self.loads > 1 else []
@@ -53,6 +53,6 @@ class TorqueConstant:
         return f"{name} {format_estimate(self.value, self.std)} {self.unit}, {source}"
 
     def json(self) -> JSON:
-        """Return a plain dictionary for JSON."""
+        """Return a dictionary for JSON."""
         found = {"value": self.value, "std": self.std, "unit": self.unit, "loads": self.loads}
         return {**found, "by_load_torque": self.by_load_torque}

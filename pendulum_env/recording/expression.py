@@ -1,11 +1,11 @@
-"""Expression of a column: name, unit, sign, gains, ratios and offset in one line of text.
+"""Parse the expression of a column: name, unit, sign, gains, ratios and offset.
 
     [-]NAME[:UNIT][*GAIN or /RATIO, repeated][+OFFSET[:UNIT] or -OFFSET[:UNIT]]
 
-`torque=current:A*0.091`, `position=-motor_angle/6`, `position=enc:counts/4096`, `position=angle:deg-90`. Gains,
-ratios and offsets are numbers or `pi`; the offset comes last, after the gains, in the column's unit unless it names
-one. A gain that is to be found is `?`: `torque=current:A*?`. The name of a column, such as
-`rate-of-turn`, is no expression.
+`torque=current:A*0.091`, `position=-motor_angle/6`, `position=enc:counts/4096`, `position=angle:deg-90`. Gains, ratios
+and offsets are numbers or `pi`. The offset comes last and is added after the gains, in its own unit or else that of the
+column. An unknown gain is `?`: `torque=current:A*?`. A text that equals the name of a column, such as `rate-of-turn`,
+is not parsed.
 """
 
 import math
@@ -16,18 +16,18 @@ from dataclasses import dataclass
 from pendulum_env.errors import ColumnError
 
 GRAMMAR = "NAME:UNIT*GAIN/RATIO+OFFSET:UNIT"
-LONGEST_UNIT = 64  # characters: to look for one in a long text takes the square of its length
+LONGEST_UNIT = 64  # characters of a unit; the search time grows with the square
 NUMBER = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi\b")
 FACTOR = re.compile(rf"\s*([*/])\s*([+-]?(?:{NUMBER.pattern})|\?)\s*")
 OFFSET = re.compile(rf"\s*([+-])\s*({NUMBER.pattern})\s*(?::(.*))?$", re.S)
 
 
 class UnknownColumnError(ColumnError):
-    """No column has this name."""
+    """Unknown column name."""
 
 
 class UnknownUnitError(ColumnError):
-    """No unit has this name."""
+    """Unknown unit name."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,15 @@ class Expression:
     """Column of a file with its conversion: gain times column, plus offset."""
 
     name: str
-    unit: str | None = None  # as written, of the column
+    unit: str | None = None  # unit of the column, as written
     factors: tuple[str, ...] = ()  # as written: `*0.091`, `/6`, `*?`
     offset: str | None = None  # as written: `-90`
-    offset_unit: str | None = None  # as written; None: that of the column
+    offset_unit: str | None = None  # as written; None: unit of the column
     negative: bool = False
 
     @property
     def gain(self) -> float:
-        """Return the product of sign, gains and ratios; an unknown gain counts as one."""
+        """Return the product of sign, gains and ratios, with 1 for an unknown gain."""
         gain = -1.0 if self.negative else 1.0
         for factor in self.factors:
             if factor != "*?":
@@ -67,7 +67,7 @@ class Expression:
 
 
 def parse_expression(text: str, headers: Sequence[str], units: Collection[str]) -> Expression:
-    """Read an expression."""
+    """Parse an expression with the names of the columns and the letters of known units."""
     text = text.strip()
     if text in headers:
         return Expression(text)
@@ -91,7 +91,7 @@ def parse_expression(text: str, headers: Sequence[str], units: Collection[str]) 
 
 
 def normalise_name(unit: str) -> str:
-    """Strip case, spacing and brackets from a unit or name: `Pos [°]` becomes `posdeg`. Other signs stay."""
+    """Remove case, spaces, brackets and separators from a unit or name: `Pos [°]` becomes `posdeg`."""
     return re.sub(r"[\s_\-./·⋅*^()\[\]{}:,]+", "", unit.lower().replace("°", "deg"))
 
 
@@ -119,9 +119,9 @@ def _parse_rest(name: str, negative: bool, rest: str, units: Collection[str]) ->
 
 
 def _split_unit(text: str, units: Collection[str]) -> tuple[str, str]:
-    """Split off the longest unit that the text begins with; the rest begins with a sign if there is any.
+    """Split a text into its longest leading unit and the rest, which is empty or begins with a sign.
 
-    Units contain signs, too: `rad/s/6` is radians per second, a sixth of them.
+    Units may contain signs: `rad/s/6` has the unit rad/s and the ratio 6.
     """
     ends = [*(match.start() for match in re.finditer(r"[*/+-]", text[:LONGEST_UNIT])), len(text)]
     for end in reversed(ends):

@@ -1,4 +1,4 @@
-"""MATLAB of any version, and HDF5: arrays in structures or groups by their path."""
+"""Read MATLAB files and HDF5; arrays in structures or groups are named by their path."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,11 +9,11 @@ import scipy
 from pendulum_env.recording.arrays import build_table, flatten_structures
 from pendulum_env.recording.table import ColumnFinder, RawTable, require_module
 
-DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures that hold no samples
+DESCRIPTIONS = ("dimensions", "name")  # fields of MATLAB structures without samples
 
 
 def read_mat(path: Path, find: ColumnFinder) -> RawTable:
-    """Read MATLAB files: up to v7 by SciPy, v7.3 as HDF5; fields of structures are named `run.position`."""
+    """Read MATLAB files, up to v7 by SciPy and v7.3 as HDF5; fields are named `run.position`."""
     with path.open("rb") as file:
         if file.read(128).startswith(b"MATLAB 7.3"):
             return read_hdf5(path, find)
@@ -29,8 +29,8 @@ def read_mat(path: Path, find: ColumnFinder) -> RawTable:
 def read_hdf5(path: Path, find: ColumnFinder) -> RawTable:
     """Read datasets of HDF5 by their paths, `run/position`; external links are not followed.
 
-    Of MATLAB 7.3, structures and their arrays are named as in older files: `run.position`, `out.signals[0].values[1]`.
-    Texts, names and sizes are no columns.
+    Structures and arrays of MATLAB 7.3 are named as in older files: `run.position`, `out.signals[0].values[1]`. Texts,
+    names and sizes are ignored.
     """
     require_module("h5py")
     import h5py
@@ -52,7 +52,7 @@ def _collect_datasets(group: Any, path: str) -> Iterator[tuple[str, Any]]:
 
 
 def _find_members(group: Any) -> Iterator[tuple[str, Any]]:
-    """Map names to groups and datasets of a group, without links and external datasets."""
+    """Yield names and members of a group, without links and external datasets."""
     import h5py
 
     for name in group:
@@ -67,9 +67,9 @@ def _is_whole(dataset: Any) -> bool:
 
 
 def _read_matlab_value(item: Any) -> Any:
-    """Convert a value of MATLAB 7.3 to that of older files; numeric datasets stay unread.
+    """Convert a value of MATLAB 7.3 to that of older files, without reading numeric datasets.
 
-    An array of structures is a group of fields, a cell is a dataset: they hold references to what they contain.
+    An array of structures is a group of fields, and a cell is a dataset; both hold references to their elements.
     """
     import h5py
 

@@ -1,4 +1,4 @@
-"""Which columns of its file a recording was read from, and how to change them."""
+"""Columns of the file of a recording, and options that read them differently."""
 
 import math
 from collections.abc import Mapping
@@ -14,12 +14,12 @@ DEGREE = UNITS["position"]["deg"]  # [rad]
 
 @dataclass(frozen=True)
 class Origin:
-    """Format in which a file was read.
+    """Columns from which a recording was read.
 
     Attributes:
-        columns: by quantity, as they were recognised or told.
-        named: what the user said of columns, by quantity.
-        are_counts: whether position is whole numbers without a unit that cover more than 720.
+        columns: recognised or given columns by quantity.
+        named: expressions of the user by quantity.
+        are_counts: whether position may be encoder counts: integers without a unit with a range above 720.
     """
 
     columns: Mapping[str, FileColumn]
@@ -28,32 +28,32 @@ class Origin:
 
     @property
     def slides(self) -> bool:
-        """Return whether positions are in metres, so that the joint slides."""
+        """Return whether positions are in metres, as of a linear joint."""
         return self.columns["position"].unit in LINEAR["position"]
 
     def change_column(self, quantity: str, **changes: Any) -> dict[str, str]:
-        """Return columns by quantity that read one with changes of its `Expression`, others as the user named them."""
+        """Return the option `columns` with changes of the `Expression` of a quantity."""
         return {**self.named, quantity: str(replace(self._get_expression(quantity), **changes))}
 
     def change_to_counts(self) -> dict[str, str]:
-        """Return the columns with position in counts, for example 4096 per turn."""
+        """Return the option `columns` with position in counts, for example 4096 per turn."""
         factors = ("/4096", *self._get_expression("position").factors)
         return self.change_column("position", unit="counts", factors=factors)
 
     def flip_sign(self, quantity: str) -> dict[str, str]:
-        """Return the columns with the opposite sign of one of them, offset included."""
+        """Return the option `columns` with the opposite sign of a quantity, including its offset."""
         old = self._get_expression(quantity)
         offset = None if old.offset is None else ("+" if old.offset[0] == "-" else "-") + old.offset[1:]
         return self.change_column(quantity, negative=not old.negative, offset=offset)
 
     def omit_column(self, quantity: str) -> dict[str, str]:
-        """Return the columns without an optional one."""
+        """Return the option `columns` without an optional quantity."""
         return {**self.named, quantity: NONE}
 
     def shift_zero(self, angle: float, digits: int) -> dict[str, str] | None:
-        """Return the columns with an angle [rad] added to position and reference, written in degrees.
+        """Return the option `columns` with an angle [rad] added to position and reference, written in degrees.
 
-        None if position is no angle.
+        Return None if position is not an angle.
         """
         places = [quantity for quantity in ("position", "reference") if quantity in self.columns]
         if any(self.columns[quantity].unit not in {None, *UNITS["position"], *RAW["position"]} for quantity in places):
@@ -66,7 +66,7 @@ class Origin:
         return unit is None or (UNITS["position"].get(unit, DEGREE) != DEGREE)
 
     def _get_expression(self, quantity: str) -> Expression:
-        """Return the expression that reads a column as before."""
+        """Return the current expression of a column."""
         column = self.columns[quantity]
         return replace(column.expression, name=column.header, unit=column.expression.unit or column.unit)
 

@@ -1,4 +1,4 @@
-"""Preview of a file: names of its columns and their raw values."""
+"""Preview of a file: column names and raw values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from pendulum_env.recording.table import WIDEST
 
 @dataclass(frozen=True, eq=False)
 class Preview:
-    """The first columns of a file.
+    """First columns of a file.
 
     Attributes:
-        headers: their names.
-        values: of each as they stand in the file (N,), NaN where a cell is empty; None of a column without numbers.
+        headers: names of the columns.
+        values: raw values of each column (N,), NaN for empty cells; None for a column without numbers.
     """
 
     headers: tuple[str, ...]
@@ -25,12 +25,12 @@ class Preview:
 
 
 def read_preview(source: Readable, most: int = WIDEST) -> Preview:
-    """Read the first columns of a file or table as `read_recording` reads those in need."""
+    """Read the first `most` columns of a file or table."""
     headers: list[str] = []
 
     def choose(places: slice, names: Sequence[str], **_: object) -> dict[str, FileColumn]:
         headers[:] = [name.strip() for name in names[:most]]
-        # readers take dates in place of time, and messages at the times of those with the position
+        # readers convert dates of time, and align messages to those of position
         quantities = ("time", "position", *map(str, range(most)))
         chosen = list(enumerate(headers))[places]
         return {q: FileColumn(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}

@@ -1,4 +1,4 @@
-"""The record that everything else works on: time, position and torque, uniformly sampled between gaps."""
+"""Recordings: time, position and torque, uniformly sampled between gaps."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -21,19 +21,19 @@ from pendulum_env.servo import MOTOR, ServoDrive
 from pendulum_env.units import JointUnits
 
 ARRAYS = "{'time': time, 'position': position, 'torque': torque}"  # argument of `read_recording`, in messages
-NO_TORQUE = 1e-9  # [N m], at most: rounding
-BEYOND_NOISE = 3.0  # by which a load torque is larger than its noise, if it drives a joint
-NOISE_ORDER = 4  # of differences, in which a load torque vanishes and its noise does not
-NOISE_GAIN = 0.6745 * 70**0.5  # of their median size: 70 is the sum of squares of 1, -4, 6, -4, 1
+NO_TORQUE = 1e-9  # [N m], largest rounding error of zero torque
+BEYOND_NOISE = 3.0  # least ratio of a load torque to its noise
+NOISE_ORDER = 4  # order of differences, which remove the load torque but not its noise
+NOISE_GAIN = 0.6745 * 70**0.5  # median of |differences| per standard deviation; 70: squares of 1, -4, 6, -4, 1
 
 
 class MovedTorque(NamedTuple):
-    """White noise of a torque that was moved in time.
+    """Noise of a torque that was moved in time.
 
     Attributes:
-        noise: standard deviation before [N m].
-        response: filter that moved it, its response to one sample (L,).
-        is_sampled: whether it was sampled while it changed, so that a jump lies anywhere between two samples.
+        noise: standard deviation of the white noise before the move [N m].
+        response: impulse response of the filter that moved the torque (L,).
+        is_sampled: whether torque was sampled while changing, so that a jump may be anywhere between samples.
     """
 
     noise: float
@@ -43,50 +43,50 @@ class MovedTorque(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Shown):
-    """N samples of one run, all finite, in segments of uniform time; the arrays are read-only float64 views.
+    """N finite samples of one run, in segments of uniform time; the arrays are read-only float64 views.
 
-    Samples of all segments stand in a row, time increases throughout. Within a segment it is uniform, with one period
-    for the whole recording; between segments there is a gap, about which nothing is known. Filters, integrals and
-    simulation therefore start anew in each of `segments`. A time that counts from 1970, or that is of dates
-    (datetime64), is counted from the first sample, and `start_date` keeps its date.
+    Samples of all segments are concatenated, and time increases. Time is uniform within segments, with one period for
+    the whole recording; motion in the gaps between segments is unknown. Filters, integrals and simulations therefore
+    restart in each of `segments`. Time since 1970 or dates (datetime64) are converted to time from the first sample,
+    with the date in `start_date`.
 
-    Without torque it is a free swing: torque is zero.
+    Without torque, the recording is a free swing with zero torque.
 
-    `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as a DAC does it), while `position[k]` and
-    `velocity[k]` are taken at the instant `time[k]`. While the motor is open (`enabled` 0), torque is zero.
-    `load_torque[k]` acts on the joint from outside at the instant `time[k]`, with the sign of `torque`: both add up.
+    `torque[k]` is held from `time[k]` to `time[k + 1]` (zero-order hold, as of a DAC); `position[k]` and `velocity[k]`
+    are sampled at `time[k]`. While the motor is off (`enabled` 0), torque is zero. `load_torque[k]` is an external
+    torque at `time[k]`, with the sign of `torque`; both add up.
 
     Raises:
-        RecordingError: if the arrays differ in shape, a segment holds fewer than two samples, values are not finite,
-            time is uneven or falls, or position is in degrees or turns by the effect of gravity; `read_recording`
-            takes arrays with gaps or jitter.
+        RecordingError: if the arrays differ in shape, a segment has fewer than two samples, values are not finite, time
+            is not uniform and increasing, or gravity shows that position is in degrees or turns. `read_recording`
+            accepts gaps and jitter.
     """
 
     time: Array  # (N,) [s]
     position: Array  # (N,) [rad], unwrapped, 0 hangs down, counter-clockwise positive
-    torque: Array = None  # type: ignore[assignment]  # (N,) [N m]; zero if it is left out
-    velocity: Array | None = None  # (N,) [rad/s], as the sensor reports it; None if it was not recorded
-    notes: tuple[Note, ...] = ()  # on what was changed or guessed at reading
+    torque: Array = None  # type: ignore[assignment]  # (N,) [N m]; default zero
+    velocity: Array | None = None  # (N,) [rad/s], of the sensor; None if not recorded
+    notes: tuple[Note, ...] = ()  # changes and guesses while reading
     starts: tuple[int, ...] = (0,)  # index of the first sample of each segment
-    reference: Array | None = None  # (N,) goal of the controller [rad], of its speed [rad/s], if it was recorded
-    supply: Array | None = None  # (N,) [V], voltage of the bus, if it was recorded
-    enabled: Array | None = None  # (N,), 1 while the motor is powered and 0 while it is open, if it was recorded
-    temperature: Array | None = None  # (N,) [deg C], of the joint, if it was recorded
-    load_torque: Array | None = None  # (N,) [N m], measured at the output, positive where it drives the joint forward
-    load: Load | None = None  # known load on the joint, None if nothing is known of one
-    torque_unit: str = NEWTON_METRE  # or that of a current, `A`, whose gain is to be found
-    torque_constant: TorqueConstant | None = None  # by which a current became the torque, if one did
-    known_inertia: float = 0.0  # [kg m^2], scale of a free swing; 1 if torque is relative to it, 0 if it is unknown
-    drive: ServoDrive | None = None  # the controller that followed the reference, if it is known
-    moved: MovedTorque | None = None  # how its torque was moved in time, if it was
-    origin: Origin | None = None  # the columns of its file, if it was read from one
-    start_date: datetime | None = None  # of the first sample of its file, if the log has a date
-    log_format: Mapping[str, Any] = field(default_factory=dict)  # how it was read, in the words of a study
+    reference: Array | None = None  # (N,) goal of the controller [rad], of a speed controller [rad/s]
+    supply: Array | None = None  # (N,) [V], bus voltage
+    enabled: Array | None = None  # (N,), 1 while the motor is on and 0 while it is off
+    temperature: Array | None = None  # (N,) [deg C], temperature of the joint
+    load_torque: Array | None = None  # (N,) [N m], measured at the output, positive if it drives the joint forward
+    load: Load | None = None  # known load on the joint; None if unknown
+    torque_unit: str = NEWTON_METRE  # or the unit of a current with unknown gain, `A`
+    torque_constant: TorqueConstant | None = None  # constant that converted a current to the torque
+    known_inertia: float = 0.0  # [kg m^2], scale of a free swing; 1 if torque is per inertia, 0 if unknown
+    drive: ServoDrive | None = None  # controller that follows the reference
+    moved: MovedTorque | None = None  # noise of a torque that was moved in time
+    origin: Origin | None = None  # columns of the file
+    start_date: datetime | None = None  # date of the file's first sample
+    log_format: Mapping[str, Any] = field(default_factory=dict)  # reading options, as keys of a study
     name: str = field(default="recording", kw_only=True)
-    is_checked: bool = field(default=False, kw_only=True)  # whether clock and unit of its arrays are known to be right
+    is_checked: bool = field(default=False, kw_only=True)  # whether time and units were checked
 
     def __post_init__(self) -> None:
-        if (time := np.asarray(self.time)).dtype.kind in "mM":  # dates, or durations
+        if (time := np.asarray(self.time)).dtype.kind in "mM":  # dates or durations
             seconds, date = count_seconds(time)
             object.__setattr__(self, "time", seconds)
             object.__setattr__(self, "start_date", self.start_date or date)
@@ -96,7 +96,7 @@ class Recording(Shown):
                 values = np.zeros(self.get_shape(quantity))
             if values is not None:
                 object.__setattr__(self, quantity, self._column(quantity, values))
-        if self.enabled is not None:  # whatever was asked of an open motor
+        if self.enabled is not None:  # commands to a motor that is off have no effect
             object.__setattr__(self, "torque", self._column("torque", self.torque * (self.enabled > 0)))
         if len(self.time) < 2:
             raise RecordingError(f"recording {self.name!r} holds {len(self.time)} samples and needs at least 2")
@@ -113,7 +113,7 @@ class Recording(Shown):
                 f"read_recording({ARRAYS}), which makes it uniform and ends segments at gaps"
             )
         date = find_date(float(self.time[0]))
-        if date is not None or not is_uniform(self.time - self.time[0], self.starts, LOOSE):  # float64 rounds its steps
+        if date is not None or not is_uniform(self.time - self.time[0], self.starts, LOOSE):  # steps rounded by float64
             object.__setattr__(self, "time", self._column("time", count_from_zero(self.time, self.starts)))
             object.__setattr__(self, "start_date", self.start_date or date)
 
@@ -122,7 +122,7 @@ class Recording(Shown):
         object.__setattr__(self, "is_checked", True)
 
     def _check_unit(self) -> None:
-        """Refuse degrees or turns; a note says where a spring over radians may be meant."""
+        """Refuse degrees or turns; add a note if the unit is uncertain."""
         part = max(map(slice, self.starts, (*self.starts[1:], len(self))), key=lambda run: run.stop - run.start)
         found = suspect_unit(self.position[part], self.torque[part], self.rate)
         if found is None:
@@ -162,28 +162,28 @@ class Recording(Shown):
 
     @property
     def units(self) -> JointUnits:
-        """Return the units of its quantities: the joint slides if the position of its file is in metres."""
+        """Return the units of quantities; the joint is linear if the file's position is in metres."""
         return JointUnits(self.torque_unit, self.origin is not None and self.origin.slides)
 
     @property
     def summary(self) -> str:
-        """Return length, rate and number of samples: `30 s at 1000 Hz, 30000 samples`."""
+        """Return duration, rate and number of samples as text: `30 s at 1000 Hz, 30000 samples`."""
         parts = f" in {len(self.starts)} segments" if len(self.starts) > 1 else ""
         return f"{self.duration:.3g} s at {self.rate:.6g} Hz, {len(self)} samples{parts}"
 
     @property
     def rate(self) -> float:
-        """Return the samples per second within segments [Hz]."""
+        """Return the sample rate within segments [Hz]."""
         return (len(self) - len(self.starts)) / self.duration
 
     @property
     def duration(self) -> float:
-        """Return the time from the first to the last sample of each segment, summed [s]."""
+        """Return the sum of the durations of all segments [s]."""
         return sum_durations(self.time, self.starts)
 
     @property
     def segments(self) -> tuple[Self, ...]:
-        """Return the recording cut at its gaps; itself alone if it has none."""
+        """Return the recordings of all segments; the recording itself without gaps."""
         if len(self.starts) == 1:
             return (self,)
         return tuple(
@@ -207,18 +207,18 @@ class Recording(Shown):
 
     @property
     def series(self) -> dict[str, Array]:
-        """Return the recorded series by quantity, with one value, or one per joint, for each sample."""
+        """Return the recorded series by quantity, (N,) each, or (N, n) for quantities of n joints."""
         every = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
         return {quantity: values for quantity, values in every.items() if values is not None}
 
     @property
     def powered(self) -> Array:
-        """Return 1 while the motor is powered and 0 while it is open (N,); 1 if it was not recorded."""
+        """Return 1 while the motor is on and 0 while it is off (N,); 1 if not recorded."""
         return np.ones(len(self)) if self.enabled is None else self.enabled
 
     @property
     def has_torque(self) -> bool:
-        """Return whether the motor or a measured load torque, by more than its noise, acts on the joint."""
+        """Return whether a motor torque, or a load torque above its noise, acts on the joint."""
         if (np.abs(self.torque) > NO_TORQUE).any():
             return True
         if self.load_torque is None:
@@ -234,33 +234,33 @@ class Recording(Shown):
 
     @property
     def actuator(self) -> ServoDrive:
-        """Return what drives the joint: its drive, or a motor whose torque was logged."""
+        """Return the drive of the joint, or a motor with logged torque."""
         return self.drive or MOTOR
 
     @property
     def has_logged_torque(self) -> bool:
-        """Return whether torque was logged or is zero, so that no controller's request stands for it."""
+        """Return whether torque was logged or is zero, and is not computed from a controller."""
         return not self.actuator.is_controller or self.origin is None or "torque" in self.origin.columns
 
     @property
     def is_free(self) -> bool:
-        """Return whether the joint swings freely: nothing drives it, and no controller is known."""
+        """Return whether the joint swings freely, without torque and controller."""
         return not (self.actuator.is_controller or self.has_torque)
 
     @property
     def goal(self) -> Array | None:
-        """Return the position that the controller was asked to follow (N,) [rad]; None if none is known."""
+        """Return the goal of a position controller (N,) [rad], or None."""
         return self.reference if self.actuator.acts_on_position else None
 
     def convert_to_newton_metres(self, constant: TorqueConstant) -> Self:
-        """Return the recording in N m; the torque constant becomes the gain of its drive."""
+        """Return the recording with torque in N m; the torque constant becomes the gain of its drive."""
         torque, drive = constant.value * self.torque, self.drive and self.drive.with_gain(constant.value, constant.of)
         return replace(self, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
 
     def slice(self, start: int | None, stop: int | None) -> Self:
-        """Return samples start to stop - 1, indices as in Python slicing; time is not shifted.
+        """Return the samples start to stop - 1, as in Python slicing, with unchanged time.
 
-        A single sample that is left of the first or of the last segment is dropped.
+        A single remaining sample of the first or last segment is dropped.
         """
         first, last, _ = slice(start, stop).indices(len(self))
         if first + 1 in self.starts:
@@ -276,7 +276,7 @@ class Recording(Shown):
         )
 
     def split(self, fraction: float) -> tuple[Self, Self]:
-        """Return the first `fraction` of the samples, and the rest: `train, holdout = recording.split(0.7)`."""
+        """Return the first `fraction` of the samples and the rest: `train, holdout = recording.split(0.7)`."""
         cut = round(fraction * len(self))
         if not 2 <= cut <= len(self) - 2:
             raise RecordingError(

@@ -24,33 +24,33 @@ def read_recording(
     drive: ServoDrive | None = None,
     name: str | None = None,
 ) -> Recording:
-    """Read a file or table with columns time, position, torque and perhaps velocity, reference, segment and others.
+    """Read a file or table with the columns time, position and torque, and optional further quantities.
 
-    Without a torque column, and if no column of an unknown name could be one, it is a free swing: torque is zero.
+    Without a column that may be torque, the recording is a free swing with zero torque.
 
-    CSV (also .csv.gz, .tsv, .txt), Parquet, NPZ and MATLAB are read as they are; HDF5, MATLAB 7.3, Excel, MCAP and bags
-    of ROS need the extra `formats`.
+    Formats are CSV (also .csv.gz, .tsv, .txt), Parquet, NPZ and MATLAB, and with the extra `formats` HDF5, MATLAB 7.3,
+    Excel, MCAP and ROS bags.
 
-    Columns are found by common names, their units converted to s, rad, N m, rad/s; slightly uneven time is made
-    uniform. Whatever was changed is said in the recording's `notes`.
+    Columns are found by common names, units are converted to s, rad, N m and rad/s, and slightly uneven time is made
+    uniform. All changes are listed in the recording's `notes`.
 
     Args:
-        source: path of a file; or a table in memory: a data frame of pandas or Polars, a table of pyarrow, or a mapping
+        source: path of a file, or a table in memory: a data frame of pandas or Polars, a table of pyarrow, or a mapping
             of arrays, which may be nested.
         unwrap: undo jumps of 2 pi in position, which are refused otherwise.
-        columns: which column is which quantity, where the file's own names do not tell, by quantity (time, position,
-            torque, velocity, reference, segment), each `NAME:UNIT*GAIN/RATIO+OFFSET`: `{"position": "-Winkel:deg/6",
-            "torque": "current:A*0.091"}`; `none` or None leaves one out: torque is then zero. Units are s, ms, us, ns;
-            rad, mrad, deg, rev, counts; rad/s, deg/s, rpm, rev/s, counts/s; Nm, mNm, Ncm, A, mA, V, duty. Counts need
-            the counts of a turn (`enc:counts/4096`), and currents a torque constant (`*?` if it is to be found).
-        drive: the controller that followed the reference. Then torque is what a column of its output (duty, current)
-            or of the user's naming holds, or else what the controller asked for.
-        name: of the recording; by default that of the file, or `recording`.
+        columns: columns by quantity (time, position, torque, velocity, reference, segment), each in the form
+            `NAME:UNIT*GAIN/RATIO+OFFSET`: `{"position": "-Winkel:deg/6", "torque": "current:A*0.091"}`. `none` or None
+            omits a quantity; torque is then zero. Units are s, ms, us, ns; rad, mrad, deg, rev, counts; rad/s, deg/s,
+            rpm, rev/s, counts/s; Nm, mNm, Ncm, A, mA, V, duty. Counts need the counts per turn (`enc:counts/4096`),
+            and currents a torque constant (`*?` if it is unknown).
+        drive: controller that follows the reference. Torque is then read from a column that the user names or from
+            the controller's output (duty, current), or computed from the controller.
+        name: name of the recording; by default that of the file, or `recording`.
 
     Raises:
-        TypeError: if the source is neither, or `columns` are no mapping of quantities to texts.
-        RecordingError: if the file cannot be read or its content cannot be trusted: one sentence with the file, the
-            data row (from 1, header and blank lines not counted) where there is one, the reason and the remedy.
+        TypeError: if the source has another type, or `columns` is not a mapping of quantities to texts.
+        RecordingError: if the file cannot be read or its content is implausible; the message is one sentence with the
+            file, the data row (from 1, without header and blank lines), the reason and the remedy.
     """
     check_named(columns)
     label, is_file = get_label(source, name), isinstance(source, str | os.PathLike)
@@ -65,6 +65,6 @@ def read_recording(
 
 
 def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: ServoDrive | None = None) -> JSON:
-    """Describe the arguments of `read_recording` in the words of a study, without those that are not given."""
+    """Return the given arguments of `read_recording` as keys of a study."""
     given = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.get_settings()}
     return {key: value for key, value in given.items() if value}

@@ -1,23 +1,23 @@
-"""A study: a file `study.toml` beside the data that says how each recording is to be read, and what it is for.
+"""Read and write studies: files `study.toml` with the reading options and the role of each recording.
 
-joints = ["lift", "elbow"]       # of an arm, those that move; see `pendulum_env.arms.read_body`
+joints = ["lift", "elbow"]       # moving joints of an arm; see `pendulum_env.arms.read_body`
 
-[columns]                        # of every recording, as in `expression.py`
+[columns]                        # columns of all recordings, as in `expression.py`
 position = "-motor_angle:deg/6"
 torque = "current:A*0.091"
 
-[drive]                          # the controller that followed the goal, see `ServoDrive`
+[drive]                          # controller that follows the goal, see `ServoDrive`
 preset = "xl330"
 
 [[recording]]
-file = "monday.csv"              # beside the study
+file = "monday.csv"              # relative to the study
 role = "fit"                     # or "holdout"
 unwrap = true                    # undo jumps of 2 pi in position
 range = [2.0, 30.0]              # [s] from the first sample
-load = {mass = 0.5, length = 0.2}    # [kg] at [m] from the axis, or inertia [kg m^2] and gravity [N m]; a load torque
-                                     # that was measured is a column, `load_torque`
-drive = {kp = 400}               # beside what [drive] says of all
-columns = {torque = "i_q:A*0.091"}   # instead of those above
+load = {mass = 0.5, length = 0.2}    # [kg] at [m] from the axis, or inertia [kg m^2] and gravity [N m]; a measured
+                                     # load torque is a column, `load_torque`
+drive = {kp = 400}               # in addition to [drive]
+columns = {torque = "i_q:A*0.091"}   # in place of the common column
 """
 
 import os
@@ -42,13 +42,13 @@ from pendulum_env.settings import format_setting
 
 Role = Literal["fit", "holdout"]
 READING = ("columns", "unwrap", "drive")  # arguments of `read_recording`
-FORMAT = ("columns", "unwrap", "load", "drive")  # of what is said of a recording, that which the next is alike in
+FORMAT = ("columns", "unwrap", "load", "drive")  # options that the next log of the same machine shares
 
 GRAVITY = 9.81  # [m/s^2]
 
 
 class StudyError(RecordingError):
-    """A study that cannot be used; the message has file, recording, reason and remedy."""
+    """Invalid study; the message has file, recording, reason and remedy."""
 
 
 class _Load(Struct, forbid_unknown_fields=True):
@@ -61,7 +61,7 @@ class _Load(Struct, forbid_unknown_fields=True):
 
     @property
     def known(self) -> Load:
-        """Load on the joint."""
+        """Return the load on the joint."""
         match self:
             case _Load(float(mass), float(length), None, None):
                 return Load(mass * length**2, mass * GRAVITY * length)
@@ -91,23 +91,23 @@ class _Study(Struct, forbid_unknown_fields=True):
     recording: list[_Recording] = []
 
 
-Sliced = TypeVar("Sliced", bound=Recording)  # of one joint or of several
+Sliced = TypeVar("Sliced", bound=Recording)  # recording of a pendulum or an arm
 
 
 @dataclass(frozen=True)
 class Source:
-    """File with a recording, the settings to read it, and its role."""
+    """File of a recording with its reading options and role."""
 
     file: Path
-    role: Role = "fit"  # fitted, or held out
+    role: Role = "fit"  # fitted or held out
     columns: Mapping[str, str] = field(default_factory=dict, hash=False)  # as in `read_recording`
     unwrap: bool = False
     range: tuple[float, float] | None = None  # [s] from the first sample; None: all of it
-    load: Load | None = None  # what is known to hang on the joint
-    drive: ServoDrive | None = None  # the controller that followed the reference
-    joints: tuple[str, ...] | None = None  # of an arm, those that move; None: all that can
-    of_study: bool = field(default=False, compare=False)  # which says all of it
-    said_by: str = ""  # the model file that supplies missing options
+    load: Load | None = None  # known load on the joint
+    drive: ServoDrive | None = None  # controller that follows the reference
+    joints: tuple[str, ...] | None = None  # moving joints of an arm; None: all movable joints
+    of_study: bool = field(default=False, compare=False)  # whether a study has all options
+    said_by: str = ""  # model file that supplied missing options
 
     def read(self) -> Recording:
         """Read the recording."""
@@ -124,13 +124,13 @@ class Source:
 
     @property
     def format(self) -> JSON:
-        """Return the given settings of reading, as in a study file."""
+        """Return the given reading options as keys of a study."""
         load = None if self.load is None else asdict(self.load)
         said = {**describe_reading(**self.reading), "load": load}
         return {key: said[key] for key in FORMAT if said.get(key)}
 
     def select_range(self, recording: Sliced) -> Sliced:
-        """Return the requested range of a recording of the whole file."""
+        """Return the samples of the source's range from the recording of the whole file."""
         if self.range is None:
             return recording
         first, last = np.searchsorted(recording.time - recording.time[0], self.range)
@@ -156,9 +156,9 @@ def _read_pendulum(source: Source) -> Recording:
 
 
 def collect_log_format(recordings: Sequence[Recording]) -> JSON:
-    """Return the reading settings that all recordings share, for the next log of the same machine.
+    """Return the common reading options of all recordings, for the next log of the same machine.
 
-    Beside the settings of a study it has those of a drive in `UNKNOWN`, as `goal`, that were given or decided.
+    The result also has the fields of the drive in `UNKNOWN`, such as `goal`, that were given or decided.
     """
     loads = ({} if recording.load is None else {"load": asdict(recording.load)} for recording in recordings)
     formats: list[JSON] = [{**recording.log_format, **load} for recording, load in zip(recordings, loads, strict=True)]
@@ -170,13 +170,13 @@ def collect_log_format(recordings: Sequence[Recording]) -> JSON:
 
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
-    """Parse the log format of a model as a source without a file; raises ValueError if it is invalid."""
-    said = {key: value for key, value in log_format.items() if key not in UNKNOWN}  # which belong to a drive
+    """Parse the log format of a model to a source without a file; raise a ValueError if it is invalid."""
+    said = {key: value for key, value in log_format.items() if key not in UNKNOWN}  # without fields of the drive
     return _build_source(Path(), convert({"file": "log", **said}, _Recording), _Study())
 
 
 def apply_log_format(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
-    """Return a source with the log format of a model file where neither user nor study gave one."""
+    """Return a source with options of a model file's log format for those that user and study did not give."""
     unsaid = [key for key in FORMAT if key in format and key not in source.format]
     if source.of_study or not unsaid:
         return source
@@ -188,7 +188,7 @@ def apply_log_format(source: Source, format: Mapping[str, Any], said_by: str) ->
 
 
 def find_duplicate(sources: Iterable[Source]) -> Source | None:
-    """Return the first source that holds samples of an earlier one, which must not be used twice."""
+    """Return the first source that overlaps an earlier one, or None."""
     taken: dict[Path, list[tuple[float, float]]] = {}
     for source in sources:
         ranges = taken.setdefault(source.file.resolve(), [])
@@ -201,11 +201,11 @@ def find_duplicate(sources: Iterable[Source]) -> Source | None:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Recordings that belong together, each read as its source says."""
+    """Recordings of a study, with their sources."""
 
     path: Path
     sources: tuple[Source, ...]
-    recordings: tuple[Recording, ...]  # one of each source
+    recordings: tuple[Recording, ...]  # one per source
 
     @property
     def fitted(self) -> tuple[Recording, ...]:
@@ -222,8 +222,8 @@ def read_study(path: str | os.PathLike[str]) -> Study:
     """Read a study and its recordings.
 
     Raises:
-        StudyError: if the study makes no sense.
-        RecordingError: if a recording cannot be read as it asks for.
+        StudyError: if the study is invalid.
+        RecordingError: if a recording cannot be read.
     """
     sources = read_sources(path)
     return Study(Path(path), sources, tuple(source.read() for source in sources))
@@ -255,10 +255,10 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
 
 
 def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None:
-    """Write a study of sources; paths of files below its folder are relative to it.
+    """Write a study of sources; paths below its folder are relative.
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if the file cannot be written.
     """
     path = Path(path)
     folder = path.resolve().parent

@@ -1,4 +1,4 @@
-"""Write recordings so that they read back exactly."""
+"""Write recordings without loss of precision."""
 
 import gzip
 import os
@@ -18,17 +18,17 @@ from pendulum_env.recording.record import Recording
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write columns time, position, torque and the optional ones in the format of the file's ending.
+    """Write the columns time, position, torque and optional ones in the format of the suffix.
 
-    A column `segment` counts the segments, if there are several. What is known of a load stands in a study, not here.
+    A column `segment` numbers the segments, if there are several. A known load is part of a study, not of the file.
 
-    Floats are written exactly. The file appears whole or not at all: it is written beside its place, then moved there.
+    Floats are written exactly. The file is written completely or not at all.
 
     Raises:
-        RecordingError: if the ending is unknown or the file cannot be written.
+        RecordingError: if the suffix is unknown or the file cannot be written.
     """
     columns = recording.columns
-    if len(recording.starts) > 1:  # number of the segment that each sample is in, from 0
+    if len(recording.starts) > 1:  # segment of each sample, from 0
         numbers = np.searchsorted(recording.starts, np.arange(len(recording)), side="right")
         columns["segment"] = np.asarray(numbers - 1.0)
     path = Path(path)
@@ -49,13 +49,13 @@ def _write_csv(file: BinaryIO | gzip.GzipFile, columns: dict[str, Array]) -> Non
 
 
 def _write_gzip(file: BinaryIO, columns: dict[str, Array]) -> None:
-    # without name and time of writing, the same data give the same bytes
+    # without name and time, equal data give equal bytes
     with gzip.GzipFile(filename="", mode="wb", fileobj=file, compresslevel=5, mtime=0) as compressed:
         _write_csv(compressed, columns)
 
 
 def _write_parquet(file: BinaryIO, columns: dict[str, Array]) -> None:
-    import pyarrow.parquet as pq  # takes a while to import
+    import pyarrow.parquet as pq  # slow import
 
     pq.write_table(pa.table(columns), file)
 
