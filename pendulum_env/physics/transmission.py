@@ -1,22 +1,23 @@
-"""Elastic or loose transmissions between motor and link.
+"""Elastic or loose transmission between motor and link.
 
-Encoder and friction are at the motor; the link has inertia J and weight mgl:
+The encoder and the friction sit at the motor; the link, of inertia J and weight mgl, hangs on the transmission:
 
     (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql + fl sgn ql' + bl ql' = T
 
-The effect adds J (ql'' - q'') + mgl (sin ql - sin q) to the rigid model. A known load acts on the motor's side. With
-play, parts fl and bl of the dry and viscous friction may be at the link, as of a bearing behind the gear. They
-determine when the link crosses the play; `coulomb` and `viscous` include both sides. The motion of the link follows
-from the measured motion of the motor. With w^2 = k / J, c = d / J, g = mgl / J, f = fl / J and b = bl / J,
+so that, beside the rigid model, J (ql'' - q'') + mgl (sin ql - sin q) is part of the torque. A known load counts as
+if it hung on the motor's side. Play may have parts fl and bl of the dry and viscous friction at the link, as of a
+bearing behind the gear. They decide when the link changes its side of the play; `coulomb` and `viscous` are those of
+both sides. The link's own motion follows from the measured motion of the motor: with w^2 = k / J, damping c = d / J,
+g = mgl / J, f = fl / J and b = bl / J,
 
     ql'' = a(q - ql, q' - ql') - g sin ql - f sgn ql' - b ql',     a = w^2 s + c s'
 
-where s is the extension of the transmission. With an encoder at the output, controller and log read ql and ql', and q
-is simulated; see `read_encoder`. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
+where s is the extension of the transmission. Of a servo whose encoder is at the output, controller and log read ql and
+ql', and q is simulated: see `read_encoder`. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 
-With play, the damping c s' jumps at each contact. With fixed steps, the error of the impulse would be up to one step's
-impulse and discontinuous in the parameters. Forces are therefore means over a short time: the impulse of the damping is
-c times the change of s, independent of the time of contact within a step.
+Behind a play, the damping c s' begins with a jump at each contact. An integrator of fixed steps would err by up to a
+step's impulse, in either direction, and its error would jump with the parameters. Forces are therefore means over a
+short time: c times the change of s over it is the impulse of the damping, wherever in a step the contact begins.
 """
 
 from __future__ import annotations
@@ -36,11 +37,11 @@ from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Sample
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-TOUCH = 5e-4  # [s], averaging time of contact forces
+TOUCH = 5e-4  # [s], over which forces of a contact are means, so that it begins and ends without a jump
 
 
 class Transmission(Term):
-    """Base class of elastic and loose transmissions."""
+    """Base of elastic and loose transmissions; `play` is the gap on either side [rad]."""
 
     kind = "transmission"
     link = True
@@ -50,17 +51,17 @@ class Transmission(Term):
 
     @property
     def play(self) -> float:
-        """Return half of the play [rad]: within +-play, the transmission has no torque."""
+        """Return the angle on either side over which no torque passes [rad]."""
         return 0.0
 
     @property
     def link_friction(self) -> ArrayLike:
-        """Return the dry friction of the link per inertia [rad/s^2]."""
+        """Return the dry friction of the link, per unit of its inertia [rad/s^2]."""
         return 0.0
 
     @property
     def link_viscous(self) -> ArrayLike:
-        """Return the viscous friction of the link per inertia [1/s]."""
+        """Return the viscous friction of the link, per unit of its inertia [1/s]."""
         return 0.0
 
     @property
@@ -70,7 +71,7 @@ class Transmission(Term):
             pull = self._pull(x.position - position, x.velocity - velocity, self.resonance**2, self.damping)
             return pull - self._resist(x.position, x.velocity)
 
-        def dry(x: Samples) -> ArrayLike:  # the link's part is not at the motor
+        def dry(x: Samples) -> ArrayLike:  # of the link, which is none of the motor
             return -self.link_friction
 
         link_dry = dry if may_be_true(self.link_friction) else zero
@@ -79,14 +80,14 @@ class Transmission(Term):
         )
 
     def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
-        """Return the acceleration of the link by the transmission [rad/s^2], from twist [rad] and its rate [rad/s]."""
+        """Return the acceleration of the link by the transmission [rad/s^2]."""
         if not may_be_true(self.play):
             return stiffness * twist + damping * speed
         ahead, behind = self._extend(twist + 0.5 * TOUCH * speed), self._extend(twist - 0.5 * TOUCH * speed)
         return stiffness * (ahead + behind) / 2.0 + damping * (ahead - behind) / TOUCH
 
     def _extend(self, twist: Any) -> Any:
-        """Return the extension of the transmission [rad]: the twist beyond the play."""
+        """Return the extension of the transmission [rad], which is the twist beyond the play."""
         return twist - np.minimum(np.maximum(twist, -self.play), self.play)
 
     def _resist(self, position: Array, velocity: Array) -> Array:
@@ -95,7 +96,7 @@ class Transmission(Term):
         return weight + self.link_viscous * velocity if may_be_true(self.link_viscous) else weight
 
     def bind(self: T, linear: Mapping[str, float]) -> T:
-        """Return the transmission with gravity and friction of the link clipped to those of the joint."""
+        """Return the transmission with no more weight and friction at the link than the joint has."""
         of = {"gravity": "gravity", "friction": "coulomb", "viscous": "viscous"}
         most = {name: linear.get(base, np.inf) for name, base in of.items()}
         inertia = max(linear.get(self.id, 0.0), LEAST)
@@ -107,7 +108,7 @@ class Transmission(Term):
         return replace(self, **values)
 
     def _rub(self, velocity: Array, duration: ArrayLike) -> Array:
-        """Return the velocity of the link [rad/s] after dry friction over a duration [s], which may stop the link."""
+        """Return a velocity of the link after its dry friction has acted, which stops it at most."""
         if not may_be_true(self.link_friction):
             return velocity
         most = duration * self.link_friction
@@ -124,12 +125,12 @@ class Transmission(Term):
         return self._hang(x, self.resonance**2)
 
     def _hang(self, x: Samples, stiffness: ArrayLike) -> Memory:
-        """Return the states of the link in equilibrium under its weight, with the velocity of the motor."""
+        """Return the link at the extension that carries its weight, moving with the motor."""
         weight = self.gravity * np.sin(x.position)
         return x.position - weight / stiffness - self.play * np.sign(weight), x.velocity + 0.0 * weight
 
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
-        # velocity Verlet in short steps, with the motor at constant speed
+        # velocity Verlet in short steps, while the motor moves on at constant speed
         position, velocity = memory
         steps = count_substeps(duration)
         h = duration / steps
@@ -137,7 +138,7 @@ class Transmission(Term):
         damping = np.minimum(self.damping, 0.5 / h)
 
         def accelerate(elapsed: ArrayLike, position: Array, now: Array, duration: ArrayLike) -> Array:
-            """Return the velocity after a duration [s], from `velocity` with the acceleration of a state."""
+            """Return the velocity after a duration, from `velocity` with the acceleration of a state."""
             twist, speed = x.position + elapsed * x.velocity - position, x.velocity - now
             pull = self._pull(twist, speed, stiffness, damping) - self._resist(position, now)
             return self._rub(velocity + duration * pull, duration)
@@ -236,8 +237,8 @@ class Backlash(Transmission):
 
 @cache
 def _make_central_differences() -> Recurrence:
-    """Compile the step of a link on a spring, from its last two positions to the next."""
-    from pendulum_env.physics.compiled import compile_recurrence  # slow import
+    """Make the step of a link behind a spring, from its last two positions to the next."""
+    from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
     given: list[Any] = ["stiffness", "damping", "gravity", "period"]
     states = ["position", "before"]
