@@ -27,7 +27,6 @@ from pendulum_env.units import JointUnits
 
 T = TypeVar("T")
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # base friction of a joint
-# What depends on more than the own joint's motion: a link behind the motor, the arm's weight, a load's inertia
 DRAWS, OF_NO_LINK = (
     60,
     1e-6,
