@@ -61,7 +61,8 @@ def add(
     body = model.body
     recordings = select_recordings(recordings, body=body, log_format=model.log_format)
     holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
-    recordings, holdout = (apply_conventions(part, model.log_format) for part in (recordings, holdout))
+    every, count = apply_conventions((*recordings, *holdout), model.log_format), len(recordings)
+    recordings, holdout = every[:count], every[count:]
     kind = find_kind(id, body)
     model.add(kind())  # raises if the model has it
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that no recording has

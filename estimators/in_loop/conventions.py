@@ -35,12 +35,39 @@ def decide_conventions(
 ) -> Conventions:
     """Decide once, by the base model and the fitted recordings, what the drives of all recordings leave open.
 
-    The convention of a controller that one drive declares holds for all. Without drives, recordings stay as they are.
+    Recordings without a drive stay as they are. Position control, velocity control and each shaft of the encoder are
+    decided apart. A convention that one drive declares, or that is decided, holds for all others of its kind.
 
     Raises:
         IdentificationError: if there is too little motion.
-        RecordingError: if only some have a drive, or their drives cannot be simulated together.
+        RecordingError: if the drives of one kind cannot be simulated together.
     """
+    if all(recording.drive is None for recording in recordings):
+        return Conventions(tuple(recordings), tuple(holdout), ())
+    fitted, held = list(recordings), list(holdout)
+    findings: list[Finding] = []
+    for kind in dict.fromkeys(map(_describe_loop, fitted)):
+        numbers, others = ([k for k, r in enumerate(part) if _describe_loop(r) == kind] for part in (fitted, held))
+        decided = _decide_together([fitted[k] for k in numbers], [held[k] for k in others], base)
+        for part, places, changed in ((fitted, numbers, decided.recordings), (held, others, decided.holdout)):
+            for k, recording in zip(places, changed, strict=True):
+                part[k] = recording
+        is_alone = len(numbers) == len(fitted)
+        names = tuple(fitted[k].name for k in numbers)
+        findings += [one if is_alone or one.recordings else replace(one, recordings=names) for one in decided.findings]
+    return Conventions(tuple(fitted), tuple(held), tuple(findings))
+
+
+def _describe_loop(recording: Recording) -> tuple[str, str] | None:
+    """Return the controlled quantity and the shaft of the encoder; None without a drive."""
+    drive = recording.drive
+    return None if drive is None else (drive.control, drive.encoder)
+
+
+def _decide_together(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], base: Sequence[Term]
+) -> Conventions:
+    """Decide what drives leave open that control the same quantity and have their encoders at the same shaft."""
     parts = tuple(recordings), tuple(holdout)
     if not are_driven(recordings):
         return Conventions(*parts, ())
@@ -63,8 +90,12 @@ def decide_conventions(
 
 
 def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, str]) -> Recordings:
-    """Return the recordings with the conventions of the log format of a model, where their drives leave them open."""
-    recordings = _apply_settings(recordings, log_format)
+    """Return the recordings with the conventions of the log format of a model, where all their drives leave them open.
+
+    The convention of a controller that one drive declares holds for all.
+    """
+    declared = find_declared_conventions([r.actuator for r in recordings])
+    recordings = _apply_settings(recordings, {**log_format, **declared})
     goal = log_format.get("goal")
     return recordings if goal is None else with_goals(recordings, goal == "held")
 

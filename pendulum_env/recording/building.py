@@ -66,6 +66,7 @@ def build_recording(
     if is_swing and np.ptp(log.values["position"]) > 0:
         cleaning.drop_initial_hold(log, unwrap_position())
     cleaning.start_from_zero(log)
+    jitter.resample_slow_encoder(log, unwrap_position())
     cleaning.drop_spoilt_positions(log, unwrap_position())
     checks.refuse_too_few(log.values["time"])
     checks.refuse_still(log.values["position"])

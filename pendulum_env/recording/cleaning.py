@@ -23,7 +23,9 @@ class CleaningSettings:
     absurd: float = 1e20  # of any quantity, as good as infinite: above time in nanoseconds since 1970
     far: float = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch
     pause: float = 1.0  # [s] between runs whose clocks all begin anew
-    moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move
+    long: float = 1.5  # steps of the median, from which rows were lost in between
+    moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move;
+    # and times the step after it that a jump has, from which no joint makes it
     same: float = 1e-6  # of the usual step of time, up to which it stands still
     alike: float = 0.25  # of a step, up to which others are the same motion
     moved_on: float = 1.5  # times the step from row to row that a lost column makes across its empty cells
@@ -231,13 +233,13 @@ def drop_spoilt_positions(log: Log, position: Array) -> None:
     """Leave out rows with an impossible position (N,), unwrapped if needed.
 
     Glitches lie far off both neighbours: no joint is there and back within two samples. Stale values repeat the last
-    one, and are followed by a jump to where steady motion would have gone meanwhile.
+    one, and are followed by a jump to where steady motion would have gone meanwhile, or by one that no joint makes.
     """
     usual = estimate_bend(position)
     good = np.ones(len(position), dtype=np.bool_)
     for kind, at in (
         (NoteKind.GLITCHES, _find_glitches(position, usual)),
-        (NoteKind.STALE, _find_stale_samples(position, usual)),
+        (NoteKind.STALE, _find_stale_samples(position, usual, _find_cuts(log))),
     ):
         if len(at):
             log.notes.append(note_rows(kind, log.rows[at], "position"))
@@ -286,8 +288,16 @@ def _find_glitches(q: Array, usual: float) -> Index:
     return far[off[far] > CLEANING.far * around] + 2
 
 
-def _find_stale_samples(q: Array, usual: float) -> Index:
-    """Find samples of q (N,) that repeat the last one although the joint moves on."""
+def _find_cuts(log: Log) -> Mask:
+    """Find the steps (N - 1,) across which the joint may go anywhere: long ones, and those to another segment."""
+    steps = np.diff(log.values["time"])
+    return (steps > CLEANING.long * np.median(steps)) | (
+        np.diff(log.values.get("segment", np.zeros(len(log.rows)))) != 0
+    )
+
+
+def _find_stale_samples(q: Array, usual: float, cuts: Mask) -> Index:
+    """Find samples of q (N,) that repeat the last one although the joint moves on, not before cuts (N - 1,)."""
     steps = np.diff(q)
     still = steps == 0
     turns = np.flatnonzero(np.diff(still, prepend=False, append=False))
@@ -299,5 +309,7 @@ def _find_stale_samples(q: Array, usual: float) -> Index:
     near = CLEANING.alike * np.abs(steady)
     stale = (np.abs(steady) >= CLEANING.moving * usual) & (np.abs(before - after) <= 2 * near)
     stale &= np.abs(jump / (end - first + 1) - steady) <= near
+    impossible = np.abs(jump) > np.maximum(CLEANING.far * usual, CLEANING.moving * np.abs(after))
+    stale |= impossible & (end - first > 1) & ~cuts[end]
     runs = [np.arange(a + 1, b + 1) for a, b in zip(first[stale], end[stale], strict=True)]
     return np.concatenate([np.empty(0, dtype=np.intp), *runs])

@@ -1,4 +1,4 @@
-"""Late time stamps of samples that a uniform clock took: the row count tells the time better than the stamps."""
+"""Clocks that rows do not show: late stamps of uniform samples, and an encoder that is slower than its log."""
 
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -7,13 +7,15 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.cleaning import Log
+from pendulum_env.recording.cleaning import CLEANING, Log
+from pendulum_env.recording.clock import STEPS
 from pendulum_env.recording.notes import Note, NoteKind
+from pendulum_env.recording.sampling import average_torque
 
 
 @dataclass(frozen=True)
 class JitterSettings:
-    """Limits on deviations of time stamps from a uniform clock."""
+    """Limits on deviations of time stamps from a uniform clock, and on the clock of a slow encoder."""
 
     lost: float = 1.5  # periods from which a step may hold lost rows
     pause: float = 5.0  # periods from which a step separates two parts, whose clocks may be shifted
@@ -23,6 +25,13 @@ class JitterSettings:
     spread: float = 0.5  # periods, largest standard deviation of the stamps
     sure: float = 4.0  # standard errors
     between: float = 0.5  # share of the jitter in the motion: 0 of late stamps, 1 of jittery sampling
+    several: float = 3.0  # least or usual differences of steps: a joint with such steps passes no sample at rest
+    least: float = 0.01  # quantile of the steps of an encoder that is its least one, whatever unwrapping rounds
+    slow: float = 1.05  # rows from one sample of an encoder to the next, from which it is slower than its log
+    chain: int = 5  # such changes one after the other, from which they show the clock of an encoder
+    same: float = 0.02  # rows by which a change of torque may miss those with a new sample, if it has their clock
+    early: float = 0.1  # rows by which a sample may be seen before its time
+    explained: float = 0.95  # share of the changes that are seen in the first row after their time
 
 
 JITTER = JitterSettings()
@@ -130,3 +139,82 @@ def _estimate_jitter_share(late: Array, clock: Array, period: float, position: A
         return 1.0, np.inf
     share = float(jitter @ deviation) / power
     return share, float(np.std(deviation - share * jitter)) / np.sqrt(power)
+
+
+def resample_slow_encoder(log: Log, position: Array) -> None:
+    """Resample a log to the clock of an encoder that is slower: values that it holds are no measurements.
+
+    Samples are taken at their stamps times. Torque with the same clock is taken with them, other torque is averaged.
+    """
+    time = log.values["time"]
+    runs = log.values.get("segment", np.zeros_like(time))
+    row = float(np.median(np.diff(time)))
+    clock = _find_encoder_clock(time, position, runs, row)
+    if clock is None:
+        return
+    period, phases = clock
+    grids, rows = list[Array](), list[Index]()
+    torques: dict[str, list[Array]] = {quantity: [] for quantity in ("torque", "load_torque") if quantity in log.values}
+    for number in dict.fromkeys(runs):
+        here = np.flatnonzero(runs == number)
+        stamps, late = time[here], min(JITTER.early * row, (period - row) / 2)  # of a row that is sure to show a sample
+        start = stamps[0] + (phases.get(number, stamps[0]) - stamps[0] + late) % period - late
+        grid = np.arange(start, stamps[-1] - late, period)
+        at = np.searchsorted(stamps, grid + late)
+        is_seen = stamps[at] - grid < JITTER.lost * row
+        grids.append(grid[is_seen])
+        rows.append(here[at[is_seen]])
+        for quantity, parts in torques.items():
+            values = log.values[quantity][here]
+            passed = (stamps[1:][np.diff(values) != 0] - start + late) % period - late  # since the last sample
+            others = np.abs(passed - row / 2) > (0.5 + JITTER.same) * row  # changes between the rows with a new sample
+            is_held = np.count_nonzero(others) <= (1 - JITTER.explained) * (1 - row / period) * len(others)
+            parts.append((values[at] if is_held else average_torque(grid, period, stamps, values))[is_seen])
+    samples, kept = np.concatenate(grids), np.concatenate(rows)
+    log.values = {quantity: column[kept] for quantity, column in log.values.items()}
+    log.values |= {quantity: np.concatenate(parts) for quantity, parts in torques.items()}
+    log.values["time"], log.rows, log.start = samples - samples[0], log.rows[kept], log.start + float(samples[0])
+    numbers = {"rate": Quantity(1 / period, unit="Hz"), "rows": Quantity(period / row)}
+    log.notes.append(Note(NoteKind.ENCODER_SLOW, ("position",), numbers))
+
+
+def _find_encoder_clock(
+    time: Array, position: Array, runs: Array, row: float
+) -> tuple[float, dict[float, float]] | None:
+    """Find the clock of an encoder that is slower than its log: its period [s], and a sample's time in each run [s].
+
+    A position (N,) in motion by several least steps has a new value with each sample of its encoder. If rows in
+    between repeat the last value, and the rows (N,) with new values are the first after the times of a uniform clock,
+    this is the clock. Rows are `row` [s] apart.
+    """
+    new = np.flatnonzero(np.diff(position)) + 1
+    if len(new) < CLEANING.least_steps:
+        return None
+    moves = np.diff(position)[new - 1]
+    sizes = np.abs(moves)
+    usual = max(float(np.quantile(sizes, JITTER.least)), float(np.median(np.abs(np.diff(moves)))))
+    fast = (np.minimum(sizes[1:], sizes[:-1]) >= JITTER.several * usual) & (np.diff(runs[new]) == 0)
+    apart = np.diff(new)[fast]
+    if len(apart) < CLEANING.least_steps:
+        return None
+    mean = float(np.mean(np.minimum(apart, 2 * np.median(apart))))
+    bounds = [0, *(np.flatnonzero(~fast) + 1).tolist(), len(new)]
+    chains = [new[a:b] for a, b in pairwise(bounds) if b - a >= JITTER.chain]
+    if mean < JITTER.slow or not chains:
+        return None
+    rows = np.concatenate(chains)
+    seen, run = time[rows], runs[rows]
+    apart = np.concatenate([np.diff(chain, prepend=chain[0]) for chain in chains])
+    counts = np.cumsum(np.where(apart < mean + 1, 1, np.round(apart / mean))).astype(np.intp)  # a value may repeat
+    ends = np.cumsum([0, *map(len, chains)]).tolist()
+    _, period = _fit_clock(seen, counts, ends)
+    for (a, b), (_, end) in pairwise(pairwise(ends)):  # the clock runs on from chain to chain
+        offset = np.mean(seen[b:end] - period * counts[b:end]) - np.mean(seen[a:b] - period * counts[a:b])
+        counts[b:end] += round(float(offset) / period)
+    parts = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(seen)]
+    _, period = _fit_clock(seen, counts, parts)
+    late = seen - period * counts
+    phases = {run[a]: float(np.quantile(late[a:b], JITTER.least)) for a, b in pairwise(parts)}
+    late -= np.array([phases[number] for number in run])
+    explained = np.mean((late > -JITTER.early * row) & (late < (1 + JITTER.early) * row))
+    return (period, phases) if explained >= JITTER.explained and period <= STEPS[1] else None

@@ -36,6 +36,7 @@ class NoteKind(StrEnum):
     TIME_REPEATED = "time_repeated"  # count, places: rows
     GLITCHES = "glitches"  # count, places: rows
     STALE = "stale"  # count, places: rows
+    ENCODER_SLOW = "encoder_slow"  # rate, rows
     HELD_AT_FIRST = "held_at_first"  # time
     UNWRAPPED = "unwrapped"  # count
 

@@ -37,6 +37,7 @@ class SamplingSettings:
 
 
 SAMPLING = SamplingSettings()
+PIECES = 8  # of a period, by which torque is summed up
 
 
 def cut_at_gaps(log: Log, position: Array) -> None:
@@ -260,6 +261,18 @@ def _average_held(grid: Array, period: float, time: Array, torque: Array) -> Arr
     until = np.append(time, max(time[-1], grid[-1]) + 2 * period)
     impulse = np.interp(ends, until, np.append(0.0, np.cumsum(torque * np.diff(until))))  # [N m s]
     return np.diff(impulse) / np.diff(ends)
+
+
+def average_torque(clock: Array, period: float, time: Array, torque: Array) -> Array:
+    """Average torque (N,), held from one time (N,) to the next, over each period of a clock (M,).
+
+    Over a window that varies with time, a mean has another integral than the torque: the change of its first moment
+    from period to period is taken off.
+    """
+    shares = (np.arange(PIECES) + 0.5) / PIECES - 0.5  # of a period, from its middle
+    pieces = (clock[:, np.newaxis] + period * (shares + 0.5 - 0.5 / PIECES)).ravel()
+    values = _average_held(pieces, period / PIECES, time, torque).reshape(-1, PIECES)
+    return np.asarray(values.mean(axis=1) - np.gradient(values @ shares / PIECES))
 
 
 def _make_seconds(**times: float) -> dict[str, Quantity]:

@@ -9,6 +9,7 @@ from pendulum_env._typing import Array
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Recording
+from pendulum_env.recording.sampling import average_torque
 from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.servo.loop import GAINS, compute_gains, compute_output
@@ -32,7 +33,7 @@ def compute_asked_torque(recording: Recording) -> Array:
     """Return the torque (N,) that the drive asked for along a recording with a reference, in the drive's unit.
 
     An integral is zero at the begin of each segment. With one, or with the derivative of the error, it is the mean
-    torque over each sample.
+    torque over each sample, along a spline through the positions.
     """
     parts = []
     for part in recording.segments:
@@ -40,7 +41,7 @@ def compute_asked_torque(recording: Recording) -> Array:
         # a drive acts on its own estimate of the speed, which a log may have
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
         if depends_on_past(part.actuator):
-            output = part.powered * _follow_controller(part, velocity, part.reference)
+            output = part.powered * _follow_controller(part, part.reference)
             parts.append(part.actuator.scale(get_bus_voltage(part)) * output)
         else:
             given = part.reference, part.position, velocity, get_bus_voltage(part), part.powered
@@ -53,15 +54,26 @@ def depends_on_past(drive: ServoDrive) -> bool:
     return drive.ki > 0 or (drive.kd > 0 and drive.derivative == "error")
 
 
-def _follow_controller(part: Recording, velocity: Array, goal: Array) -> Array:
-    """Return the mean output (N,) over each sample of a controller that looks at a measured motion in its turns."""
+def _follow_controller(part: Recording, goal: Array) -> Array:
+    """Return the mean output (N,) over each sample of a controller that looks at a measured motion in its turns.
+
+    A speed that the log lacks is the difference of the last two positions that the controller saw.
+    """
     drive = part.actuator
     rate = drive.rate or max(part.rate, FINE)
     gains = dict(zip(GAINS, compute_gains(drive, 1.0 / rate), strict=True))
-    samples, known = np.arange(int(len(part) * rate / part.rate) + 1) * part.rate / rate, np.arange(len(part))
+    count, known = int(len(part) * rate / part.rate) + 1, np.arange(len(part), dtype=np.float64)
+    samples = np.arange(count, dtype=np.float64) * part.rate / rate
     last = np.minimum((samples + 1e-6).astype(np.intp), len(part) - 1)
-    position, speed, ramp = (np.interp(samples, known, series) for series in (part.position, velocity, goal))
-    wanted = ramp if drive.goal == "ramp" else goal[last]
+    motion = scipy.interpolate.CubicSpline(known, part.position)
+    position = motion(np.minimum(samples, known[-1]))
+    if part.velocity is not None:
+        speed = np.interp(samples, known, part.velocity)
+    elif drive.rate:
+        speed = np.diff(position, prepend=motion(-part.rate / rate)) * rate
+    else:
+        speed = motion(np.minimum(samples, known[-1]), 1) * part.rate
+    wanted = np.interp(samples, known, goal) if drive.goal == "ramp" else goal[last]
     error = wanted - (speed if drive.acts_on_speed else position)
     if drive.derivative == "error":
         speed = speed - np.diff(wanted, prepend=wanted[0]) * rate
@@ -71,8 +83,7 @@ def _follow_controller(part: Recording, velocity: Array, goal: Array) -> Array:
         output, grown = compute_output(error[k], damping[k], integral, gains)
         integral = grown if on else 0.0
         outputs.append(output)
-    edges, path = np.arange(len(part) + 1.0), np.append(0.0, np.cumsum(outputs))
-    return np.diff(np.interp(edges * rate / part.rate, np.arange(len(path)), path)) * part.rate / rate
+    return average_torque(known, 1.0, samples, np.array(outputs))
 
 
 def replace_drive(recording: Recording, drive: ServoDrive) -> Recording:

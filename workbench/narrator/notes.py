@@ -96,6 +96,10 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.TIME_REPEATED: "time repeats that of the row before in {places}: left out",
     NoteKind.GLITCHES: "{quantity} jumps for one sample in {places}: left out",
     NoteKind.STALE: "{quantity} stays behind while the joint moves on in {places}: left out",
+    NoteKind.ENCODER_SLOW: (
+        "{quantity} has a new value every {rows:.3g} rows: samples are taken at {rate:.6g} Hz, the clock of its "
+        "encoder, and torque is averaged in between"
+    ),
     NoteKind.HELD_AT_FIRST: "{quantity} is held until {time:.2f} s: this part is left out, the swing after it is free",
     NoteKind.UNWRAPPED: "{quantity} unwrapped at {count:g} jumps of 2 pi",
     NoteKind.GAPS: "{variant} {longest:.3g} s after {places}: segments end there",

@@ -16,6 +16,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop import apply_conventions
 from estimators.in_loop.case import SERVO
 from estimators.in_loop.conclusion import find_torque_scale
 from estimators.in_loop.controller import read_controller
@@ -262,6 +263,28 @@ def test_every_command_uses_the_torque_with_the_integral():
     added = add(MODEL, "stribeck", recordings[:2], [declared])  # what one drive declares holds for all
     assert conventions.items() <= added.after.model.log_format.items()
     assert held_out.drive is not None and held_out.drive.windup == "clamp" and held_out.drive.integral == "before"
+    for name, value in (TRUE | {"viscous": 0.2}).items():
+        assert abs(identified.windows.estimates[name].value - value) < 3 * identified.windows.estimates[name].std
+
+
+def test_sets_of_several_kinds_are_identified_with_conventions_of_each():
+    """A servo without torque beside a joint without a drive, and beside another shaft: together they are no loop."""
+    asked = [integrating(kp, k, "clamp", "before") for k, kp in enumerate((3.0, 5.0))]
+    driveless = replace(asked[1], drive=None, reference=None)
+    other = replace(asked[1], drive=replace(asked[1].drive, encoder="output"))
+    for mixed, names in (([asked[0], driveless], {("gain-3.0",)}), ([asked[0], other], {("gain-3.0",), ("gain-5.0",)})):
+        found = identify(mixed, schemes="filtered_dynamic")
+        assert {own.recordings for own in found.findings if own.kind is Kind.CONTROLLER_READ} == names
+        assert found.primary.model.estimates["gravity"].value == pytest.approx(TRUE["gravity"], rel=0.02)
+        with pytest.raises(RecordingError):
+            diagnose(mixed)
+
+
+def test_conventions_that_one_drive_declares_hold_for_all_before_those_of_a_model():
+    first, second = (integrating(3.0, k, "stop", "after") for k in range(2))
+    declared = replace(first, drive=replace(first.drive, windup="clamp"))
+    for recording in apply_conventions([declared, second], {"windup": "free", "integral": "before"}):
+        assert (recording.drive.windup, recording.drive.integral) == ("clamp", "before")
 
 
 @pytest.mark.parametrize(("size", "is_kept"), [(0.0005, False), (0.002, True)])

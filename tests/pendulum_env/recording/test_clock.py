@@ -141,3 +141,58 @@ def test_rows_left_out_for_a_repeated_stamp_keep_their_time() -> None:
     recording = read_recording(run | {"time": stamps})
     assert recording.rate == pytest.approx(500, rel=1e-4) and recording.starts == (0,)
     np.testing.assert_allclose(recording.position, run["position"][: len(recording.time)], rtol=0, atol=1e-4)
+
+
+def held(rate: float, phase: float = 0.0, log_rate: float = 500.0, shift: float = 0.0) -> dict[str, np.ndarray]:
+    """20 s of a log whose encoder, of 2^16 counts, samples at another rate and holds its value; it rests in between."""
+    time = np.arange(round(20 * log_rate)) / log_rate
+    sampled = phase + np.floor((time - phase) * rate + 1e-9) / rate
+    position, count = rest_for_a_while(sampled) + shift, 2 * np.pi / 65536
+    return {"time": time, "position": count * np.round(position / count), "torque": np.cos(3 * time)}
+
+
+def rest_for_a_while(time: np.ndarray) -> np.ndarray:
+    return np.sin(5 * (np.minimum(time, 6.0) + np.maximum(time - 9.0, 0.0)))
+
+
+@pytest.mark.parametrize(("rate", "phase"), [(100.0, 0.0), (250.0, 0.0), (130.0, 0.0031), (371.3, 0.0012)])
+def test_an_encoder_slower_than_its_log_is_read_at_its_own_times(rate: float, phase: float) -> None:
+    log = held(rate, phase)
+    recording = read_recording(log, columns={"position": "position:rad"})
+    assert [note.kind for note in recording.notes] == [NoteKind.ENCODER_SLOW]
+    assert recording.rate == pytest.approx(rate, rel=1e-6)
+    sampled = recording.time + phase
+    np.testing.assert_allclose(recording.position, rest_for_a_while(sampled), rtol=0, atol=3e-4)
+    window = np.sin(np.pi * (sampled - sampled[0]) / (sampled[-1] - sampled[0])) ** 2  # a smooth weight
+    exact = np.interp(log["time"] + 0.001, sampled + 0.5 / rate, window, left=0.0, right=0.0) @ log["torque"] / 500.0
+    assert window @ recording.torque / rate == pytest.approx(exact, abs=2e-4)
+
+
+def test_torque_with_the_clock_of_a_slow_encoder_is_taken_with_its_samples() -> None:
+    log = held(130.0, 0.0031)
+    number = np.floor((log["time"] - 0.0031) * 130.0).astype(int) + 1
+    steps = np.random.default_rng(5).standard_normal(number[-1] + 1)
+    recording = read_recording(log | {"torque": steps[number]}, columns={"position": "position:rad"})
+    np.testing.assert_array_equal(recording.torque, steps[1 : len(recording) + 1])
+
+
+def test_runs_of_a_slow_encoder_keep_their_seams() -> None:
+    runs = [
+        held(130.0, 0.0031) | {"segment": np.zeros(10_000)},
+        held(130.0, 0.0052, shift=2) | {"segment": np.ones(10_000)},
+    ]
+    runs[0]["position"][-400:] = runs[0]["position"][-401]  # at rest before the seam
+    recording = read_recording({name: np.concatenate([run[name] for run in runs]) for name in runs[0]})
+    first, second = recording.segments
+    assert recording.rate == pytest.approx(130.0, rel=1e-6)
+    assert np.abs(first.position).max() < 1.01 and second.position.min() > 0.99
+
+
+@pytest.mark.parametrize("counts", [64, 512])
+def test_a_coarse_encoder_in_slow_motion_is_as_fast_as_its_log(counts: int) -> None:
+    time, count = np.arange(20_000) / 1000, 2 * np.pi / counts
+    slow = np.concatenate([np.sin(0.7 * time[:10_000]), np.sin(7.0) + 0.1 * (time[10_000:] - 10.0)])
+    log = {"time": time, "position": count * np.round(slow / count), "torque": np.cos(time)}
+    recording = read_recording(log, columns={"position": "position:rad"})
+    np.testing.assert_array_equal(recording.position, log["position"])
+    assert recording.notes == ()

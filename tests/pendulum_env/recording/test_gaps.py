@@ -144,6 +144,28 @@ def test_a_value_that_stays_behind_the_motion_is_left_out_and_told(run: int) -> 
     assert np.count_nonzero(~kept) == (run if run > 3 else 0)
 
 
+@pytest.mark.parametrize(("rate", "run"), [(1000, 50), (1000, 500), (500, 100), (100, 12)])
+def test_a_value_that_freezes_in_any_motion_leaves_a_gap(rate: int, run: int) -> None:
+    columns = motion(np.arange(10 * rate) / rate)
+    truth, first = columns["position"].copy(), 4 * rate
+    columns["position"][first : first + run] = truth[first - 1]
+    recording = read_recording(columns)
+    gone = np.arange(first, first + run)
+    np.testing.assert_allclose(recording.position, np.delete(truth, gone), rtol=0, atol=1e-9)
+    assert recording.starts == (0, first)
+    assert noted(recording)[0].startswith("position stays behind while the joint moves on in")
+
+
+def test_a_jump_after_rest_at_the_seam_of_two_runs_is_no_frozen_value() -> None:
+    parts = [motion(np.arange(5000) / 1000) for _ in range(2)]
+    parts[0]["position"][-300:] = parts[0]["position"][-301]
+    parts[1]["position"] += 3.0
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in ("time", "position", "torque")}
+    recording = read_recording(columns | {"segment": np.repeat([0, 1], 5000)})
+    np.testing.assert_array_equal(recording.position, columns["position"])
+    assert recording.starts == (0, 5000)
+
+
 def test_what_joints_do_is_no_glitch() -> None:
     time = np.arange(5000) / 1000
     resting = np.where(time % 1 < 0.5, np.sin(np.pi * (time % 1) / 0.5), 0.0)  # moves, stops, and rests
