@@ -17,7 +17,7 @@ from estimators.signals.channel import Channel
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, read_recording
 from tests import slow
 from tests.cases import TRUTH, recorded
 from tests.notes import noted
@@ -51,6 +51,19 @@ def test_torque_that_is_logged_late_is_found_to_a_fifth_of_a_sample(excitation, 
     assert found.delay == pytest.approx(1e-3 * samples, abs=2e-4)
     assert 0 < found.delay_std < 1e-4
     assert found.finding.kind is Kind.TORQUE_LATE and found.finding.numbers["delay"].value == found.delay
+
+
+@pytest.mark.parametrize("rate", [100.0, 130.0])
+def test_an_encoder_slower_than_its_log_is_no_delay_and_biases_nothing(rate):
+    clean = run("multisine", 500.0)
+    sampled = np.floor(clean.time * rate + 1e-9) / rate  # known only in rows: the encoder reads between them
+    held = CubicSpline(clean.time, clean.position)(sampled)
+    recording = read_recording({"time": clean.time, "position": held, "torque": clean.torque})
+    assert recording.rate == pytest.approx(rate, rel=1e-5)
+    assert not align([recording]).is_late
+    model, _ = fit_terms(RegressionData.from_recordings([recording]), BASE)
+    for estimate, true in zip(model.estimates.values(), TRUTH, strict=True):
+        assert abs(estimate.value - true) < 3 * estimate.std
 
 
 @pytest.mark.parametrize("time_constant", [0.003, 0.01])
