@@ -144,7 +144,7 @@ def _estimate_jitter_share(late: Array, clock: Array, period: float, position: A
 def resample_slow_encoder(log: Log, position: Array) -> None:
     """Resample a log to the clock of an encoder that is slower: values that it holds are no measurements.
 
-    Samples are taken at the times of this clock. Torque with the same clock is taken with them, other torque is averaged.
+    Samples are taken at the times of this clock. Torque with the same clock is taken with them, other torque averaged.
     """
     time = log.values["time"]
     runs = log.values.get("segment", np.zeros_like(time))
