@@ -27,10 +27,8 @@ from pendulum_env.units import JointUnits
 
 T = TypeVar("T")
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # base friction of a joint
-DRAWS, OF_NO_LINK = (
-    60,
-    1e-6,
-)  # samples of random motion, and relative norm below which links explain a torque
+DRAWS = 60  # samples of random motion
+OF_NO_LINK = 1e-6  # relative norm of a residual torque below which links explain the torque
 OF_THE_ARM = ("load_dependent_friction.output",)  # columns that effects at an arm's joint lack
 # effects that depend on more than the motion of one joint
 NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")

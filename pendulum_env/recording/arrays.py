@@ -1,4 +1,4 @@
-"""Tables of arrays by name: mappings, structured arrays and NPZ; the elements of a vector are columns, `x[0]`."""
+"""Read arrays by name: mappings, structured arrays and NPZ; elements of a vector are columns, `x[0]`."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -25,8 +25,8 @@ QUOTES = "\"' "
 
 
 def read_npz(path: Path, find: ColumnFinder) -> RawTable:
-    """Read arrays; those of objects, which would have to be unpickled, are passed over."""
-    if not is_zipfile(path):  # NumPy would advise to unpickle it
+    """Read the arrays of an NPZ file, without arrays of objects, which need unpickling."""
+    if not is_zipfile(path):  # NumPy's own error advises unpickling
         raise RecordingError("it is no NPZ archive, or a damaged one: write it with numpy.savez")
     arrays = {}
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -37,9 +37,9 @@ def read_npz(path: Path, find: ColumnFinder) -> RawTable:
 
 
 def read_arrays(data: Mapping[str, Any] | NDArray[Any], find: ColumnFinder) -> RawTable:
-    """Read the columns in need of a mapping of arrays, which may be nested, or of a structured array.
+    """Read the needed columns of a mapping of arrays, which may be nested, or of a structured array.
 
-    Entries of a mapping that are None are left out.
+    Entries that are None are ignored.
     """
     if not isinstance(data, Mapping):
         return build_table({name: data[name] for name in data.dtype.names or ()}, find)
@@ -53,7 +53,7 @@ def read_arrays(data: Mapping[str, Any] | NDArray[Any], find: ColumnFinder) -> R
 
 
 def flatten_structures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """List arrays in nested structures; signals of Simulink and dSPACE are named by their labels."""
+    """Yield names and arrays of nested structures; signals of Simulink and dSPACE have the names of their labels."""
     if isinstance(value, dict):
         label, values = (next((value[key] for key in keys if key in value), None) for keys in SIGNAL)
         if isinstance(label, str) and label and hasattr(values, "shape"):
@@ -74,7 +74,7 @@ def flatten_structures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
-    """Build a table from arrays by name, of which those are read that are needed; the longer side of a matrix is time.
+    """Build a table from arrays by name, reading only the needed ones; the longer side of a matrix is time.
 
     Sides of length 1 are dropped.
     """
@@ -87,7 +87,7 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
 
     def is_number(name: str) -> bool:
         kind, first = stored[name].dtype.kind, firsts[name]
-        if first is None:  # an Arrow column of objects holds texts, an array may hold numbers
+        if first is None:  # arrays of objects may have numbers, Arrow columns have texts
             return kind in "iuf" or (kind == "O" and not isinstance(stored[name], Series))
         return can_be_number(first, name)
 
@@ -114,7 +114,7 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
         if dtype.kind in "UO" and not labels and any(isinstance(cell, str) for cell in array):
             values[quantity], texts = array, True
         else:
-            values[quantity] = np.array(array, dtype=np.float64)  # the caller's stays as it is
+            values[quantity] = np.array(array, dtype=np.float64)  # copy of the caller's array
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
@@ -125,7 +125,7 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
 
 
 def _find_first_text(item: Any) -> str | None:
-    """Find the first cell of an array of texts; None of others."""
+    """Return the first cell of an array of texts, or None for other arrays."""
     if item.dtype.kind not in "UO" or not math.prod(item.shape):
         return None
     first = (item.head if isinstance(item, Series) else item[()]).flat[0]
@@ -134,9 +134,9 @@ def _find_first_text(item: Any) -> str | None:
 
 @dataclass(frozen=True)
 class Series:
-    """Column with the interface of an array, of which only the head is read before it is needed."""
+    """Column with the interface of an array, read at the first use except for its first row."""
 
-    head: NDArray[Any]  # (1,), or (1, K) of vectors
+    head: NDArray[Any]  # first row (1,), or (1, K) for vectors
     rows: int
     read: Callable[[], NDArray[Any]]
 
@@ -147,7 +147,7 @@ class Series:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Return the number of rows, and of elements of a vector."""
+        """Return the shape, (N,) or (N, K)."""
         return (self.rows, *self.head.shape[1:])
 
     def __getitem__(self, key: tuple[()]) -> NDArray[Any]:

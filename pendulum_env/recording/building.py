@@ -1,4 +1,4 @@
-"""Build a recording from raw columns: in SI units, cleaned, in segments of uniform time, every doubt raised at once."""
+"""Build a recording from raw columns: in SI units, cleaned, and in segments of uniform time."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -24,7 +24,7 @@ from pendulum_env.servo.torque import complete_torque
 def build_recording(
     name: str, table: RawTable, unwrap: bool, drive: ServoDrive | None, named: Mapping[str, str], log_format: JSON
 ) -> Recording:
-    """Convert a table to SI, clean it, cut it at gaps and make time uniform; refuse implausible data."""
+    """Convert a table to SI units, clean it, cut it at gaps and make time uniform; refuse implausible data."""
     columns, values = dict(table.columns), table.values
     counted = unwrap_clock(values["time"])
     notes = [*table.notes] + [Note(NoteKind.CLOCK_RESTARTED)] * (counted is not values["time"])
@@ -36,7 +36,7 @@ def build_recording(
     if "torque" in values:
         checks.refuse_large_current(values["torque"], origin)
     for quantity, column in columns.items():
-        with np.errstate(over="ignore", invalid="ignore"):  # what is beyond all numbers is left out like an empty cell
+        with np.errstate(over="ignore", invalid="ignore"):  # overflows are treated as empty cells
             values[quantity] *= column.scale
             values[quantity] += column.offset
     actuator = drive or MOTOR
@@ -46,7 +46,7 @@ def build_recording(
         )
     unit = columns["torque"].result_unit if "torque" in columns else actuator.unit
     if "torque" not in values:
-        values["torque"] = np.zeros_like(values["position"])  # of a drive until the motion is known
+        values["torque"] = np.zeros_like(values["position"])  # with a drive, computed below
         if not actuator.is_controller:
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named else NoteKind.NO_TORQUE_COLUMN))
     checks.refuse_too_few(values["time"])
@@ -96,19 +96,19 @@ def build_recording(
     checks.refuse_torque_twice(recording, origin)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording, origin)
-    if not jumps:  # of 2 pi, which tell the unit
+    if not jumps:  # jumps of 2 pi confirm the unit
         recording = replace(recording, notes=(*recording.notes, *_find_doubts(recording, origin)))
     return recording
 
 
 def _are_counts(column: FileColumn, values: Array) -> bool:
-    """Return whether a position without a unit may be encoder counts: whole numbers that cover over 720."""
+    """Return whether a position without a unit may be encoder counts: integers with a range above 720."""
     finite = values[np.isfinite(values)]
     return column.unit is None and len(finite) > 0 and bool(np.ptp(finite) > 720 and (finite == np.round(finite)).all())
 
 
 def _find_doubts(recording: Recording, origin: Origin) -> tuple[Note, ...]:
-    """Find doubts about the unit of position: refuse a guessed unit, note a given one."""
+    """Check the unit of position: refuse an implausible guessed unit, and note an implausible given one."""
     try:
         checks.refuse_too_fast(recording, origin)
         return checks.check_unit(recording, origin)

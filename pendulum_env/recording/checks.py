@@ -1,6 +1,6 @@
-"""Reasons to refuse a recording that can be parsed but not be true, or not be used.
+"""Refuse implausible and unusable recordings.
 
-Every check takes whole columns in SI units and raises RecordingError, or returns nothing, or notes of what it doubts.
+A check takes columns in SI units, and raises a RecordingError or returns None or notes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +33,7 @@ class Bounds:
 
 
 BOUNDS = Bounds()
-VELOCITY_FACTORS = (  # slope of position over velocity, if one of them has another unit than the other
+VELOCITY_FACTORS = (  # ratio of the slope of position to velocity, if one has another unit
     ("position", "deg", 180 / np.pi),
     ("velocity", "deg/s", np.pi / 180),
     ("velocity", "rev/s", 2 * np.pi),
@@ -42,12 +42,12 @@ VELOCITY_FACTORS = (  # slope of position over velocity, if one of them has anot
 
 
 def _format_columns(columns: Mapping[str, str]) -> str:
-    """Format columns that correct a recording as an argument."""
+    """Format the option `columns` for a message."""
     return format_setting("columns", columns)
 
 
 def refuse_large_current(values: Array, origin: Origin) -> None:
-    """Refuse a torque column of amperes, by the user or by its name alone, that no motor of a joint draws."""
+    """Refuse a current whose unit A is only a guess and whose values are too large for a joint's motor."""
     column = origin.columns["torque"]
     most = float(np.nanquantile(np.abs(values), 0.99)) if np.isfinite(values).any() else 0.0
     if column.is_current_by_guess and most > BOUNDS.current:
@@ -59,7 +59,7 @@ def refuse_large_current(values: Array, origin: Origin) -> None:
 
 
 def refuse_too_few(time: Array) -> None:
-    """Refuse fewer samples than any estimate could be made from."""
+    """Refuse too few samples for an estimate."""
     if len(time) < BOUNDS.fewest:
         raise RecordingError(
             f"it holds {len(time)} samples, of which at least {BOUNDS.fewest} are needed: record longer"
@@ -67,7 +67,7 @@ def refuse_too_few(time: Array) -> None:
 
 
 def refuse_too_short(recording: Recording, origin: Origin) -> None:
-    """Refuse sampling too slow for a pendulum, and recordings shorter than a swing: time may have another unit."""
+    """Refuse too low sample rates and too short recordings; suggest another unit of time."""
     period, duration = 1 / recording.rate, recording.duration
     if period > 1 / BOUNDS.slowest:
         raise ColumnError(
@@ -82,7 +82,7 @@ def refuse_too_short(recording: Recording, origin: Origin) -> None:
 
 
 def _suggest_time_unit(period: float, origin: Origin) -> str:
-    """Suggest the unit of time in which the steps [s], as they were read, become plausible."""
+    """Suggest a unit of time in which the sample time, read as `period` [s], is plausible."""
     units = list_plausible_units(period / origin.columns["time"].scale)
     hints = [
         f"read it with {_format_columns(origin.change_column('time', unit=unit))} if time is in {unit}, or "
@@ -92,7 +92,7 @@ def _suggest_time_unit(period: float, origin: Origin) -> str:
 
 
 def refuse_still(position: Array) -> None:
-    """Refuse a position that never changes: nothing can be learned from it, whatever the torque."""
+    """Refuse a position that never changes."""
     if (position == position[0]).all():
         raise RecordingError(
             f"position is {position[0]:.6g} rad in every row, so nothing can be learned: check the encoder, "
@@ -101,9 +101,9 @@ def refuse_still(position: Array) -> None:
 
 
 def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Origin, *, allow_wrapped: bool) -> None:
-    """Refuse angles that jump by more than half a turn between samples: wrapped, or not an angle at all."""
+    """Refuse positions that jump by more than half a turn between samples: wrapped, or not an angle."""
     jumps = np.abs(np.diff(position))
-    jumps[[start - 1 for start in starts[1:]]] = 0.0  # across a gap the joint may go anywhere
+    jumps[[start - 1 for start in starts[1:]]] = 0.0  # gaps are no jumps
     if (size := float(jumps.max())) <= np.pi:
         return
     row = rows[int(np.argmax(jumps > size / 2)) + 1]
@@ -125,7 +125,7 @@ def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Or
 
 
 def refuse_too_fast(recording: Recording, origin: Origin) -> None:
-    """Refuse speeds that no joint reaches."""
+    """Refuse impossible speeds."""
     rate, span = recording.rate, max(1, round(BOUNDS.window * recording.rate))
     for part in recording.segments:
         if len(part) <= span:
@@ -139,9 +139,9 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
 
 
 def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
-    """Refuse turns or degrees that were read as radians; note a motion that a spring over radians explains as well.
+    """Refuse turns or degrees that were read as radians; return a note if the unit is uncertain.
 
-    Turns are found by small differences, which need a logged torque: that which a drive asked for is less exact.
+    Turns are tested only with logged torque, because the commanded torque of a drive is too inexact.
     """
     if not origin.can_be_degrees():
         return ()
@@ -156,7 +156,7 @@ def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
 
 
 def _suggest_position_unit(origin: Origin, unit: str = "deg", *, confirms: bool = True) -> str:
-    """Suggest another unit of position, and the argument that confirms a guessed one."""
+    """Suggest another unit of position, and the option that confirms a guessed one."""
     if not origin.can_be_degrees():
         advice = "check its unit and gain"
     elif origin.are_counts:
@@ -170,7 +170,7 @@ def _suggest_position_unit(origin: Origin, unit: str = "deg", *, confirms: bool 
 
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
-    """Refuse the goal of an angle that is turns away from the position: it has other units, or another zero."""
+    """Refuse a goal that is turns away from the position, due to another unit or zero."""
     if (goal := recording.goal) is None:
         return
     away = float(np.median(np.abs(goal - recording.position)))
@@ -182,9 +182,9 @@ def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
 
 
 def refuse_torque_twice(recording: Recording, origin: Origin) -> None:
-    """Refuse a load torque that follows the torque and that the user has not named: it may be a sensor of the torque.
+    """Refuse an unnamed load torque that is correlated with the torque: it may be a sensor of the motor torque.
 
-    Both add up, so the torque of the motor would count twice.
+    Otherwise the motor torque would count twice.
     """
     if recording.load_torque is None or "load_torque" in origin.named:
         return
@@ -204,7 +204,7 @@ def refuse_torque_twice(recording: Recording, origin: Origin) -> None:
 
 
 def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
-    """Refuse a velocity column that is not the slope of position: other units, other sign, another signal."""
+    """Refuse a velocity that is not the slope of position, due to another unit, sign or signal."""
     pairs = [
         _compute_motions(part.rate, part.position, part.velocity)
         for part in recording.segments
@@ -215,7 +215,7 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
     size = float(np.linalg.norm(moved) * np.linalg.norm(expected))
     correlation = float(moved @ expected / size) if size else 0.0
     if abs(correlation) < 0.5:
-        if np.ptp(recording.position) > 0.2:  # [rad]; below, encoder steps may drown the motion
+        if np.ptp(recording.position) > 0.2:  # [rad]; above encoder steps
             raise ColumnError(
                 f"velocity does not follow the slope of position ({correlation:.2f} correlated): {remedy}"
             )
@@ -235,7 +235,7 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
 
 
 def _compute_motions(rate: float, position: Array, velocity: Array) -> tuple[Array, Array]:
-    """Compute the motion in each `BOUNDS.window` by position and by velocity, (M,) each [rad]."""
+    """Return the motion in each `BOUNDS.window` from position and from velocity, (M,) each [rad]."""
     span = max(1, round(BOUNDS.window * rate))
     count = (len(position) - 1) // span
     mean = (velocity[:-1] + velocity[1:]) / 2

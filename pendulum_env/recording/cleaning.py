@@ -1,4 +1,4 @@
-"""Rows that a logger spoilt: empty cells, repeated stamps, glitches of one sample and values that are out of date."""
+"""Remove invalid rows: empty cells, repeated times, glitches of one sample and stale values."""
 
 from dataclasses import dataclass, field
 
@@ -11,19 +11,19 @@ from pendulum_env.recording.clock import find_resolution
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.recording.vocabulary import QUANTITIES
 
-OPTIONAL = QUANTITIES[3:]  # that a recording can do without
+OPTIONAL = QUANTITIES[3:]  # optional quantities
 TURN = 2 * np.pi  # [rad]
-HELD = ("torque", "enabled")  # quantities that stay until they are told anew
+HELD = ("torque", "enabled")  # quantities that are held until the next value
 
 
 @dataclass(frozen=True)
 class CleaningSettings:
     """Limits of glitches, stale values and repeated times."""
 
-    absurd: float = 1e20  # of any quantity, as good as infinite: above time in nanoseconds since 1970
-    far: float = 10.0  # times what the neighbours and the rest of the recording show, from which a sample is a glitch
-    pause: float = 1.0  # [s] between runs whose clocks all begin anew
-    long: float = 1.5  # steps of the median, from which rows were lost in between
+    absurd: float = 1e20  # magnitude that counts as infinite, above time in nanoseconds since 1970
+    far: float = 10.0  # ratio of a glitch's deviation to those of its neighbours and of the recording
+    pause: float = 1.0  # [s], gap between runs whose clocks restart
+    long: float = 1.5  # least length of a step with lost rows, in median steps
     moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move;
     # and times the step after it that a jump has, from which no joint makes it
     same: float = 1e-6  # of the usual step of time, up to which it stands still
@@ -42,13 +42,13 @@ class Log:
     """Content of a file during cleaning.
 
     Attributes:
-        values: in SI units, by quantity (N,) each.
-        notes: on what was changed.
+        values: series in SI units by quantity, (N,) each.
+        notes: notes on changes.
         starts: index of the first sample of each segment.
-        rows: number of each sample's row in the file (N,), from 1, header not counted.
-        start: first time, in the log's own count [s].
-        resolution: last decimal place of the time that was printed, or the spacing of float32; 0 if unknown [s].
-        rounding: error that float64 makes at these times [s].
+        rows: row of each sample in the file (N,), from 1, without the header.
+        start: first time in the log [s].
+        resolution: last decimal place of printed time, or spacing of float32 [s]; 0 if unknown.
+        rounding: rounding error of float64 at these times [s].
     """
 
     values: dict[str, Array]
@@ -62,18 +62,18 @@ class Log:
         self.rows: Index = np.arange(1, len(self.values["time"]) + 1)
 
     def keep_rows(self, good: Mask) -> None:
-        """Leave out the samples that are not good (N,)."""
+        """Keep the samples of a mask (N,)."""
         self.values = {quantity: column[good] for quantity, column in self.values.items()}
         self.rows = self.rows[good]
 
 
 def fill_unchanged(log: Log) -> None:
-    """Fill empty cells with the last value where a program writes only what changes.
+    """Fill empty cells with the last value in files that are written only at changes.
 
-    A column that is written in every row repeats its value about half as often as it changes by its least step. A
-    file in which a column takes many least steps and no column with empty cells ever repeats a value is written only
-    where values change. If such a column moves on by more across empty cells than from row to row, its cells were lost.
-    A column `enabled` or `segment` is always held.
+    A column that is written in each row repeats its value about half as often as it changes by its smallest step. A
+    file is therefore written at changes if a column takes many smallest steps, and no column with empty cells repeats a
+    value. If the steps of such a column are larger across empty cells than between rows, its cells were lost. The
+    columns `enabled` and `segment` are always held.
     """
     sparse = [quantity for quantity in log.values if quantity != "time" and np.isnan(log.values[quantity]).any()]
     steps = {quantity: np.diff(log.values[quantity][~np.isnan(log.values[quantity])]) for quantity in sparse}
@@ -89,13 +89,13 @@ def fill_unchanged(log: Log) -> None:
 
 
 def _hold_values(values: Array, known: Mask) -> Array:
-    """Hold the last known values (N,); NaN before the first that is known (N,)."""
+    """Hold the last known values (N,), with NaN before the first known one; `known` is a mask (N,)."""
     last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
     return np.where(last >= 0, values[last], np.nan)
 
 
 def _is_coarse(steps: Array) -> bool:
-    """Return whether a column takes many of its least steps (M,), rounded to them."""
+    """Return whether many steps (M,) of a column equal its smallest step."""
     if not steps.any():
         return False
     sizes = np.abs(steps)
@@ -103,7 +103,7 @@ def _is_coarse(steps: Array) -> bool:
 
 
 def _is_lost(values: Array) -> bool:
-    """Return whether a column (N,) moved on where its cells are empty, so that its steps across them are larger."""
+    """Return whether a column (N,) has larger steps across empty cells than between rows."""
     rows = np.flatnonzero(~np.isnan(values))
     across, sizes = np.diff(rows) > 1, np.abs(np.diff(values[rows]))
     if not across.any() or np.count_nonzero(~across) < CLEANING.least_steps:
@@ -112,10 +112,10 @@ def _is_lost(values: Array) -> bool:
 
 
 def align_topics(log: Log, fewest: int) -> None:
-    """Move quantities with rows of their own to the rows of position, as for merged topics.
+    """Move quantities in separate rows to the rows of position, as of merged topics.
 
-    Torque is taken as it was last, for it is held; other quantities by interpolation. Fewer rows than `fewest` with a
-    position are none to take anything at: `drop_invalid_rows` says so.
+    Quantities in `HELD` are held, others interpolated. With fewer than `fewest` rows of position, nothing is changed,
+    and `drop_invalid_rows` raises the error.
     """
     values = dict(log.values)
     here = np.isfinite(values["position"])
@@ -138,13 +138,13 @@ def align_topics(log: Log, fewest: int) -> None:
 
 
 def drop_invalid_rows(log: Log, fewest: int) -> None:
-    """Leave out rows with empty cells, NaN, or numbers that nothing measures.
+    """Remove rows with empty cells, NaN or absurd numbers.
 
-    An optional column that lacks more than half of its cells is left out instead.
+    An optional column with more than half of its cells missing is removed instead.
     """
     count = len(log.values["time"])
     good, kept = np.ones(count, dtype=np.bool_), {}
-    spoilt: dict[tuple[str, bytes], list[str]] = {}  # quantities by how they are spoilt and where
+    spoilt: dict[tuple[str, bytes], list[str]] = {}  # quantities by fault and mask of valid rows
     for quantity, column in log.values.items():
         sound = np.abs(column) < CLEANING.absurd
         if sound.all():
@@ -187,7 +187,7 @@ def shift_restarted_runs(log: Log) -> None:
 
 
 def drop_repeated_times(log: Log) -> None:
-    """Leave out rows whose time repeats that of the row before."""
+    """Remove rows whose time repeats that of the previous row."""
     time = log.values["time"]
     steps = np.diff(time)
     if steps.min() < 0:
@@ -205,10 +205,10 @@ def drop_repeated_times(log: Log) -> None:
 
 
 def drop_initial_hold(log: Log, position: Array) -> None:
-    """Leave out samples of a free swing before its release: rest away from both equilibria is no free motion.
+    """Remove the samples of a free swing before its release, with the joint at rest away from equilibrium.
 
-    From rest at an angle, position (N,) leaves by a t^2 / 2 at first: of the times at which it has moved by d and by
-    9 d follows the time of the release. The joint swings about its equilibrium, the median.
+    After the release, position (N,) moves by a t^2 / 2: the time of the release follows from the times of the
+    displacements d and 9 d. The median of position is the equilibrium.
     """
     time = log.values["time"] - log.values["time"][0]
     moved = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / np.ptp(position)
@@ -222,7 +222,7 @@ def drop_initial_hold(log: Log, position: Array) -> None:
 
 
 def start_from_zero(log: Log) -> None:
-    """Count time from the first sample; the log keeps the start and the rounding of its own count."""
+    """Count time from the first sample; store start, resolution and rounding of the original time."""
     time = log.values["time"]
     log.start, log.resolution = float(time[0]), find_resolution(time)
     log.rounding = 4.0 * float(np.spacing(np.abs(time).max()))
@@ -230,10 +230,10 @@ def start_from_zero(log: Log) -> None:
 
 
 def drop_spoilt_positions(log: Log, position: Array) -> None:
-    """Leave out rows with an impossible position (N,), unwrapped if needed.
+    """Remove rows with an impossible position (N,), given unwrapped.
 
-    Glitches lie far off both neighbours: no joint is there and back within two samples. Stale values repeat the last
-    one, and are followed by a jump to where steady motion would have gone meanwhile, or by one that no joint makes.
+    Glitches are single samples far from both neighbours. Stale values repeat the last one, and are followed by an
+    impossible jump or by a jump to the position of steady motion.
     """
     usual = estimate_bend(position)
     good = np.ones(len(position), dtype=np.bool_)
@@ -248,11 +248,11 @@ def drop_spoilt_positions(log: Log, position: Array) -> None:
 
 
 def unwrap_positions(log: Log, is_angle: bool) -> int:
-    """Undo jumps of 2 pi in position, a reference that `is_angle` following; returns how many there were."""
+    """Undo jumps of 2 pi in position, and in a reference that `is_angle`; return the number of jumps."""
     position = log.values["position"]
     unwrapped = np.unwrap(position)
     log.values = {**log.values, "position": unwrapped}
-    if "reference" in log.values and is_angle:  # on the turn that the joint is on
+    if "reference" in log.values and is_angle:  # on the same turn as position
         reference = log.values["reference"]
         log.values["reference"] = reference + TURN * np.round((unwrapped - reference) / TURN)
     jumps = int(np.count_nonzero(np.abs(np.diff(position)) > np.pi))
@@ -267,9 +267,9 @@ def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> 
 
 
 def estimate_bend(position: Array) -> float:
-    """Return the 99th percentile of the distance of positions (N,) from the mean of their neighbours [rad].
+    """Return the 99th percentile of the distances of positions (N,) from the mean of their neighbours [rad].
 
-    Of a joint that rests all but always, the smallest step that its encoder makes; 0 if it makes none.
+    If this is 0, return the smallest step of the encoder, or 0 without motion.
     """
     if len(position) < 3:
         return 0.0
@@ -279,7 +279,7 @@ def estimate_bend(position: Array) -> float:
 
 
 def _find_glitches(q: Array, usual: float) -> Index:
-    """Find samples of q (N,) far from the mean of their neighbours, which agree with each other."""
+    """Return the samples of q (N,) that are far from the mean of smooth neighbours."""
     if len(q) < 5:
         return np.empty(0, dtype=np.intp)
     off = np.abs(q[2:-2] - 0.5 * (q[1:-3] + q[3:-1]))
@@ -297,7 +297,7 @@ def _find_cuts(log: Log) -> Mask:
 
 
 def _find_stale_samples(q: Array, usual: float, cuts: Mask) -> Index:
-    """Find samples of q (N,) that repeat the last one although the joint moves on, not before cuts (N - 1,)."""
+    """Return the samples of q (N,) that repeat the last one although the joint moves on, not before cuts (N - 1,)."""
     steps = np.diff(q)
     still = steps == 0
     turns = np.flatnonzero(np.diff(still, prepend=False, append=False))

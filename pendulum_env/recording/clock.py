@@ -1,4 +1,4 @@
-"""Clock of a log: seconds since 1970 in any unit, the rounding of its digits, and time counted from 0."""
+"""Convert and check the time of a log: Unix time, dates, overflows, rounding and uniformity."""
 
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -12,12 +12,12 @@ from pendulum_env.recording.vocabulary import UNITS
 
 TIME_UNITS = ("s", "ms", "us", "ns")
 EPOCH = (datetime(1990, 1, 1, tzinfo=UTC).timestamp(), datetime(2100, 1, 1, tzinfo=UTC).timestamp())  # [s] since 1970
-EXACT, LOOSE = 1e-6, 1e-5  # of a step that a clock may be off: a file's is left as it is, and so is any slice of it
-STEPS = (1e-5, 0.1)  # [s] between samples of a recording, the least and the most
+EXACT, LOOSE = 1e-6, 1e-5  # largest deviation from uniform time, as share of a step, of files and of their slices
+STEPS = (1e-5, 0.1)  # [s], least and largest plausible sample time
 
 
 def find_date(start: float) -> datetime | None:
-    """Convert a time in seconds since 1970 to a date; None if it cannot be since 1970."""
+    """Convert a time in seconds since 1970 to a date; return None for implausible years."""
     return datetime.fromtimestamp(start, UTC) if EPOCH[0] <= start < EPOCH[1] else None
 
 
@@ -28,7 +28,7 @@ def parse_date(stamp: str) -> datetime:
 
 
 def count_seconds(time: NDArray[Any]) -> tuple[Array, datetime | None]:
-    """Count dates (N,) in seconds from the first, which is returned too, or durations in seconds; NaT becomes NaN."""
+    """Convert dates (N,) to seconds from the first, returned too, or durations to seconds; NaT becomes NaN."""
     if time.dtype.kind != "M":
         return time / np.timedelta64(1, "s"), None
     known = time[~np.isnat(time)]
@@ -39,7 +39,7 @@ def count_seconds(time: NDArray[Any]) -> tuple[Array, datetime | None]:
 
 
 def find_unix_unit(time: Array) -> str | None:
-    """Find the unit of a clock (N,) that counts since 1970, by its date and its steps; None if it does not."""
+    """Find the unit of Unix time (N,) by its date and its steps; return None for other clocks."""
     known = time[np.isfinite(time)]
     if len(known) < 2:
         return None
@@ -48,7 +48,7 @@ def find_unix_unit(time: Array) -> str | None:
 
 
 def unwrap_clock(time: Array) -> Array:
-    """Unwrap a clock (N,) of 16 or 32 bits, in its own counts, where it overflows."""
+    """Undo the overflows of a clock (N,) of 16 or 32 bits, in its counts."""
     steps = np.diff(time)
     back = steps < 0
     if not 0 < np.count_nonzero(back) < 0.1 * len(steps):
@@ -61,13 +61,13 @@ def unwrap_clock(time: Array) -> Array:
 
 
 def list_plausible_units(step: float) -> list[str]:
-    """List the units in which a step of time, as the file has it, is that of a recording."""
+    """List the units in which a step of the file's time is a plausible sample time."""
     return [unit for unit in TIME_UNITS if STEPS[0] <= step * UNITS["time"][unit] <= STEPS[1]]
 
 
 def find_resolution(time: Array) -> float:
-    """Find the last decimal place [s] that time was rounded to, or float32's; 0 if neither explains the digits."""
-    tail = time[-1000:]  # where time is largest and rounding coarsest
+    """Return the decimal place to which time was rounded, or the spacing of float32 [s]; 0 if neither fits."""
+    tail = time[-1000:]  # largest rounding
     size = np.abs(tail).max()
     single = float(np.spacing(np.float32(size))) if (tail == tail.astype(np.float32)).all() else 0.0
     for decimals in range(10):
@@ -78,9 +78,9 @@ def find_resolution(time: Array) -> float:
 
 
 def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = EXACT) -> bool:
-    """Test whether time (N,) [s] increases, from each start on a uniform grid, all of one period.
+    """Return whether time (N,) [s] increases and is uniform within segments, with one period.
 
-    Up to `tolerance` of a step and the rounding of float64. Segments hold two samples or more.
+    Deviations up to `tolerance` of a step plus the rounding of float64 are allowed. Segments have at least two samples.
     """
     bounds = (*starts, len(time))
     step = sum_durations(time, starts) / (len(time) - len(starts))
@@ -93,14 +93,14 @@ def is_uniform(time: Array, starts: tuple[int, ...] = (0,), tolerance: float = E
 
 
 def count_from_zero(time: Array, starts: tuple[int, ...] = (0,)) -> Array:
-    """Count time (N,) [s] from 0, each segment on a grid of one period, so that float64 no longer rounds its steps."""
+    """Return time (N,) [s] from 0 on a uniform grid per segment, which removes the rounding of float64."""
     step = sum_durations(time, starts) / (len(time) - len(starts))
     bounds = pairwise((*starts, len(time)))
     return np.concatenate([time[a] - time[0] + step * np.arange(b - a, dtype=np.float64) for a, b in bounds])
 
 
 def compute_unevenness(time: Array, step: float | None = None) -> float:
-    """Return the largest distance [s] of time (N,) from the uniform grid with its ends, or with its start and step."""
+    """Return the largest deviation [s] of time (N,) from a uniform grid with its ends, or its start and `step`."""
     last = time[-1] if step is None else time[0] + (len(time) - 1) * step
     distance = np.linspace(time[0], last, len(time))
     distance -= time  # in place: recordings may be large
@@ -108,5 +108,5 @@ def compute_unevenness(time: Array, step: float | None = None) -> float:
 
 
 def sum_durations(time: Array, starts: tuple[int, ...] = (0,)) -> float:
-    """Sum the time [s] from the first to the last sample of each segment."""
+    """Return the sum of the durations of all segments [s]."""
     return float(sum(time[b - 1] - time[a] for a, b in pairwise((*starts, len(time)))))

@@ -1,9 +1,9 @@
-"""Which column of a file is which quantity, and in which unit: told by its name, case-insensitive, or by the user.
+"""Find quantity and unit of the columns of a file, by their names or the user's options.
 
-A name is an alias (`q`, `tau`, ...), perhaps decorated (`q_meas`, `actual_position`), perhaps followed by a unit
-(`q [rad]`, `pos_deg`, `time_ms`), perhaps the end of a path (`/joint_states/position[0]`, `signals.theta`): see
-`vocabulary.py`. Names with an unknown unit, or that of a motor's current or an encoder's counts, are no match, rather
-than a guess. Users name columns as they stand in the file, with what is to be done with them: see `expression.py`.
+A name is an alias (`q`, `tau`, ...), optionally with a prefix or suffix (`q_meas`, `actual_position`), a unit (`q
+[rad]`, `pos_deg`, `time_ms`) or a path (`/joint_states/position[0]`, `signals.theta`); see `vocabulary.py`. Case is
+ignored. Names with an unknown unit, a unit of current or encoder counts do not match. Users give columns by the names
+in the file, with their conversion; see `expression.py`.
 """
 
 import re
@@ -52,59 +52,59 @@ from pendulum_env.units import JointUnits
 
 ADDED = re.compile(
     r"^\[[^\]]*\]\s*(?=\w)|^(?:latest|run\s*#?\d+)\s*:\s*|^[%#]\s*|\s*\brun\s*#?\d+$", re.IGNORECASE
-)  # to names, by programs
-VALUES = ("data", "value", "values")  # fields of a structure that hold its samples
+)  # additions of programs to names
+VALUES = ("data", "value", "values")  # fields of a structure with samples
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
 QUOTED = 40  # characters of a header in a sentence
 UNTOLD = Expression("")  # of a column that the user did not name
-NONE = "none"  # in the place of a column: the quantity is left out, whatever the names of columns are
+NONE = "none"  # in place of a column: the quantity is omitted
 
 
 @dataclass(frozen=True)
 class FileColumn:
-    """Recognised column of a file: the quantity in SI is `scale` times the column, plus `offset`."""
+    """Recognised column of a file; the quantity in SI units is `scale` times the column plus `offset`."""
 
     quantity: str  # time, position, velocity, torque, reference or segment
-    header: str  # its name in the file
-    index: int  # its place in the file, from 0
-    unit: str | None  # letters of its unit, None if nothing names one
-    rank: Rank = Rank.MEASURED  # whether its name says measured, estimated or commanded
-    passed_over: tuple[str, ...] = ()  # names of others that could be the same quantity
-    expression: Expression = UNTOLD  # what the user says of it; empty if nothing
+    header: str  # name in the file
+    index: int  # place in the file, from 0
+    unit: str | None  # letters of the unit; None if not given
+    rank: Rank = Rank.MEASURED  # measured, estimated or commanded, by its name
+    passed_over: tuple[str, ...] = ()  # names of other candidates for the quantity
+    expression: Expression = UNTOLD  # expression of the user; empty if not given
 
     @property
     def scale(self) -> float:
-        """Return the factor from the column to SI."""
+        """Return the factor from the column to SI units."""
         return _find_factor(self.quantity, self.unit) * self.expression.gain
 
     @property
     def offset(self) -> float:
-        """Return the added offset in SI."""
+        """Return the offset in SI units."""
         unit = self.unit if self.expression.offset_unit is None else normalise_name(self.expression.offset_unit)
         return self.expression.shift * _find_factor(self.quantity, unit)
 
     @property
     def is_unit_told(self) -> bool:
-        """Return whether the name or the user gives the unit."""
+        """Return whether the unit is given by the name or the user."""
         return self.unit is not None or bool(self.expression.factors)
 
     @property
     def is_current_by_guess(self) -> bool:
-        """Return whether the column is a current in amperes without a unit in its name."""
+        """Return whether the column is a current with the guessed unit A."""
         if self.quantity != "torque" or self.unit not in (None, "a") or find_trailing_unit(RAW["torque"], self.header):
             return False
         return self.unit == "a" or (_is_raw("torque", self.header) and _find_header_raw_unit(self.header) == "A")
 
     @property
     def result_unit(self) -> str:
-        """Return the unit of the result: SI, or that of the column for a torque with an unknown gain."""
+        """Return the unit of the result: SI, or the column's unit for torque with an unknown gain."""
         if not self.expression.is_gain_unknown:
             return SI[self.quantity]
         return _find_raw_unit(self.unit or "duty")
 
     @property
     def notes(self) -> tuple[Note, ...]:
-        """Return the notes on how this column was read."""
+        """Return the notes on the conversion of the column."""
         notes, quantities, header = [], (self.quantity,), (self.header,)
         if self.expression.factors or self.expression.offset or self.expression.negative:
             notes.append(Note(NoteKind.TRANSFORMED, quantities, text=str(self.expression)))
@@ -114,7 +114,7 @@ class FileColumn:
             notes.append(Note(NoteKind.CONVERTED, quantities, headers=header, text=unit))
         if self.result_unit != SI[self.quantity]:
             notes.append(Note(NoteKind.GAIN_UNKNOWN, quantities, text=self.result_unit))
-        if self.rank is Rank.COMMANDED and normalise_name(self.header) != "u":  # which never means anything else
+        if self.rank is Rank.COMMANDED and normalise_name(self.header) != "u":  # `u` is always a command
             notes.append(Note(NoteKind.COMMANDED_TORQUE, quantities, headers=header))
         if self.quantity == "torque" and (find_name(normalise_name(self.header)) or ("",))[0] == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, quantities, headers=header))
@@ -138,9 +138,9 @@ def find_columns(
     *,
     wordy: Collection[int] = (),
 ) -> dict[str, FileColumn]:
-    """Find the columns by quantity: time, position, torque, and those of `OPTIONAL` that exist.
+    """Find the columns of time, position, torque and, if present, `OPTIONAL`, by quantity.
 
-    Torque may be missing only if the user says `none`, or if no other column could hold it, see `can_be_torque`.
+    Torque may be missing only if the user gives `none`, or no other column can be torque, see `can_be_torque`.
 
     Args:
         headers: names of the columns in the file.
@@ -183,7 +183,7 @@ def find_columns(
             others = tuple(c.header for c in fitting if c not in candidates and c.index not in wordy)
             columns[quantity] = replace(candidates[0], passed_over=others)
     if "torque" not in {*columns, *unused} and "load_torque" in columns and output is None:
-        if not any(_is_raw("torque", header) for header in headers):  # else a motor drives the joint, too
+        if not any(_is_raw("torque", header) for header in headers):  # without a motor
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
     needed = ("time", "position", "torque" if output is None else "reference")
     missing = [quantity for quantity in needed if quantity not in columns and (quantity, NONE) not in told.items()]
@@ -205,7 +205,7 @@ def find_columns(
 def _refuse_missing(
     missing: list[str], headers: Sequence[str], free: Sequence[str], told: Mapping[str, str], has_goal: bool
 ) -> NoReturn:
-    """Refuse a file without columns for quantities; suggest columns of `headers`, those in `free` have no use yet."""
+    """Refuse a file without the needed columns; suggest columns among `headers` and the unused ones in `free`."""
     option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
     hints = [hint for quantity in missing for hint in _suggest_columns(quantity, headers, free)]
     if missing == ["reference"]:
@@ -246,13 +246,13 @@ def _suggest_columns(quantity: str, headers: Sequence[str], free: Sequence[str])
 
 
 def can_be_torque(header: str, place: int) -> bool:
-    """Return whether an unrecognised column may hold a torque: its name gives neither unit nor quantity.
+    """Return whether an unrecognised column may be torque: its name has no unit or quantity of another kind.
 
-    A goal, a supply or a power switch belongs to a motor, so that torque is not known to be zero.
+    A goal, a supply or a power switch implies a motor, whose torque is unknown.
     """
     bare, words = header.strip(), set(WORD.findall(header))
     if not bare or bare.lower() in INDICES:
-        return not bare and place > 0  # pandas writes row numbers first
+        return not bare and place > 0  # row numbers of pandas
     known = {match[0] for spelling in _list_spellings(header) if (match := find_name(normalise_name(spelling)))}
     if known:
         return not known.isdisjoint(("torque", *MOTOR))
@@ -272,13 +272,13 @@ def _match_element(position: FileColumn | None, candidates: Sequence[FileColumn]
 
 
 def _match_path(position: FileColumn, candidates: Sequence[FileColumn]) -> list[FileColumn]:
-    """Select the columns that stand in the structure or group of position."""
+    """Return the columns in the same structure or group as position."""
     path = re.split(r"[/.][^/.]*$", position.header)[0]
     return [column for column in candidates if re.split(r"[/.][^/.]*$", column.header)[0] == path]
 
 
 def _apply_moteus_units(columns: dict[str, FileColumn], headers: Sequence[str]) -> dict[str, FileColumn]:
-    """Set the units of a log of moteus, which are turns and turns per second."""
+    """Set the units of a moteus log, turns and turns per second."""
     if len(MOTEUS_REGISTERS & {normalise_name(header) for header in headers}) < 2:
         return columns
     return {
@@ -290,7 +290,7 @@ def _apply_moteus_units(columns: dict[str, FileColumn], headers: Sequence[str]) 
 
 
 def add_labels(columns: dict[str, FileColumn], headers: Sequence[str], cells: Sequence[str]) -> dict[str, FileColumn]:
-    """Add a column of words as `segment`, by the first cell of each column, where there is none."""
+    """Add a column of words as `segment`, by its name and first cell, if the file has none."""
     if "segment" in columns:
         return columns
     for index, (header, cell) in enumerate(zip(headers, cells, strict=True)):
@@ -301,7 +301,7 @@ def add_labels(columns: dict[str, FileColumn], headers: Sequence[str], cells: Se
 
 
 def guess_columns(headers: Sequence[str]) -> dict[str, str]:
-    """Guess a column for each quantity, none where two are as likely; its gain may be missing."""
+    """Guess the column of each quantity, without ambiguous ones; gains may be missing."""
     guessed = {}
     for quantity in ALIASES:
         fitting = _find_candidates(quantity, headers, set())
@@ -313,7 +313,7 @@ def guess_columns(headers: Sequence[str]) -> dict[str, str]:
 
 
 def _find_output(output: str, headers: Sequence[str]) -> str | None:
-    """Return the expression of the column with the output of a controller, if there is one."""
+    """Return the expression of the column with a controller's output, or None."""
     for header in headers:
         if normalise_name(re.split(r"[\[(]", header)[0]) == output and output in OUTPUTS:
             unit = "" if find_trailing_unit(RAW["torque"], header) else f":{OUTPUTS[output]}"
@@ -322,18 +322,18 @@ def _find_output(output: str, headers: Sequence[str]) -> str | None:
 
 
 def _prefer_measured(fitting: Sequence[FileColumn]) -> list[FileColumn]:
-    """Drop columns that only estimate or command a quantity, if one measures it."""
+    """Return the columns of the best rank: measured before estimated before commanded."""
     best = min((column.rank for column in fitting), default=None)
     return [column for column in fitting if column.rank == best]
 
 
 def is_told(quantity: str, headers: Sequence[str]) -> bool:
-    """Return whether the name of a column denotes a quantity."""
+    """Return whether a column has a name of the quantity."""
     return bool(_find_candidates(quantity, headers, set()))
 
 
 def _find_candidates(quantity: str, headers: Sequence[str], taken: set[int]) -> list[FileColumn]:
-    """Find columns that could be a quantity: by their whole names, else by the last or last but one part of a path."""
+    """Find columns of a quantity by their whole names, else by the last two parts of their paths."""
     spelt = [_list_spellings(header) for header in headers]
     for part in range(len(spelt[0]) if spelt else 0):
         matches = [(k, find_name(normalise_name(spelling[part]))) for k, spelling in enumerate(spelt) if k not in taken]
@@ -344,7 +344,7 @@ def _find_candidates(quantity: str, headers: Sequence[str], taken: set[int]) -> 
 
 
 def _list_spellings(header: str) -> tuple[str, ...]:
-    """Return a name as it is, without its index, and the last two parts of its path, empty if there is none.
+    """Return the spellings of a name: whole, without index, last and second last part of its path, and plain.
 
     `/joint_states/position[0]` ends in `position`, `/joint_states/position/elbow` has it before its end. The last
     two are without what programs add: `Latest: Angle (rad)`, `Angle (rad) Run #1`, `Angle in rad`, `%time` and
@@ -383,7 +383,7 @@ def _find_header_raw_unit(header: str) -> str:
 
 
 def _find_raw_unit(text: str) -> str:
-    """Find the unit that a gain converts to torque, `A`, `V` or `duty`, by letters of a unit or of a column's name."""
+    """Return the unit that a gain converts to torque, `A`, `V` or `duty`, from the letters of a unit or name."""
     if text in ("v", "mv") or "volt" in text:
         return "V"
     return "duty" if text in ("%", "percent", "presentload") or "duty" in text or "pwm" in text else "A"
@@ -399,12 +399,12 @@ def _is_raw(quantity: str, header: str) -> bool:
 
 
 def strip_joint(quantity: str) -> str:
-    """Return the quantity of `position_elbow` or `torque_elbow`; others as they are."""
+    """Return the quantity of `position_elbow` or `torque_elbow`, and other names unchanged."""
     return quantity.partition("_")[0] if quantity.startswith(("position_", "torque_")) else quantity
 
 
 def refuse_unknown_quantity(quantity: str) -> None:
-    """Refuse a word that is no quantity of a recording."""
+    """Refuse a word that is not a quantity."""
     try:
         find("quantity", quantity, ALIASES)
     except UnknownName as error:
@@ -412,7 +412,7 @@ def refuse_unknown_quantity(quantity: str) -> None:
 
 
 def check_named(columns: object) -> None:
-    """Refuse columns that are no mapping of quantities to texts or None; None is of no columns."""
+    """Refuse an option `columns` that is neither None nor a mapping of quantities to texts or None."""
     is_mapping = isinstance(columns, Mapping) and all(isinstance(text, str | None) for text in columns.values())
     if columns is not None and not is_mapping:
         raise TypeError(
@@ -421,7 +421,7 @@ def check_named(columns: object) -> None:
 
 
 def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain: bool = True) -> FileColumn:
-    """Find the column that a user names for a quantity, with what is to be done with it."""
+    """Find the column and conversion of a user's expression for a quantity."""
     refuse_unknown_quantity(quantity)
     names = [header.strip() for header in headers]
     raw = RAW.get(quantity, {})
@@ -439,11 +439,11 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
     ending = {**UNITS[quantity], **LINEAR.get(quantity, {})}
     unit = find_trailing_unit(ending, name) if expression.unit is None else normalise_name(expression.unit)
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
-    converted = any(factor[0] == "*" for factor in expression.factors)  # else a ratio may contain 2 pi
+    converted = any(factor[0] == "*" for factor in expression.factors)  # a ratio may include 2 pi
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
         example = _write_gain_example(quantity, name, can_find_gain)
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
-    if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; a gain of counts is one to radians
+    if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; counts have a gain to radians
         unit = find_trailing_unit(raw, name)
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
@@ -457,7 +457,7 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
 
 
 def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> Expression:
-    """Read an expression of a column, whose name may lack its unit in brackets where one column alone is meant."""
+    """Parse an expression; the name may lack its unit in brackets if it is unique."""
     try:
         return parse_expression(text, names, units)
     except UnknownColumnError:
@@ -467,7 +467,7 @@ def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> 
 
 
 def find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
-    """Return the letters of the unit that a name ends in, `Winkel [deg]` or `phi2_deg`; None if there is none."""
+    """Return the letters of the unit at the end of a name, `Winkel [deg]` or `phi2_deg`, or None."""
     ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip()[-LONGEST_UNIT:])
     unit = normalise_name(next(filter(None, ends.groups()), "")) if ends else ""
     return unit if unit in units else None

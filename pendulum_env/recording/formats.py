@@ -1,4 +1,4 @@
-"""Reading columns of a file or table, by the format that its name or its kind tells."""
+"""Read columns of a file by its suffix, or of a table in memory by its type."""
 
 import os
 from collections.abc import Callable, Collection, Mapping
@@ -39,7 +39,7 @@ READERS: dict[str, Callable[[Path, ColumnFinder], RawTable]] = {
     ".lvm": read_csv,
     ".log": read_csv,
 }
-RECIPES = {  # what helps where a format is not read
+RECIPES = {  # remedies for unsupported formats
     ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
     ".pkl": "write it with pandas' to_parquet, since reading a pickle runs what is in it",
     ".wpilog": "export it by AdvantageScope: File, Export Data, Format CSV, Timestamps All Changes",
@@ -53,7 +53,7 @@ RECIPES = {  # what helps where a format is not read
 
 
 class ArrowStream(Protocol):
-    """Table that Arrow understands: of pyarrow, Polars, DuckDB and pandas 2.2 or later."""
+    """Table with Arrow's interface: of pyarrow, Polars, DuckDB, and pandas 2.2 or later."""
 
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
         """Export the table."""
@@ -64,24 +64,24 @@ Readable = str | os.PathLike[str] | Mapping[str, Any] | ArrowStream | NDArray[An
 
 
 def is_data(given: object) -> bool:
-    """Return whether something is a table in memory that `read_table` reads; a dataclass, such as a result, is none."""
+    """Return whether an object is a table in memory for `read_table`; dataclasses are not."""
     is_mapping = isinstance(given, Mapping) and not is_dataclass(given)
     is_structured = isinstance(given, np.ndarray) and bool(given.dtype.names)
     return is_mapping or is_structured or hasattr(given, "__arrow_c_stream__")
 
 
 def is_readable(given: object) -> bool:
-    """Return whether something is of a kind that `read_recording` reads."""
+    """Return whether an object has a type that `read_recording` accepts."""
     return isinstance(given, str | os.PathLike) or is_data(given)
 
 
 def get_label(source: Readable, name: str | None = None) -> str:
-    """Return the name of a source in messages: its path, or the name of a table in memory."""
+    """Return the name of a source for messages: the path, or the name of a table in memory."""
     return os.fspath(source) if isinstance(source, str | os.PathLike) else name or "recording"
 
 
 def find_format(path: Path, known: Collection[str]) -> str:
-    """Return the ending that gives a file's format; a folder that is a bag is read as a bag."""
+    """Return the suffix in `known` of a file's format, `.db3` for a folder with a bag."""
     if ".db3" in known and is_bag(path):
         return ".db3"
     name = path.name.lower()
@@ -95,16 +95,16 @@ def find_format(path: Path, known: Collection[str]) -> str:
 
 
 def find_stem(path: Path) -> str:
-    """Return the name of a file without the ending that gives its format."""
+    """Return the name of a file without the suffix of its format."""
     return path.name if is_bag(path) else path.name[: -len(find_format(path, READERS))]
 
 
 def read_table(source: Readable, find: ColumnFinder) -> RawTable:
-    """Read the columns in need as they stand in a file or table, whatever its library raises as a RecordingError.
+    """Read the needed columns of a file or table with raw values; turn errors of libraries into RecordingErrors.
 
     Raises:
-        TypeError: if it is neither.
-        RecordingError: if it cannot be read; without the file's name.
+        TypeError: if the source has another type.
+        RecordingError: if the source cannot be read; the message lacks the file's name.
     """
     if not isinstance(source, str | os.PathLike):
         if not is_data(source):
@@ -129,5 +129,5 @@ def read_table(source: Readable, find: ColumnFinder) -> RawTable:
         raise RecordingError(str(error).removeprefix(f"{path}: ")) from None
     except UnicodeEncodeError:
         raise RecordingError("its name is no UTF-8, which libraries need: rename it") from None
-    except Exception as error:  # a damaged file may fail anywhere in zlib, zipfile, numpy or arrow
+    except Exception as error:  # damaged files raise errors of zlib, zipfile, NumPy or Arrow
         raise RecordingError(f"not a readable {ending} file ({shorten_error(error)}): export it again") from error

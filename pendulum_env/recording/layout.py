@@ -1,4 +1,4 @@
-"""Layout of a text: its header, its delimiter, and where the first row of numbers begins."""
+"""Find the layout of a text file: header, delimiter and start of the data."""
 
 import csv
 import re
@@ -10,7 +10,7 @@ from pendulum_env.reading import quote_value
 from pendulum_env.recording.expression import normalise_name
 from pendulum_env.recording.vocabulary import HEADER, UNITS
 
-HEAD = 1 << 16  # bytes in which header and delimiter must show themselves
+HEAD = 1 << 16  # [bytes], start of a file with header and first rows
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|\Z)")
 NUMBER = re.compile(
     r"\s*+[+-]?(?:(?:\d++\.?\d*+|\.\d++)(?:e[+-]?\d++)?|nan|inf(?:inity)?)?\s*+", re.IGNORECASE | re.ASCII
@@ -29,16 +29,16 @@ class Layout:
     delimiter: str  # one of , ; tab space
     decimal: str  # . or ,
     offset: int  # bytes before the first data row
-    first: tuple[str, ...]  # first cell of each column that is not empty
+    first: tuple[str, ...]  # first non-empty cell of each column
 
 
 def can_be_number(cell: str, header: str) -> bool:
-    """Return whether a column may hold numbers, by its first cell; a column without cells and name cannot."""
+    """Return whether a column may have numbers, by its first cell; False for an empty column without a name."""
     return bool(NUMBER.fullmatch(cell.replace(",", "."))) if cell else bool(header.strip())
 
 
 def find_layout(head: bytes) -> Layout:
-    """Find the header of a text by its first bytes; a preamble above it and units below it are passed over."""
+    """Find the layout of a text from its first bytes, with a preamble above and units below the header."""
     if not head.strip():
         raise RecordingError("the file is empty: record it again")
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -68,7 +68,7 @@ def find_layout(head: bytes) -> Layout:
         ]
         start, data = lines[data[0]][0], data[1:]
     samples = [lines[number][1] for number in data]
-    rows = [_split_cells(text, delimiter) for text in samples[:-1]]  # the last may be cut off
+    rows = [_split_cells(text, delimiter) for text in samples[:-1]]  # the last line may be incomplete
     if rows and {len(row) for row in rows} == {width := len(rows[0])}:
         if width == len(headers) + 1 and not any(row[-1].strip() for row in rows):
             headers = [*headers, ""]  # a delimiter ends every row
@@ -81,7 +81,7 @@ def find_layout(head: bytes) -> Layout:
 
 
 def _number_repeated(headers: Sequence[str]) -> tuple[str, ...]:
-    """Number the names that repeat, so that each column has its own."""
+    """Number repeated names, so that names are unique."""
     names = [header.strip() for header in headers]
     return tuple(
         f"{name} ({names[: k + 1].count(name)})" if name and names.count(name) > 1 else headers[k]
@@ -90,14 +90,14 @@ def _number_repeated(headers: Sequence[str]) -> tuple[str, ...]:
 
 
 def _trim_header(cells: list[str]) -> list[str]:
-    """Drop cells at the end of a header that rows may lack: empty ones, and LabVIEW's comment."""
+    """Remove cells at the end of a header that rows may lack: empty cells and LabVIEW's comment."""
     while cells and cells[-1].strip().lower() in ("", "comment"):
         cells = cells[:-1]
     return cells
 
 
 def _collect_first_cells(lines: Sequence[str], delimiter: str, width: int) -> tuple[str, ...]:
-    """Return the first non-empty cell of each column, empty where there is none."""
+    """Return the first non-empty cell of each column, or an empty text."""
     first = [""] * width
     for line in lines:
         for k, cell in enumerate(_split_cells(line, delimiter)[:width]):
@@ -111,7 +111,7 @@ def _count_preamble(content: list[str]) -> int:
     """Count the lines above the header, which have fewer cells than columns."""
     if len(content) < 3:
         return 0
-    probe = content[-2]  # the last may be cut off
+    probe = content[-2]  # the last line may be incomplete
     delimiter, width = _find_delimiter(probe), len(_split_cells(probe))
     rows = [_split_cells(line, delimiter) for line in content]
     whole = [number for number, cells in enumerate(rows) if len(cells) == width > 1 and _are_names(cells)]
@@ -127,7 +127,7 @@ def _are_names(cells: list[str]) -> bool:
 
 
 def _are_units(cells: list[str], headers: list[str]) -> bool:
-    """Return whether a row has units: at least one is known, the others are empty or unknown words."""
+    """Return whether a row has units: at least one known unit, and no numbers."""
     if len(cells) != len(headers) or any(NUMBER.fullmatch(cell) for cell in cells if cell.strip()):
         return False
     known = {unit for units in UNITS.values() for unit in units}
@@ -138,11 +138,11 @@ def _decode_line(line: bytes) -> str:
     try:
         return line.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return line.decode("latin-1")  # has the degree sign of older Windows programs
+        return line.decode("latin-1")  # degree sign of older Windows programs
 
 
 def _find_delimiter(line: str) -> str:
-    """Return the delimiter of a line; commas may be decimal, at most one more than there are delimiters."""
+    """Return the delimiter of a line, which may have decimal commas."""
     other = max(";\t", key=line.count)
     if line.count(other) and line.count(other) >= line.count(",") - 1:
         return other

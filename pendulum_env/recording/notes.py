@@ -1,4 +1,4 @@
-"""Notes on changes and guesses while reading a recording: kind, columns and numbers; the narrator has the texts."""
+"""Notes on changes and guesses while reading a recording, without texts, which the narrator has."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from pendulum_env.quantity import Quantity
 
 
 class NoteKind(StrEnum):
-    """Kind of a note. Comments name the fields that it has in addition to the quantities."""
+    """Kind of a note; comments name the fields in addition to the quantities."""
 
     # columns of the file
     TRANSFORMED = "transformed"  # text: the user's expression
@@ -18,12 +18,12 @@ class NoteKind(StrEnum):
     COMMANDED_TORQUE = "commanded_torque"  # headers
     LOAD_TORQUE_ALONE = "load_torque_alone"  # headers
     LOAD_TORQUE = "load_torque"  # headers
-    PASSED_OVER = "passed_over"  # headers: the one that is read, and all others
+    PASSED_OVER = "passed_over"  # headers: the selected one, then the others
     NO_TORQUE = "no_torque"
     NO_TORQUE_COLUMN = "no_torque_column"
     TORQUE_OF_DRIVE = "torque_of_drive"
     TORQUE_BY_OUTPUT = "torque_by_output"  # text: the output; headers: its unit
-    OTHER_TOPIC = "other_topic"  # headers: the topic, and that of position
+    OTHER_TOPIC = "other_topic"  # headers: the topic, then the topic of position
     SPARSE = "sparse"  # count, rows, empty or infinite
 
     # rows of the file
@@ -49,26 +49,26 @@ class NoteKind(StrEnum):
     RESAMPLED = "resampled"  # rate, shortest, longest, std, slow, ratio
     ALIGNED = "aligned"  # delay, lag; neither where it is half a sample
 
-    # doubts
-    MAY_BE_DEGREES = "may_be_degrees"  # low, high, columns that read it so
-    IMPLAUSIBLE = "implausible"  # text: the error that a guess would have been
+    # uncertain units
+    MAY_BE_DEGREES = "may_be_degrees"  # low, high, columns that read degrees
+    IMPLAUSIBLE = "implausible"  # text: the error for a guessed unit
 
 
-NAMED = 5  # rows or times that a note names
+NAMED = 5  # most rows or times of a note
 
 
 @dataclass(frozen=True)
 class Note:
-    """Note on one change or guess while reading a recording.
+    """Note on a change or guess while reading a recording.
 
     Attributes:
         kind: kind of the note.
-        quantities: names of columns of a recording; of an arm with the joint.
-        numbers: by name, see `NoteKind`.
-        headers: names of columns of the file, or of topics.
-        places: the first `NAMED` rows of the file, from 1, or times [s].
-        text: quoted from the file, the user or an error.
-        columns: option by which the file would be read otherwise.
+        quantities: quantities of the recording; of an arm, with the joint.
+        numbers: numbers by name, see `NoteKind`.
+        headers: names of columns of the file or of topics.
+        places: first `NAMED` rows of the file, from 1, or times [s].
+        text: text of the file, the user or an error.
+        columns: option `columns` that reads the file differently.
     """
 
     kind: NoteKind

@@ -1,7 +1,7 @@
-"""Uniform time: where samples were lost, gaps that end a segment, and a clock that was rounded or uneven.
+"""Make time uniform: fill lost samples, cut at gaps, and resample rounded or uneven time.
 
-A hole is bridged where interpolation errs by less than the noise of the sensor, which is tried out on the recording
-itself; at a longer gap the segment ends and another begins.
+Lost samples are filled if the error of interpolation, tested on the recording, is below the sensor noise. Longer gaps
+separate segments.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,17 +23,17 @@ from pendulum_env.recording.notes import NAMED, Note, NoteKind
 class SamplingSettings:
     """Limits on gaps to bridge, on uneven steps, and on segments to keep."""
 
-    long: float = 1.5  # steps of the median from which a sample seems to be lost
-    whole: float = 0.25  # of a step: long steps as close to several are lost samples, others those of a slow clock
-    in_a_row: int = 3  # lost samples that may be bridged: torque is unknown there
-    above_noise: float = 2.0  # times the error that noise alone makes, up to which a hole is bridged
-    fine: float = 1e-4  # of the range of position: an error as small is none, however quiet the sensor
-    intact: int = 50_000  # samples on which bridging is tried out
-    shortest: float = 0.2  # [s]; a shorter segment holds no window of an estimator
-    fewest: int = 10  # samples of a segment
-    negligible: float = 1e-4  # of a step: at 1 kHz and 10 rad/s this moves position by 1e-6 rad
-    finer: int = 10  # times the samples that there are, at most, on uniform time
-    small: int = 1_000_000  # samples that are always made
+    long: float = 1.5  # least length of a long step, in median steps
+    whole: float = 0.25  # largest distance of a long step from a multiple of the median step, for lost samples
+    in_a_row: int = 3  # most adjacent lost samples to fill, as torque is unknown there
+    above_noise: float = 2.0  # largest interpolation error, relative to that due to noise
+    fine: float = 1e-4  # negligible interpolation error, relative to the range of position
+    intact: int = 50_000  # most samples for the test of interpolation
+    shortest: float = 0.2  # [s], least duration of a segment, for a window of an estimator
+    fewest: int = 10  # least number of samples of a segment
+    negligible: float = 1e-4  # negligible error of time, in steps: 1e-6 rad at 1 kHz and 10 rad/s
+    finer: int = 10  # largest ratio of resampled to recorded samples
+    small: int = 1_000_000  # number of resampled samples that is always allowed
 
 
 SAMPLING = SamplingSettings()
@@ -41,7 +41,7 @@ PIECES = 8  # of a period, by which torque is summed up
 
 
 def cut_at_gaps(log: Log, position: Array) -> None:
-    """Begin a segment after every gap of increasing time, beside those that begin where a column counts another run."""
+    """Start a segment after each gap of time, and at each change of the column `segment`."""
     counted = log.values.get("segment")
     known = set() if counted is None else set((np.flatnonzero(np.diff(counted)) + 1).tolist())
     log.values = {quantity: column for quantity, column in log.values.items() if quantity != "segment"}
@@ -60,7 +60,7 @@ def cut_at_gaps(log: Log, position: Array) -> None:
 
 
 def drop_short_segments(log: Log) -> None:
-    """Leave out segments too short for any estimate."""
+    """Remove segments that are too short for an estimate."""
     time = log.values["time"]
     parts = list(pairwise((*log.starts, len(time))))
     fits = [b - a >= SAMPLING.fewest and time[b - 1] - time[a] >= SAMPLING.shortest for a, b in parts]
@@ -77,14 +77,14 @@ def drop_short_segments(log: Log) -> None:
 
 
 def _find_starts(lengths: Sequence[int]) -> tuple[int, ...]:
-    """Return the first samples of consecutive segments with given lengths."""
+    """Return the indices of the first samples of consecutive segments with given lengths."""
     return tuple(np.cumsum([0, *lengths[:-1]]).tolist())
 
 
 def is_rounded(time: Array, position: Array, resolution: float) -> bool:
-    """Return whether long steps of time (N,) [s] come from rounding: regular, and unknown to the joint.
+    """Return whether long steps of time (N,) [s] are due to rounding: regular, and without effect on position.
 
-    Time was printed with that resolution [s].
+    `resolution` is the last decimal place of printed time [s].
     """
     steps = np.diff(time)
     usual = float(np.median(steps))
@@ -94,9 +94,9 @@ def is_rounded(time: Array, position: Array, resolution: float) -> bool:
 
 
 def has_lost_samples(time: Array, position: Array) -> bool:
-    """Return whether position (N,) changes in long time steps as in several samples.
+    """Return whether position (N,) changes more in long steps of time (N,) than in other steps.
 
-    A clock whose period is no multiple of the printed digits has long steps, too, but the joint does not know of them.
+    Rounding also causes long steps, but without larger changes of position.
     """
     steps, moves = np.diff(time), np.diff(position)
     long = np.flatnonzero(steps[1:-1] > SAMPLING.long * float(np.median(steps))) + 1
@@ -105,16 +105,16 @@ def has_lost_samples(time: Array, position: Array) -> bool:
 
 
 def count_bridgeable(time: Array, position: Array) -> int:
-    """Return the largest number of adjacent lost samples that interpolation replaces within noise.
+    """Return the largest number of adjacent lost samples that interpolation can fill within noise.
 
-    For each number, that many samples are left out all over a stretch of position (N,) where none is lost, and the one
-    in the middle is interpolated by the cubic through two samples on either side.
+    For each number, this many samples are removed everywhere in an intact part of position (N,), and the middle one is
+    interpolated by the cubic through two samples on either side.
     """
     steps = np.diff(time)
     q = position[_find_longest_run(steps <= SAMPLING.long * float(np.median(steps)))]
     if len(q) < 20:
         return 0
-    noise = float(np.std(np.diff(q, 6))) / np.sqrt(924.0)  # of white noise, the sum of squares of 1, -6, 15, ...
+    noise = float(np.std(np.diff(q, 6))) / np.sqrt(924.0)  # 924: sum of squares of 1, -6, 15, ...
     for lost in range(1, SAMPLING.in_a_row + 1):
         nodes, middle = np.array([-1, 0, lost + 1, lost + 2]), (lost + 1) // 2
         weights = np.array([np.prod([(middle - b) / (a - b) for b in nodes if b != a]) for a in nodes])  # Lagrange
@@ -128,7 +128,7 @@ def count_bridgeable(time: Array, position: Array) -> int:
 
 
 def _find_longest_run(good: Mask) -> slice:
-    """Return the samples of the longest run of good steps (N - 1,), `SAMPLING.intact` at most."""
+    """Return the slice of the longest run of good steps (N - 1,), at most `SAMPLING.intact` samples."""
     edges = np.flatnonzero(np.diff(good, prepend=False, append=False))
     first, end = edges[::2], edges[1::2]
     if not len(first):
@@ -138,12 +138,11 @@ def _find_longest_run(good: Mask) -> slice:
 
 
 def resample_uniformly(log: Log) -> None:
-    """Resample the signals to uniform time of one period in all segments.
+    """Resample the series to uniform time with one period in all segments.
 
-    The few samples that were lost are filled in first. Time that is uniform, apart from the rounding of its printed
-    digits, leaves the signals as they are. Else position and velocity are interpolated by cubic splines,
-    and torque, held from sample to sample, becomes its mean over each new step: the impulse it gives is kept, and
-    jitter never shifts it by a whole sample.
+    Lost samples are filled first. If time is uniform up to rounding, the series are unchanged. Otherwise position and
+    velocity are interpolated by cubic splines. Torque, which is held between samples, is averaged over each new step,
+    which keeps its impulse.
     """
     time = log.values["time"]
     if is_uniform(time, log.starts):
@@ -180,7 +179,7 @@ def resample_uniformly(log: Log) -> None:
 
 
 def _refuse_finer(count: float, known: int, period: float) -> None:
-    """Refuse a log that resampling would make too large for the memory."""
+    """Refuse a log that would have too many samples after resampling."""
     if count > max(SAMPLING.finer * known, SAMPLING.small):
         raise RecordingError(
             f"time has steps of {period:.3g} s, but others so long that {known} samples would become {count:.3g} "
@@ -189,13 +188,13 @@ def _refuse_finer(count: float, known: int, period: float) -> None:
 
 
 def _join(log: Log, parts: Sequence[dict[str, Array]]) -> None:
-    """Make a log of its segments."""
+    """Replace the series of a log by its segments."""
     log.values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     log.starts = _find_starts([len(part["time"]) for part in parts])
 
 
 def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[dict[str, Array]]:
-    """Fill in the few lost samples of segments.
+    """Return the segments with lost samples filled.
 
     Position and velocity are interpolated by cubic splines, torque linearly.
     """
@@ -212,14 +211,14 @@ def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> lis
 
 
 def _count_lost(time: Array, usual: float) -> Index:
-    """Count the lost samples between adjacent times (N,) [s], (N - 1,)."""
+    """Return the number of lost samples (N - 1,) between adjacent times (N,) [s]."""
     ratio = np.diff(time) / usual
     counts = np.round(ratio).astype(np.intp)
     return np.where((ratio > SAMPLING.long) & (np.abs(ratio - counts) <= SAMPLING.whole), counts - 1, 0)
 
 
 def _insert_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
-    known = np.append(0, np.cumsum(missing + 1))  # (N,), places of the samples that there are
+    known = np.append(0, np.cumsum(missing + 1))  # (N,), indices of the recorded samples
     every = np.arange(known[-1] + 1)
     full = {name: np.interp(every, known, part[name]) for name in ("time", "torque")}
     others = _sample_at(full["time"], part)
@@ -236,7 +235,7 @@ def _resample_segment(part: dict[str, Array], period: float) -> dict[str, Array]
 
 
 def _sample_at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
-    """Sample a segment, without its torque, at other times (M,): `enabled` is held, others by cubic splines."""
+    """Sample a segment without torque at times (M,): `enabled` is held, others are splined."""
     made = {}
     for name in part.keys() - {"time", "torque"}:
         if name == "enabled":
@@ -251,12 +250,12 @@ def _make_grid(start: float, period: float, count: int) -> Array:
 
 
 def _hold_on_grid(grid: Array, time: Array, values: Array) -> Array:
-    """Hold values (N,) at time (N,) on a grid (M,)."""
+    """Sample values (N,), held from times (N,) on, at a grid (M,)."""
     return np.asarray(values[np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)])
 
 
 def _average_held(grid: Array, period: float, time: Array, torque: Array) -> Array:
-    """Average over each step of grid (M,) the torque (N,) that is held from one time (N,) to the next."""
+    """Average torque (N,), held from times (N,) on, over each step of a grid (M,)."""
     ends = np.append(grid, grid[-1] + period)
     until = np.append(time, max(time[-1], grid[-1]) + 2 * period)
     impulse = np.interp(ends, until, np.append(0.0, np.cumsum(torque * np.diff(until))))  # [N m s]
@@ -280,6 +279,6 @@ def _make_seconds(**times: float) -> dict[str, Quantity]:
 
 
 def _note_times(kind: NoteKind, times: Array, count: int, numbers: Mapping[str, Quantity] | None = None) -> Note:
-    """Make a note of so many samples or gaps after some times (M,) [s]."""
+    """Make a note of a number of samples or gaps after times (M,) [s]."""
     counts = {"count": Quantity(count), "times": Quantity(len(times))}
     return Note(kind, numbers=counts | dict(numbers or {}), places=tuple(times[:NAMED].tolist()))

@@ -1,4 +1,4 @@
-"""Raw table of a file, as the reader of each format returns it."""
+"""Raw table of a file, the result of each reader."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from pendulum_env.errors import RecordingError
 from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note
 
-WIDEST = 64  # elements of a vector that become columns of their own, and columns that a person is shown
+WIDEST = 64  # most elements of a vector that are read as columns, and most columns of a preview
 
 
 class ColumnFinder(Protocol):
-    """Choose the columns to read, by quantity."""
+    """Function that chooses the columns to read, by quantity."""
 
     def __call__(self, headers: Sequence[str], *, wordy: Collection[int] = ()) -> dict[str, FileColumn]:
         """Choose from all names; `wordy` are the places of columns that hold no numbers."""
@@ -28,22 +28,22 @@ class ColumnFinder(Protocol):
 
 @dataclass(frozen=True)
 class RawTable:
-    """Columns found in a file with their raw values: units as in the file, NaN for empty cells."""
+    """Columns of a file with raw values, in the units of the file, with NaN for empty cells."""
 
     columns: dict[str, FileColumn]  # by quantity
     values: dict[str, Array]  # by quantity, each (N,)
-    notes: tuple[Note, ...] = ()  # what else a user should know
-    date: datetime | None = None  # of the first row, if time is a date
+    notes: tuple[Note, ...] = ()  # notes of the reader
+    date: datetime | None = None  # date of the first row
 
 
 def convert_series(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
     """Convert an Arrow column to an array (N,): floats with NaN for null, dates, durations, or texts with None.
 
-    Vectors become rows of `WIDEST` elements at most (N, K), and other types nothing (N,).
+    Vectors become rows (N, K) of at most `WIDEST` elements, and other types void elements (N,).
     """
     kind, types = column.type, pa.types
     if types.is_list(kind) or types.is_large_list(kind) or types.is_fixed_size_list(kind):
-        import pyarrow.compute as pc  # takes a while to import
+        import pyarrow.compute as pc  # slow import
 
         elements = range(min(len(column[0].as_py() or ()), WIDEST))
         series = [convert_series(pc.list_element(column, k)) for k in elements]
@@ -62,7 +62,7 @@ def convert_series(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
 
 
 def _copy_values(column: pa.ChunkedArray | pa.Array, dtype: type[np.generic], null: float) -> NDArray[Any]:
-    """Copy floats or integers of 64 bits (N,) from their buffers: a conversion by Arrow imports pandas."""
+    """Copy floats or integers of 64 bits (N,) from their buffers, as a conversion by Arrow imports pandas."""
     parts = [np.empty(0, dtype)]
     for chunk in column.chunks if isinstance(column, pa.ChunkedArray) else [column]:
         (is_valid, values), rows = chunk.buffers(), slice(chunk.offset, chunk.offset + len(chunk))
@@ -74,7 +74,7 @@ def _copy_values(column: pa.ChunkedArray | pa.Array, dtype: type[np.generic], nu
 
 
 def rank_words(cells: NDArray[Any]) -> Array:
-    """Number words (N,) by their alphabetical order."""
+    """Return the alphabetical ranks of words (N,)."""
     return np.unique(cells.astype(str), return_inverse=True)[1].astype(np.float64)
 
 

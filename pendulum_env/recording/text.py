@@ -1,4 +1,4 @@
-"""Read text, plain or gzipped; only the columns in need are ever held."""
+"""Read text files, plain or gzipped."""
 
 import re
 from collections.abc import Callable
@@ -21,9 +21,9 @@ from pendulum_env.recording.vocabulary import OPTIONAL
 from pendulum_env.settings import format_setting
 
 BLOCK = 1 << 20  # bytes parsed at a time
-WIDTH = re.compile(r"Row #(?P<row>\d+): Expected (?P<wanted>\d+) columns, got (?P<found>\d+)")  # as pyarrow says it
+WIDTH = re.compile(r"Row #(?P<row>\d+): Expected (?P<wanted>\d+) columns, got (?P<found>\d+)")  # message of pyarrow
 CELL = re.compile(r"In CSV column #(?P<column>\d+): Row #(?P<row>\d+): .*?invalid value '(?P<cell>.*)'", re.DOTALL)
-TRUE, FALSE = (  # cells that are 1 and 0
+TRUE, FALSE = (  # cells for 1 and 0
     [style(word) for word in words for style in (str.lower, str.title, str.upper)]
     for words in (("true", "on", "yes"), ("false", "off", "no"))
 )
@@ -36,19 +36,19 @@ Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
 def read_csv(path: Path, find: ColumnFinder) -> RawTable:
-    """Read the columns in need, with empty cells as NaN.
+    """Read the needed columns, with NaN for empty cells.
 
-    Comment lines (#) and lines of fewer cells at the top are passed over; if no header follows, the last comment may
-    be it, as written by `numpy.savetxt`. A row of units may stand below the header. Delimiters are comma, semicolon,
-    tab or a single space; with a delimiter other than comma, numbers may have a decimal comma. Time may be ISO 8601:
-    then it is counted from the first row.
+    Comment lines (#) and lines with fewer cells above the header are ignored. Without a header, the last comment may be
+    the header, as by `numpy.savetxt`. A row of units may follow the header. Delimiters are comma, semicolon, tab or a
+    single space; with a delimiter other than comma, numbers may have a decimal comma. Time may be ISO 8601 and is then
+    counted from the first row.
     """
     packed = "gzip" if path.name.lower().endswith(".gz") else None
     return read_text_table(lambda: pa.input_stream(str(path), compression=packed), find)
 
 
 def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
-    """Read the columns in need of a text, as `read_csv`."""
+    """Read the needed columns of a text, as `read_csv`."""
     opened = _clean_text(opened)
     with opened() as stream:
         layout = find_layout(stream.read(HEAD))
@@ -60,7 +60,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
     try:
         values = _read_values(opened, layout, columns)
     except RecordingError as refusal:
-        try:  # a logger that was interrupted leaves half a row
+        try:  # an interrupted logger leaves a partial row
             values = _read_values(lambda: _drop_last_line(opened), layout, columns)
         except RecordingError:
             raise refusal from None
@@ -69,7 +69,7 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
 
 
 def _clean_text(opened: Opened) -> Opened:
-    """Drop what serial monitors add, and separate columns aligned by spaces with tabs."""
+    """Remove prefixes of serial monitors, and separate columns that are aligned by spaces with tabs."""
     with opened() as stream:
         head = stream.read(HEAD)
     lines = ARRIVAL.sub(b"", head).split(b"\n")[:-1]
@@ -88,13 +88,13 @@ def _clean_text(opened: Opened) -> Opened:
 
 
 def _is_aligned(line: bytes) -> bool:
-    """Return whether a line is of numbers with spaces between them."""
+    """Return whether a line has only numbers separated by spaces."""
     cells = line.decode("latin-1").split()
     return len(cells) > 1 and b"\t" not in line and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in cells)
 
 
 def _insert_tabs(line: bytes, width: int) -> bytes:
-    """Separate `width` names in a line with tabs; names may hold single spaces."""
+    """Separate `width` names in a line with tabs; names may have single spaces."""
     ways = (re.split(rb"[ \t]{2,}|\t", line.strip()), line.split())
     return next((b"\t".join(cells) for cells in ways if len(cells) == width), line)
 
@@ -106,7 +106,7 @@ def _drop_last_line(opened: Opened) -> pa.NativeFile:
 
 
 def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn]) -> dict[str, Array]:
-    names = [str(index) for index in range(len(layout.headers))]  # the file's own may repeat
+    names = [str(index) for index in range(len(layout.headers))]  # headers may repeat
     kept = [names[column.index] for column in columns.values()]
     types = {names[column.index]: _choose_cell_type(quantity, layout, column) for quantity, column in columns.items()}
     first = layout.first[columns["time"].index]
@@ -163,7 +163,7 @@ def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
 
 
 def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.DataType:
-    """Return the type of a column's cells: numbers, `true` and `false`, or words that label segments."""
+    """Return the type of a column's cells: numbers, booleans, or words that label segments."""
     first = layout.first[column.index]
     if quantity in ("enabled", "segment") and first in (*TRUE, *FALSE):
         return pa.bool_()

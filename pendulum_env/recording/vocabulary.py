@@ -1,11 +1,11 @@
-"""Names and units of columns: which mean a quantity, and which need a gain first."""
+"""Names and units of columns, by quantity, including those that need a gain."""
 
 import math
 import re
 from collections.abc import Iterator
 from enum import IntEnum
 
-HEADER = "time,position,torque"  # the plain header, in s, rad and N m; velocity [rad/s] is optional
+HEADER = "time,position,torque"  # standard header, in s, rad and N m
 
 ALIASES = {
     "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue zeit "
@@ -42,7 +42,7 @@ MEASURED = ("meas", "measured", "actual", "act", "actualvalue")  # before or aft
 ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
 COMMANDED = ("cmd", "command", "commanded", "des", "desired", "ref", "setpoint")  # torque only, if no other is found
 
-UNITS = {  # factor to SI by the unit's letters
+UNITS = {  # factor to SI units by the letters of the unit
     "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0}
     | dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3)
     | dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microseconds"), 1e-6)
@@ -69,29 +69,29 @@ ODRIVE = {
     "velestimate": ("velocity", "revs"),
     "torqueestimate": ("torque", "nm"),
 }
-MOTEUS = {"position": "rev", "velocity": "revs"}  # units of its columns, where two of `MOTEUS_REGISTERS` stand by them
+MOTEUS = {"position": "rev", "velocity": "revs"}  # units of a log with two of `MOTEUS_REGISTERS`
 MOTEUS_REGISTERS = frozenset(
     "mode fault qcurrent dcurrent absposition trajectorycomplete homestate rezerostate".split()
 )
-RAW = {  # factor to SI, of units of which a gain makes the quantity, by what the gain is
+RAW = {  # factor to SI units, before a gain to the quantity, by the letters of the unit
     "torque": dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), 1.0)
     | {"ma": 1e-3, "v": 1.0, "mv": 1e-3, "duty": 1.0, "pwm": 1.0, "%": 0.01, "percent": 0.01},
     "position": dict.fromkeys(("counts", "count", "cts", "ticks", "pulses", "steps", "inc"), math.tau),
     "velocity": dict.fromkeys(("countss", "countsec", "ctss", "tickss", "pulsess", "stepss"), math.tau),
 }
-TORQUE_GAINS = {  # meaning of such a gain of a torque, by the unit of the column
+TORQUE_GAINS = {  # meaning of the gain of torque, by the unit of the column
     "A": "the torque constant [N m/A] times the gear ratio",
     "V": "the torque per volt [N m/V] times the gear ratio",
     "duty": "the torque at full duty [N m]",
 }
-RAW_NAMES = {  # names that tell of such a unit
+RAW_NAMES = {  # names that imply such a unit
     "torque": "current motorcurrent iq iqmeasured iqmeas measurediq iqm i presentcurrent goalcurrent phasecurrent "
     "actualcurrent measuredcurrent currentmeasured currentactual amps duty dutycycle pwm presentpwm goalpwm "
     "presentload voltage motorvoltage presentvoltage".split(),
     "position": "counts encoder enc encodercounts encodercount ticks encoderticks presentposition rawposition "
     "positionraw shadowcount".split(),
 }
-OUTPUTS = {"duty": "duty", "current": "A"}  # units of what a known controller gives, by the name of its column
+OUTPUTS = {"duty": "duty", "current": "A"}  # units of a controller's output, by the name of its column
 LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
 for _of in (RAW, LINEAR):
     _of["reference"] = _of["position"]
@@ -116,7 +116,7 @@ SI = {
     "enabled": "",
     "temperature": "deg C",
 }
-TOLD = {  # of UNITS, what people are told of
+TOLD = {  # units in messages
     "time": "s, ms, us, ns",
     "position": "rad, mrad, deg, rev, counts",
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
@@ -126,8 +126,8 @@ TOLD = {  # of UNITS, what people are told of
     "supply": "V, mV",
     "temperature": "degC",
 }
-MOTOR = ("reference", "supply", "enabled", "load_torque")  # quantities that only a driven joint has
-NO_TORQUE = frozenset(  # words in names of columns that hold no torque
+MOTOR = ("reference", "supply", "enabled", "load_torque")  # quantities of driven joints only
+NO_TORQUE = frozenset(  # words in names of columns that are not torque
     "acceleration accel acc alpha ddq qdd qddot thetadd thetaddot gyro gyroscope x y z height distance energy kinetic "
     "potential counter count index idx id row no nr sample samples frame frames seq sequence step label comment note "
     "event marker date".split()
@@ -137,7 +137,7 @@ WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of a name, `sampleNumber` 
 UNITS_OF_NO_TORQUE = frozenset(  # letters of units in brackets, beside those of other quantities
     "ms2 ms² rads2 rads² degs2 degs² cm mm m c k hz j mj w mw ut µt μt pa hpa kpa lx db".split()
 ).union(*(UNITS[quantity] for quantity in ("time", "position", "velocity", "temperature")))
-QUANTITIES = (  # the columns of a recording, those first that it needs
+QUANTITIES = (  # quantities of a recording; the first three are required
     "time",
     "position",
     "torque",
@@ -161,7 +161,7 @@ class Rank(IntEnum):
 
 
 def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
-    """Yield every name without a unit, as letters, with its quantity and rank."""
+    """Yield each name without unit, in letters, with its quantity and rank."""
     for quantity, aliases in ALIASES.items():
         words: dict[Rank, tuple[str, ...]] = {Rank.MEASURED: MEASURED}
         if quantity in ("position", "velocity", "torque"):
@@ -178,21 +178,21 @@ def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
             if quantity != "time":
                 stems |= {alias + "estimate": Rank.ESTIMATED}  # before an alias, `estimate dq` would be `estimated q`
         if quantity == "torque":
-            stems |= {"u": Rank.COMMANDED}  # control engineers' input
+            stems |= {"u": Rank.COMMANDED}  # input in control theory
         for stem, rank in stems.items():
             yield stem, (quantity, rank)
 
 
 STEMS = dict(_list_stems())
-WHOLE = {  # names that are no stem and unit
+WHOLE = {  # names that are not a stem with a unit
     **{name: ("time", unit) for name, unit in TICKS.items()},
     **ODRIVE,
-    "taum": ("torque", None),  # of the motor; with a unit it is `tau [mNm]`
+    "taum": ("torque", None),  # motor torque; `taumnm` is `tau [mNm]`
 }
 
 
 def find_name(name: str) -> tuple[str, str | None, Rank] | None:
-    """Return quantity, unit and rank of a name as letters: the longest stem, and a unit or none; None if unknown."""
+    """Return quantity, unit or None, and rank of a name in letters by its longest stem; None for unknown names."""
     if name in WHOLE:
         return *WHOLE[name], Rank.MEASURED
     for end in range(len(name), 0, -1):

@@ -1,4 +1,4 @@
-"""Torque of a servo in a recording: as its drive asked for it, or as the logged output makes it."""
+"""Torque of a servo in a recording, computed from its goal or from its logged output."""
 
 from dataclasses import replace
 
@@ -14,31 +14,31 @@ from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.servo.loop import GAINS, compute_gains, compute_output
 
-FINE = 500.0  # [Hz], at least, of a controller that acts all the time
+FINE = 500.0  # [Hz], least rate of the simulation of a continuous controller
 
 
 def has_unknown_integral(recording: Recording) -> bool:
-    """Return whether no known load tells the torque, as it is that of a controller with an integral part."""
+    """Return whether the torque comes from a controller with an integral and an unknown torque constant."""
     return recording.actuator.ki > 0 and recording.torque_unit != NEWTON_METRE
 
 
 def get_bus_voltage(recording: Recording) -> Array:
-    """Return the voltage of the bus (N,) [V]: as recorded, or else what the drive says, 1 without either."""
+    """Return the bus voltage (N,) [V]: recorded, else of the drive, else 1."""
     if recording.supply is not None:
         return recording.supply
     return np.full(len(recording), recording.actuator.supply or 1.0)
 
 
 def compute_asked_torque(recording: Recording) -> Array:
-    """Return the torque (N,) that the drive asked for along a recording with a reference, in the drive's unit.
+    """Return the commanded torque (N,) [unit of the drive] along a recording with a reference.
 
-    An integral is zero at the begin of each segment. With one, or with the derivative of the error, it is the mean
-    torque over each sample, along a spline through the positions.
+    The integral is zero at the start of each segment. With an integral or the derivative of the error, the result is
+    the mean torque over each sample, along a spline through the positions.
     """
     parts = []
     for part in recording.segments:
-        assert part.reference is not None  # there is no drive without one
-        # a drive acts on its own estimate of the speed, which a log may have
+        assert part.reference is not None  # recordings with a drive have one
+        # logged velocity is the drive's own estimate
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
         if depends_on_past(part.actuator):
             output = part.powered * _follow_controller(part, part.reference)
@@ -55,9 +55,9 @@ def depends_on_past(drive: ServoDrive) -> bool:
 
 
 def _follow_controller(part: Recording, goal: Array) -> Array:
-    """Return the mean output (N,) over each sample of a controller that looks at a measured motion in its turns.
+    """Return the mean output (N,) over each sample of a controller along the measured motion.
 
-    A speed that the log lacks is the difference of the last two positions that the controller saw.
+    Without logged speed, the controller uses the difference of its last two positions.
     """
     drive = part.actuator
     rate = drive.rate or max(part.rate, FINE)
@@ -87,14 +87,14 @@ def _follow_controller(part: Recording, goal: Array) -> Array:
 
 
 def replace_drive(recording: Recording, drive: ServoDrive) -> Recording:
-    """Return a recording with another drive, and the torque that this one asks for if none was logged."""
+    """Return the recording with another drive, and its commanded torque if none was logged."""
     changed = replace(recording, drive=drive)
     is_asked = depends_on_past(drive) and not recording.has_logged_torque
     return replace(changed, torque=compute_asked_torque(changed)) if is_asked else changed
 
 
 def complete_torque(recording: Recording) -> Recording:
-    """Return a recording with the torque that its drive asked for, or that its logged output makes, and a note."""
+    """Return the recording with the torque from its drive or its logged output, and a note."""
     drive = recording.actuator
     if not recording.has_logged_torque:
         torque, note = compute_asked_torque(recording), Note(NoteKind.TORQUE_OF_DRIVE)
