@@ -1,4 +1,4 @@
-"""Runs of a simulated arm: the motion that its joints follow, and what they did."""
+"""Recording of a simulated arm that follows a designed motion."""
 
 import argparse
 
@@ -25,7 +25,7 @@ from workbench.terminal import Terminal
 def record_arm(
     arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
 ) -> None:
-    """Design a motion, let the simulated arm follow it, and write what it did."""
+    """Design a motion, simulate the arm that follows it, and write and print the recording."""
     for option, allowed in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
         if (asked := getattr(arguments, option)) not in (None, *allowed):
             raise InputError(f"--{option} {asked} is for pendulums: arms know {' and '.join(allowed)} alone")
@@ -42,7 +42,7 @@ def record_arm(
             motion = design_excitation(body, seconds, **limits, rng=rng)
     with terminal.progress("simulating") as tell:
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
-    if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
+    if not (np.abs(recording.position) <= LARGE).all():  # false for NaN, too
         raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
     write_recording(recording, arguments.output)
     terminal.say(recording.summary)
@@ -64,14 +64,14 @@ def record_arm(
 
 
 def _make_arm(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
-    """Make the arm in pymunk if all joints turn in a vertical plane, else, or where that is asked for, in MuJoCo."""
+    """Create the arm in pymunk if all joints turn in one vertical plane, else or on request in MuJoCo."""
     seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": TORQUE_NOISE}
     seen |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
     if arguments.backend != "mujoco":
         try:
             links = find_planar_links(body)
-            steps = max(1, round(1000.0 / arguments.rate))  # [Hz], of the simulator's steps at least
-            # velocities as the controller sees them
+            steps = max(1, round(1000.0 / arguments.rate))  # simulate at 1000 Hz or more
+            # the controller gets exact velocities
             return PlanarArm(links, joints=body.joints, substeps=steps, velocity="ideal", **seen)
         except BodyError:
             if arguments.backend is not None:

@@ -18,9 +18,9 @@ from workbench.terminal import Terminal, abandon
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
 PROGRAM = "pendulum-ident"
-PLUGINS = "pendulum_env.physics.plugin"  # imported where a command needs it: help waits for no library
+PLUGINS = "pendulum_env.physics.plugin"  # imported on demand, so that --help starts quickly
 DESCRIPTION = "Compare a pendulum's model with measurements, see where it fails, and find the effect that is missing."
-COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help says of each
+COMMANDS: dict[str, str] = {  # help text of each command, in the order of first use
     "demo": "hide an effect, record, diagnose and report: the whole workflow in one go",
     "record": "record a pendulum: the rig, or a simulated one, or arm, with effects hidden in it if asked for",
     "identify": "estimate the four parameters of the paper's model by its six schemes",
@@ -39,26 +39,26 @@ COMMANDS: dict[str, str] = {  # in the order of a first visit, and what help say
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser whose complaints are one line, and which takes no abbreviated options."""
+    """Argument parser with one-line errors and without abbreviated options."""
 
     def __init__(self, **options: Any) -> None:
-        """Take the options of argparse's own parser."""
+        """Accept the options of `argparse.ArgumentParser`."""
         super().__init__(allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
-        """Raise instead of printing the usage and leaving."""
+        """Raise InputError instead of printing the usage and exiting."""
         raise InputError(f"{message} (see {self.prog} --help)")
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
     """Parse the arguments of a command.
 
-    Raises InputError if they make no sense, and PluginError if a file of effects cannot be used.
+    Raises InputError if they are invalid, and PluginError if a file of effects cannot be used.
     """
     named = argv[0] if argv and not argv[0].startswith("-") else None
     if named is not None:
         find("command", named, COMMANDS)
-    early = Parser(add_help=False)  # effects of named files are known before an argument is taken for one of them
+    early = Parser(add_help=False)  # load effects before arguments that name them are parsed
     early.add_argument("--plugin", action="append", default=[])
     for path in early.parse_known_args(argv)[0].plugin:
         import_module(PLUGINS).load_plugin(path)
@@ -67,7 +67,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     commands = program.add_subparsers(metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
         sub = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
-        if name == named:  # only what is run is imported: no command waits for the libraries of the others
+        if name == named:  # import only the command that runs
             command = import_module(f"workbench.commands.{name}")
             command.configure(sub)
             sub.add_argument(
@@ -75,7 +75,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
             )
             sub.set_defaults(command=name, run=command.run)
     arguments, unknown = program.parse_known_args(argv)
-    arguments.line = shlex.join([PROGRAM, *argv])  # as it was given
+    arguments.line = shlex.join([PROGRAM, *argv])  # the whole command line
     if unknown:
         used = commands.choices.get(named or "", program)
         wrong = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
@@ -87,7 +87,7 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def _refuse_other_kind(arguments: argparse.Namespace) -> None:
-    """Refuse options of arms without a robot file, and options of pendulums with one."""
+    """Raise InputError for options of arms without --robot, and options of pendulums with --robot."""
     given = vars(arguments)
     kind, why = ("of_arms", "is of an arm: give its links with --robot ARM.urdf")
     if given.get("robot") is not None:
@@ -98,7 +98,7 @@ def _refuse_other_kind(arguments: argparse.Namespace) -> None:
 
 
 def find_version() -> str:
-    """Return the version of this project."""
+    """Return the installed version of this project."""
     try:
         return version(PROGRAM)
     except PackageNotFoundError:
@@ -106,7 +106,7 @@ def find_version() -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code."""
+    """Run one command and return the exit code."""
     before = use_writer(write_option)
     try:
         _run(sys.argv[1:] if argv is None else argv)
@@ -114,16 +114,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         return SUCCESS
     except KeyboardInterrupt as interrupt:
         return _print_error(f"interrupted; {interrupt}" if str(interrupt) else "interrupted", INTERRUPTED)
-    except BrokenPipeError:  # the reader of a pipe has seen enough
+    except BrokenPipeError:  # for example `| head`
         abandon(sys.stdout)
         return SUCCESS
     except USER_ERRORS as mistake:
         if isinstance(mistake, OSError) and mistake.errno == errno.ENOSPC and mistake.filename is None:
-            mistake.filename = "standard output"  # a command that writes a file sets its name
+            mistake.filename = "standard output"  # errors on files have a name
         return _print_error(format_mistake(mistake), BAD_INPUT)
     except BaseException as error:
         if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:
-            return error.code  # a signal, wherever it came: see `entry.py`
+            return error.code  # SIGTERM or SIGHUP: see `entry.py`
         if (of_plugin := _find_effect_fault(error)) is None:
             raise
         return _print_error(format_mistake(of_plugin), BAD_INPUT)
@@ -135,7 +135,7 @@ def _run(argv: Sequence[str]) -> None:
     try:
         arguments = parse(argv)
     except SystemExit as done:
-        if not done.code and _find_effect_fault(done) is None:  # argparse leaves so after --help
+        if not done.code and _find_effect_fault(done) is None:  # --help or --version
             return
         raise
     with show_angles("deg" if getattr(arguments, "degrees", False) else "rad"):
@@ -143,16 +143,16 @@ def _run(argv: Sequence[str]) -> None:
 
 
 def _find_effect_fault(error: BaseException) -> Exception | None:
-    """Find the mistake in an effect of a file or package; None for an error from elsewhere."""
+    """Return the error in a user's effect that caused an exception; None for other causes."""
     module = sys.modules.get(PLUGINS)
     return None if module is None else module.describe_fault(error)
 
 
 def _print_error(message: str, code: int) -> int:
-    """Say what went wrong, as far as anybody can be told."""
+    """Print an error message on stderr, if it is open, and return the exit code."""
     try:
         print(end="", flush=True)
-    except (OSError, ValueError):  # full, or closed
+    except (OSError, ValueError):  # disk full, or stream closed
         abandon(sys.stdout)
     try:
         print(f"{PROGRAM}: {message}", file=sys.stderr, flush=True)

@@ -8,11 +8,11 @@ from typing import NoReturn
 
 
 def main() -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line and return the exit code."""
     try:
         _open_streams()
         _end_in_order()
-        from workbench.cli import main as run  # takes a while
+        from workbench.cli import main as run  # slow: loads the libraries
 
         return run()
     except KeyboardInterrupt:
@@ -21,16 +21,16 @@ def main() -> int:
 
 
 def _open_streams() -> None:
-    """Replace standard streams that were closed, as with `>&-`, so that no opened file takes their place."""
+    """Open os.devnull for standard streams that are closed, so that no other file gets their descriptors."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # takes the lowest number that is free
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))
 
 
 def _end_in_order() -> None:
-    """Let a request to end run what has to be done before, as an interrupt does: workers end, half a file goes away."""
+    """Convert SIGTERM and SIGHUP to SystemExit, so that workers end and partial files are deleted."""
     for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)  # the second is unknown to Windows, and ignored under nohup
+        number = getattr(signal, name, None)  # Windows has no SIGHUP; nohup ignores it
         if number is not None and signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, _end)
 

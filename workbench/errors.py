@@ -1,4 +1,4 @@
-"""Mistakes of a user, which end a command with one line, not of the program."""
+"""Errors caused by the user's input, and their one-line messages."""
 
 import re
 import shlex
@@ -8,20 +8,20 @@ from pendulum_env.errors import UserError
 
 
 class InputError(UserError):
-    """A command was asked for something that cannot be; the message is one sentence that says what and why."""
+    """Invalid input of a command; the message is one sentence with the cause and the remedy."""
 
 
 class Interrupted(KeyboardInterrupt):
-    """A command was interrupted; the message says what is left of its work."""
+    """Interrupt of a command; the message names the files that were kept."""
 
 
-OPTIONS = {"fixed": "--fix", "bounds": "--bound"}  # of arguments that have another name in Python
-USER_ERRORS = (UserError, OSError, ModuleNotFoundError)  # the last of an extra, whose name it tells
-LONGEST = 500  # characters of a sentence
+OPTIONS = {"fixed": "--fix", "bounds": "--bound"}  # options by the Python name of the argument, where they differ
+USER_ERRORS = (UserError, OSError, ModuleNotFoundError)  # ModuleNotFoundError: an extra is not installed
+LONGEST = 500  # largest length of a message [characters]
 
 
 def write_option(name: str, value: object) -> str:
-    """Write an argument of the libraries as the option of a command, ready to paste."""
+    """Format an argument of a library function as a command-line option, quoted for a shell."""
     option = OPTIONS.get(name, f"--{name.replace('_', '-')}")
     if value is True:
         return option
@@ -31,10 +31,7 @@ def write_option(name: str, value: object) -> str:
 
 
 def format_mistake(mistake: Exception) -> str:
-    """Format a user's mistake as one printable line of at most `LONGEST` characters.
-
-    Of a longer one some words in the middle are left out.
-    """
+    """Format an error as one printable line; a text of more than `LONGEST` characters loses its middle."""
     if isinstance(mistake, OSError) and mistake.strerror is not None:
         text = f"{mistake.filename}: {mistake.strerror}" if mistake.filename is not None else mistake.strerror
     else:
@@ -48,5 +45,5 @@ def format_mistake(mistake: Exception) -> str:
 
 
 def escape_controls(text: str) -> str:
-    """Escape the characters of a text that cannot be printed."""
+    """Replace unprintable characters of a text by escape sequences."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

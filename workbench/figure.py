@@ -1,7 +1,4 @@
-"""Plots as plain data for Plotly.
-
-Colours are names such as `--measured`, which a page looks up in its style.
-"""
+"""Plots as plain data for Plotly; colours are CSS variables of the page such as `--measured`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,32 +8,32 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
-DIGITS = 5  # significant digits of a number, more than a plot can show
-BROAD = 3.4  # width of a measured curve, on which models are drawn [px]
+DIGITS = 5  # significant digits of plotted numbers
+BROAD = 3.4  # width of a measured curve under those of models [px]
 
 
 @dataclass(frozen=True)
 class Figure:
-    """Plot."""
+    """Data and layout of one plot."""
 
     id: str  # unique on the page
-    label: str  # what is seen, for those who cannot see it
-    data: list[JSON]  # as plotly.js takes it; colours such as "--base" are looked up in the page's style
-    layout: JSON  # likewise
+    label: str  # description for screen readers
+    data: list[JSON]  # traces for plotly.js
+    layout: JSON  # layout for plotly.js
     height: int = 340  # [px]
 
 
 def numbers(values: Array) -> list[float | None]:
-    """Values rounded to what a plot can show; NaN becomes a gap."""
+    """Round values to `DIGITS` significant digits, flattened to a list; non-finite values become None."""
     values = np.asarray(values, dtype=float)
     size = np.floor(np.log10(np.maximum(np.abs(np.nan_to_num(values)), 1e-30)))
     scale = 10.0 ** (DIGITS - 1 - np.clip(size, -12, 12))
-    rounded = np.round(values * scale) / scale  # a whole number over a power of ten: as short as it can be printed
+    rounded = np.round(values * scale) / scale  # prints without trailing digits
     return [value if isfinite(value) else None for value in rounded.ravel().tolist()]
 
 
 def line(x: Array, y: Array, name: str, color: str, unit: str, **more: object) -> JSON:
-    """Curve through points, in one of the page's colours."""
+    """Make the trace of a curve y (N,) over x (N,)."""
     return {
         "type": "scatter",
         "mode": "lines",
@@ -50,7 +47,7 @@ def line(x: Array, y: Array, name: str, color: str, unit: str, **more: object) -
 
 
 def band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **more: object) -> JSON:
-    """Filled band of plus and minus `half` (N,) about its middle."""
+    """Make the trace of a filled band from `middle - half` to `middle + half` (N,)."""
     return {
         "type": "scatter",
         "mode": "lines",
@@ -67,12 +64,12 @@ def band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **more: obje
 
 
 def axis(title: str, **more: object) -> JSON:
-    """Axis with a title."""
+    """Make an axis with a title."""
     return {"title": {"text": title}, **more}
 
 
 def insert_gaps(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]]:
-    """Time and series at the kept samples, with a gap wherever the time (N,) itself has one."""
+    """Select samples of time (N,) and series (N,) by index, with NaN wherever the time has a gap."""
     steps = np.diff(time)
     run = np.r_[0, np.cumsum(steps > 1.5 * np.median(steps))][kept] if len(steps) else np.zeros(len(kept))
     gaps = np.flatnonzero(np.diff(run)) + 1
@@ -80,7 +77,7 @@ def insert_gaps(time: Array, kept: Index, *series: Array) -> tuple[Array, list[A
 
 
 def make_stacked_layout(upper: str, lower: str, x: str, share: float = 0.55) -> JSON:
-    """Layout of two plots above each other with one abscissa."""
+    """Make the layout of two plots above each other with one abscissa; `share`: height of the lower one."""
     return {
         "xaxis": axis(x, anchor="y2"),
         "yaxis": axis(upper, domain=[1 - share + 0.04, 1]),
@@ -90,7 +87,7 @@ def make_stacked_layout(upper: str, lower: str, x: str, share: float = 0.55) -> 
 
 
 def join_arrays(parts: Sequence[Array]) -> Array:
-    """Arrays in a row with a gap between each two."""
+    """Concatenate arrays with NaN after each."""
     return np.concatenate([np.r_[part, np.nan] for part in parts]) if parts else np.empty(0)
 
 
@@ -106,7 +103,7 @@ def before_and_after(
 ) -> Figure:
     """Plot a measured and a modelled quantity (N,) above their difference.
 
-    Each model has a name and a colour; `names` are those of the quantity, of the difference, and of their unit.
+    `models` are pairs of name and colour; `names`: of the quantity, of the difference, and the unit.
     """
     quantity, difference, unit = names
     data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": BROAD})]

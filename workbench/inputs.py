@@ -1,4 +1,4 @@
-"""Input and output of commands, for a pendulum or an arm (`--robot`)."""
+"""Models and recordings that the arguments of a command name, for a pendulum or an arm (`--robot`)."""
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
@@ -22,10 +22,7 @@ from workbench.terminal import Terminal
 
 
 def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
-    """Read a model that can be compared with recordings of a body: one with inertia.
-
-    Raises ModelError if there is none in the file.
-    """
+    """Read a model of a body; raises ModelError if the file has no model with inertia."""
     model = load_model(path, body)
     try:
         return check_model(model)
@@ -37,24 +34,24 @@ def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
 class Inputs:
     """Input of a command after reading."""
 
-    model: Model  # that is named, or else one without parameters to start from
-    recordings: list[Recording]  # to fit
-    holdout: list[Recording]  # to hold out
-    read: Callable[[Source], Recording] = Source.read  # how another recording is read
+    model: Model  # from --model, else a model without parameters
+    recordings: list[Recording]  # fitted
+    holdout: list[Recording]  # held out
+    read: Callable[[Source], Recording] = Source.read  # reads further recordings of the same machine
 
     @property
     def body(self) -> Mechanism:
-        """Return the links of an arm; None of a pendulum."""
+        """Return the links of an arm, or the pendulum."""
         return self.model.body
 
     def read_more(self, names: Sequence[str], arguments: argparse.Namespace, terminal: Terminal) -> list[Recording]:
-        """Read other recordings, or studies of them, in the format that the model knows."""
+        """Read further recordings or studies in the log format of the model."""
         sources = [source for name in names for source in read_source_names(name, arguments)]
         known = [apply_log_format(source, self.model.log_format, arguments.model) for source in sources]
         return read_all(known, terminal, self.read)
 
     def convert(self, terminal: Terminal, align: bool) -> FitData:
-        """Convert torque into the unit of the model that is named, and report its timing."""
+        """Convert torque to the unit of the model, and report its timing."""
         if not self.body.can_simulate:
             return self.calibrate(terminal, align)
         converted = convert_to_model_unit(self.model, [*self.recordings, *self.holdout])
@@ -69,17 +66,17 @@ class Inputs:
         for finding in given.conventions:
             terminal.say(describe(finding))
         if not self.body.can_simulate:
-            align = align or None  # looking takes long, so none is warned unasked
+            align = align or None  # the test is slow for arms: only with --align
         return report_timing(given, align, terminal)
 
 
 def open_sources(
     arguments: argparse.Namespace, sources: Sequence[Source], terminal: Terminal, holdout: bool = True
 ) -> Inputs:
-    """Read the model, if one is named, and recordings in the format it knows.
+    """Read the model, if given, and the recordings in its log format.
 
     Raises:
-        InputError, ModelError, RecordingError; of an arm also BodyError, IdentificationError.
+        InputError, ModelError, RecordingError; for an arm also BodyError, IdentificationError.
     """
     path = getattr(arguments, "model", None) or ""
     if arguments.robot is not None:
@@ -95,10 +92,10 @@ def open_sources(
 
 
 def report_timing(given: FitData, align: bool | None, terminal: Terminal) -> FitData:
-    """Say the torque constant if it is known, else we speak of currents; say what is logged late, and correct it.
+    """Print the torque constant and the timing of the torque; return the data, corrected if `align` is true.
 
-    With `align`, torque that is logged late or filtered is corrected, else only said; with None, or where a controller
-    asked for it, it is not tested.
+    With `align` false, torque that is logged late or filtered is a warning. With None, or without logged torque,
+    its timing is not tested.
     """
     if given.constant is not None:
         terminal.say(given.constant.text)
@@ -113,12 +110,12 @@ def report_timing(given: FitData, align: bool | None, terminal: Terminal) -> Fit
 
 
 def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Inputs:
-    """Read the input of a command on an arm."""
+    """Read the model, if given, and the recordings of an arm."""
     made = ModelOptions.read_from_model(path) if path else ModelOptions()
     sources = [apply_log_format(source, made.log_format, path) for source in sources]
     asked = make_robot(arguments, sources, made)
     robot = asked.keep_logged_joints(sources)
-    robot.body()  # what is wrong with it comes first
+    robot.body()  # report errors in the robot file first
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(made.held) if made.held else robot.hold_joints(recordings)
     if robot is not asked:
@@ -130,10 +127,9 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
 
 
 def make_body(arguments: argparse.Namespace) -> Mechanism:
-    """Make the robot that the arguments name, its joints as in their model, or else the pendulum.
+    """Return the robot of the arguments with the joints of their model, or the pendulum without `--robot`.
 
-    Raises:
-        ModelError, BodyError: as `RobotFile.body`.
+    Raises ModelError, or BodyError as `RobotFile.body`.
     """
     if arguments.robot is None:
         return PENDULUM

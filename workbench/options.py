@@ -1,4 +1,4 @@
-"""Options that several commands share, one function for each group, and the conversion of their values."""
+"""Options shared by several commands, and the conversion of their values."""
 
 import argparse
 import math
@@ -19,26 +19,26 @@ from pendulum_env.servo import KEYS, WORDS, ServoDrive
 from workbench.errors import InputError
 
 T = TypeVar("T")
-COUPLING = "coupling"  # of two joints: no effect of a pendulum
+COUPLING = "coupling"  # effect between two joints: only arms have it
 FORMATS = "CSV, Parquet, NPZ, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 DRIVE = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
 OF_ARMS = ("rotors", "joints", "no_gravity")  # options that need --robot
-OF_PENDULUMS = ("drive", "theta", "instruments", "fixed", "bounds")  # options that do not go with --robot
+OF_PENDULUMS = ("drive", "theta", "instruments", "fixed", "bounds")  # options that exclude --robot
 
 
 class MergeAction(argparse.Action):
-    """Option that may be repeated and names several things: all are gathered in one dictionary."""
+    """Repeatable option whose NAME=VALUE pairs are merged into one dictionary."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
-        """Add to what was named before."""
+        """Merge the pairs of one occurrence."""
         setattr(namespace, self.dest, {**getattr(namespace, self.dest), **values})
 
 
 def keep_message(convert: Callable[[str], T]) -> Callable[[str], T]:
-    """Make a converter whose ValueError keeps its message; argparse itself would drop it."""
+    """Wrap a converter so that argparse shows the message of its ValueError."""
 
     def convert_text(text: str) -> T:
         try:
@@ -50,7 +50,7 @@ def keep_message(convert: Callable[[str], T]) -> Callable[[str], T]:
 
 
 def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
-    """Make a converter of a number from low to high; of a whole number if both are whole."""
+    """Make a converter of text to a number from low to high; a whole number if both are int."""
     is_whole = isinstance(low, int) and isinstance(high, int)
     kind = int if is_whole else float
     asked = f"a whole number from {low} to {high}" if is_whole else f"a number from {low:g} to {high:g}"
@@ -65,7 +65,7 @@ def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
 
 
 def _parse_hidden_effect(text: str) -> str:
-    hide(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # at whatever joint
+    hide(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # without the joint, which is checked later
     return text
 
 
@@ -77,7 +77,7 @@ def _parse_page(text: str) -> str:
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """Parse names of joints with commas between them."""
+    """Parse comma-separated names of joints."""
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
         raise InputError(f"{quote_value(text)} should be names of joints with commas between them")
@@ -85,9 +85,9 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 
 def parse_effects(text: str) -> list[str]:
-    """Parse ids of effects with commas, perhaps at joints (`stribeck@elbow`); raises ValueError if one is unknown.
+    """Parse comma-separated ids of effects, perhaps at joints (`stribeck@elbow`).
 
-    What follows `coupling@elbow,` is its second joint, as long as it is no effect.
+    The word after `coupling@elbow,` is its second joint. Raises ValueError if an effect is unknown.
     """
     found: list[str] = []
     for id in filter(None, (word.strip() for word in text.split(","))):
@@ -99,20 +99,20 @@ def parse_effects(text: str) -> list[str]:
 
 
 def find_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> str:
-    """Find the id of an effect, by default of those that may be named, or of the one that only arms have.
+    """Return the id of an effect, found by `known`, by default in the library.
 
-    Raises ValueError if there is none; the message names the nearest.
+    Raises ValueError if it is unknown; the message names the nearest id.
     """
     return id if id == COUPLING else (find("effect", id, list_nameable()) if known is None else known(id)).id
 
 
 def parse_values(text: str) -> dict[str, float]:
-    """Parse the values by parameter, of `gravity=2.01,...`; raises ValueError if it is something else."""
+    """Parse values of parameters, `gravity=2.01,...`; raises ValueError for another form."""
     return {name: _bound(value) for name, value in _split_pairs(text, "NAME=VALUE, such as gravity=2.01")}
 
 
 def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
-    """Parse the bounds by parameter, of `viscous=0:0.5,...`; raises ValueError if it is something else."""
+    """Parse bounds of parameters, `viscous=0:0.5,...`; raises ValueError for another form."""
     bounds, asked = {}, "NAME=LOW:HIGH, such as viscous=0:0.5"
     for name, both in _split_pairs(text, asked):
         low, colon, high = (word.strip() for word in both.partition(":"))
@@ -123,14 +123,14 @@ def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
 
 
 def parse_drive(text: str) -> ServoDrive:
-    """Parse a drive, of `preset=xl330,kp=200`; raises ValueError if it is none."""
+    """Parse the settings of a drive, `preset=xl330,kp=200`; raises ValueError if they are invalid."""
     pairs = _split_pairs(text, "KEY=VALUE, such as kp=200")
     words = ("preset", *WORDS)
     return ServoDrive.from_settings({name: value if name in words else _bound(value) for name, value in pairs})
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Parse expressions of columns by quantity; a comma belongs to a name unless another `QUANTITY=` follows."""
+    """Parse `QUANTITY=COLUMN,...` into column expressions by quantity; names of columns may contain commas."""
     columns: dict[str, str] = {}
     for part in re.split(r",(?=\s*\w+\s*=)", text):
         quantity, equals, name = (word.strip() for word in part.partition("="))
@@ -146,7 +146,7 @@ def parse_columns(text: str) -> dict[str, str]:
 
 
 def _split_pairs(text: str, asked: str) -> Iterator[tuple[str, str]]:
-    """Split `NAME=VALUE,...` into names and values; raises InputError with the expected form."""
+    """Split `NAME=VALUE,...` into names and values; raises InputError with the expected form `asked`."""
     for part in text.split(","):
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals):
@@ -244,13 +244,13 @@ SEARCH, PLANT = ("--model", "--only", "--without"), ("--effect", "--theta")
 
 
 def declare(parser: argparse.ArgumentParser, *names: str, **changed: Any) -> None:
-    """Declare options that several commands share, perhaps `changed`, such as their `help`."""
+    """Declare options of `SHARED`; `changed` replaces arguments of `add_argument`, such as `help`."""
     for name in names:
         parser.add_argument(name, **(SHARED[name] | changed))
 
 
 def add_verbose(parser: argparse.ArgumentParser) -> None:
-    """Declare the level of detail."""
+    """Declare `--verbose`."""
     parser.add_argument(
         "-v", "--verbose", action="store_true", help="print tables, the gates of the candidates, and all remarks"
     )
@@ -259,10 +259,9 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
 def add_robot(
     parser: argparse.ArgumentParser, arms: Sequence[str] = (), pendulums: Sequence[str] = (), about: str = ""
 ) -> None:
-    """Declare the robot file of an arm.
+    """Declare the options of arms.
 
-    `arms` and `pendulums` name options of the command that need --robot, or do not go with it, beside `OF_ARMS` and
-    `OF_PENDULUMS`.
+    `arms`: further options of the command that need --robot; `pendulums`: further options that exclude it.
     """
     about = about or "recordings are of an arm with these links, with columns time, position_JOINT and torque_JOINT"
     group = parser.add_argument_group("arms")
@@ -282,7 +281,7 @@ def add_robot(
 
 
 def make_plant(arguments: argparse.Namespace) -> Model:
-    """Make the plant that was asked for, with what is hidden in it; raises ModelError if an effect is hidden twice."""
+    """Make the plant of the options with its hidden effects; raises ModelError if an effect is hidden twice."""
     plant: Model = arguments.theta or paper_plant()
     for text in arguments.effects:
         plant = hide(plant, text)

@@ -18,15 +18,14 @@ from workbench.terminal import Terminal
 
 
 def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:
-    """Refuse, before any work is done, what could not be written in the end, or would destroy data.
+    """Check output paths before the work begins.
 
-    Raises InputError if an output is `-`, two outputs are the same file, or one of them is a recording that is read,
-    and OSError if a file cannot be written there.
+    Raises InputError if an output is `-`, is named twice, or is an input, and OSError if it cannot be written.
     """
     if "-" in outputs:
         raise InputError("results are written to files: give a name such as result.json instead of '-'")
     given = [check_output(path) for path in outputs if path is not None]
-    resolved = [os.path.realpath(path) for path in given]  # unlike Path.resolve, also of links that go round
+    resolved = [os.path.realpath(path) for path in given]  # Path.resolve fails on cyclic links
     for path, place in zip(given, resolved, strict=True):
         if place in map(os.path.realpath, inputs):
             raise InputError(f"{path}: is one of the inputs: name another file to write to")
@@ -35,9 +34,9 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
 
 
 def write_model(model: Model, path: str | None, terminal: Terminal, findings: Sequence[Finding] = ()) -> str | None:
-    """Write a model to a path, if there is one, and return the path; return None for a model without inertia.
+    """Write a model to a path, if given; return the path, or None if nothing was written.
 
-    An unknown inertia may be zero, unless the findings say that torque and position have opposite signs.
+    A model without positive inertia is not written, unless its inertia is unknown and no finding calls it negative.
     """
     inertia = model.estimates.get("inertia")
     is_turned = any(finding.kind is Kind.INERTIA_NEGATIVE for finding in findings)
@@ -55,16 +54,13 @@ def write_model(model: Model, path: str | None, terminal: Terminal, findings: Se
 
 
 def write_json(path: str | None, content: JSON) -> None:
-    """Write plain data for programs, if that was asked for."""
+    """Write data as JSON, if a path is given."""
     if path is not None:
         write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
 def write_page(path: str | None, terminal: Terminal, page: str, *shown: Any) -> None:
-    """Write a page, if that was asked for: `page` names the module that makes it and the function.
-
-    Plotly, which pages need, takes a while to import.
-    """
+    """Write a page, if a path is given; `page`: its function as "module:name", imported here because Plotly is slow."""
     if path is not None:
         module, _, name = page.partition(":")
         render = getattr(import_module(module), name)
@@ -73,7 +69,7 @@ def write_page(path: str | None, terminal: Terminal, page: str, *shown: Any) -> 
 
 
 def report_files(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
-    """Say what was written."""
+    """Print the names of the files that were written."""
     written = [str(path) for path in paths if path is not None]
     if written:
         terminal.say(f"\nwrote {join_words(written)}")

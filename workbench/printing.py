@@ -1,4 +1,4 @@
-"""A diagnosis as printed on the terminal: what counts in a few lines, the rest where it is asked for."""
+"""Printed form of a diagnosis: a short summary, and tables with `--verbose`."""
 
 from collections.abc import Sequence
 
@@ -37,9 +37,9 @@ def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
 
 
 def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False, more: str = MORE) -> None:
-    """Print a diagnosis; of several joints, which have many, parameters of effects alone.
+    """Print a diagnosis; for several joints, only the parameters of added effects.
 
-    What does not count is printed if `verbose`; else `more` tells how to see it.
+    With `verbose`, tables and all remarks follow; else the line `more`.
     """
     estimates = found.model.readable
     if len(found.floors) > 1:
@@ -51,7 +51,7 @@ def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False,
     values = ", ".join(f"{shorten_name(name)} {estimate}" for name, estimate in estimates.items())
     biased = " (biased by the unexplained residual)" if found.unexplained else ""
     lines += [f"parameters{biased}: {values}"] if values else []
-    first = {region.at: region for region in reversed(found.unexplained)}  # of each joint
+    first = {region.at: region for region in reversed(found.unexplained)}  # first region of each joint
     lines += [
         f"unexplained: {describe_unexplained(found, region)}"
         for region in reversed(first.values())

@@ -1,7 +1,7 @@
-"""Processes that work for a command: an interrupt is the command's alone to answer, and they end when it does.
+"""Worker processes of a command, which ignore interrupts and end with the command.
 
-The keyboard's interrupt goes to every process of a terminal, also to one that still loads its libraries and can only
-die of it with a traceback. So a process is begun with the signal blocked, which it keeps; its parent ends it.
+A terminal sends SIGINT to all its processes. Workers start with the signal blocked, because during their imports it
+would print a traceback; the parent ends them instead.
 """
 
 import multiprocessing
@@ -22,18 +22,18 @@ from pendulum_env.physics.plugin import list_plugins
 from pendulum_env.settings import use_writer
 from workbench.errors import write_option
 
-PROGRESS: list[Any] = []  # in a worker: what its task is doing, and the share that is done
+PROGRESS: list[Any] = []  # in a worker: shared memory for the current step and the completed share
 
 
 @contextmanager
 def hold_interrupts() -> Iterator[None]:
-    """Let an interrupt come when what is done here is done; processes that are begun meanwhile never hear of one."""
+    """Delay interrupts until the block ends; processes started inside it keep the signal blocked."""
     if os.name == "posix":
-        resource_tracker.ensure_running()  # else it is begun below, and takes the block away
-    in_front = threading.current_thread() is threading.main_thread()  # only there Python answers signals
+        resource_tracker.ensure_running()  # its start inside the block would unblock the signal
+    in_front = threading.current_thread() is threading.main_thread()  # Python handles signals only there
     came: list[int] = []
     before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_front else None
-    block = getattr(signal, "pthread_sigmask", None)  # unknown to Windows
+    block = getattr(signal, "pthread_sigmask", None)  # missing on Windows
     mask = block(signal.SIG_BLOCK, {signal.SIGINT}) if block is not None else None
     try:
         yield
@@ -47,7 +47,7 @@ def hold_interrupts() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """End this worker with the process that began it, even if that one is killed."""
+    """End this worker when its parent ends, even if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -60,20 +60,20 @@ def _exit_after(parent: BaseProcess) -> None:
 
 
 class Pool(ProcessPoolExecutor):
-    """Processes on this computer that never receive an interrupt, and end with this one."""
+    """Pool of local processes that ignore interrupts and end with this process."""
 
     def __init__(self, count: int, files: Sequence[Path] = (), libraries: Sequence[str] = (), *progress: Any) -> None:
-        """Take the number of processes, what each loads, and the memory where it tells its progress."""
-        context = multiprocessing.get_context("spawn")  # a copy of a process with threads would be unsound
+        """Set the number of processes, the effect files and libraries that each loads, and its `PROGRESS`."""
+        context = multiprocessing.get_context("spawn")  # fork is unsafe with threads
         super().__init__(count, context, _prepare, (files, libraries, progress))
 
     def submit(self, task: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Schedule a task; processes start here."""
+        """Submit a task, and start processes if needed."""
         with hold_interrupts():
             return super().submit(task, *args, **kwargs)
 
     def end(self) -> None:
-        """End the processes, whatever they do."""
+        """Terminate the processes and cancel waiting tasks."""
         processes = [*(self._processes or {}).values()]
         self.shutdown(wait=False, cancel_futures=True)
         for process in processes:
@@ -92,7 +92,7 @@ def _prepare(files: Sequence[Path], libraries: Sequence[str], progress: Sequence
 
 @contextmanager
 def open_local_workers(count: int) -> Iterator[Executor]:
-    """Open processes that know the effects of the users' files, and end at once if this one is interrupted."""
+    """Open a pool of processes with the loaded effect files; it is terminated on exit."""
     pool = Pool(count, list_plugins())
     try:
         yield pool

@@ -1,4 +1,4 @@
-"""Recordings that the arguments of a command name: their sources, and reading them."""
+"""Sources of the recordings in the arguments of a command, and how they are read."""
 
 import argparse
 from collections import Counter
@@ -19,17 +19,17 @@ Logged = TypeVar("Logged", bound=Recording)
 
 
 def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = ()) -> tuple[Source, ...]:
-    """List the recordings that the arguments name, alone or in studies, still unread: first those that are fitted.
+    """List the sources of all recordings and studies in the arguments, fitted ones first, without reading them.
 
-    Raises InputError if one is named twice, or none is to be fitted, StudyError if a study makes no sense, and as
-    `check_outputs`, of outputs that would destroy what is read.
+    Raises InputError if one is named twice or none is fitted, StudyError if a study is invalid, and as
+    `check_outputs` for outputs that would overwrite inputs.
     """
     names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
     sources = [source for name in names for source in read_source_names(name, arguments)]
     sources += [replace(source, role="holdout") for name in held for source in read_source_names(name, arguments)]
     if (twice := find_duplicate(sources)) is not None:
         raise InputError(f"{twice.file}: is named twice: name each recording once, to fit or to hold out")
-    for source in sources:  # also those that are not read
+    for source in sources:  # held-out sources, too
         if not source.file.exists():
             raise InputError(f"{source.file}: there is no such file: check the path")
     sources.sort(key=lambda source: source.role == "holdout")
@@ -40,11 +40,11 @@ def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = 
 
 
 def read_source_names(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
-    """Read the recordings of a study, or the one in a file, read as the arguments ask for.
+    """Return the sources of a study, or of a single file with the columns of the arguments.
 
-    Raises InputError if arguments say what a study says itself, and StudyError if a study makes no sense.
+    Raises InputError if the arguments set columns, unwrap or drive for a study, and StudyError if it is invalid.
     """
-    drive = getattr(arguments, "drive", None)  # not every command takes one
+    drive = getattr(arguments, "drive", None)  # not an option of every command
     if not name.lower().endswith(".toml"):
         return (Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive),)
     if arguments.columns or arguments.unwrap or drive:
@@ -53,7 +53,7 @@ def read_source_names(name: str, arguments: argparse.Namespace) -> tuple[Source,
 
 
 def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Source], Logged]) -> list[Logged]:
-    """Read recordings, of one joint or of several, and say what they are and what was changed at reading."""
+    """Read recordings, and print their summaries and notes."""
     recordings = []
     for source in sources:
         with terminal.progress(f"reading {source.file.name}"):
@@ -75,7 +75,7 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
 
 
 def _collect_notes(recording: Recording) -> list[str]:
-    """Collect the notes of a recording, and one on the units of an axis that slides."""
+    """Collect the notes of a recording, and a note on the units of a linear axis."""
     sliding = ["the joint slides: position is in metres"] if recording.units.slides else []
     return [*map(describe_note, recording.notes), *sliding]
 

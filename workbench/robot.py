@@ -1,4 +1,4 @@
-"""A robot as a user names it: its file, which joints move, and where recordings have the others."""
+"""Robot file with its settings: moving joints, held joints, and their positions in recordings."""
 
 import argparse
 from collections.abc import Hashable, Mapping, Sequence
@@ -24,28 +24,28 @@ FORMATS = (".urdf", ".xml", ".mjcf")
 
 @dataclass(frozen=True)
 class RobotFile:
-    """Settings of a robot file."""
+    """Robot file and its settings."""
 
     file: Path  # URDF or MJCF
-    joints: tuple[str, ...] | None = None  # that move; None: all that can
-    rotors: bool | None = None  # whether motors have inertia of their own; None: as the file has it
-    weightless: bool = False  # whether the driver takes gravity's torque off what it logs
+    joints: tuple[str, ...] | None = None  # moving joints; None: all movable ones
+    rotors: bool | None = None  # whether rotor inertia is identified; None: if the file has it
+    weightless: bool = False  # whether the driver subtracts gravity from the logged torque
 
     @classmethod
     def of_model(cls, file: Path, model: Path | None, joints: tuple[str, ...] | None) -> "RobotFile":
-        """Return a robot with the settings of the model that was made of it, if there is one."""
+        """Return a robot with the settings in a model file, if given; `joints` has priority."""
         made = ModelOptions.read_from_model(model) if model is not None else ModelOptions()
         return cls(file, joints or made.joints, made.rotors, made.weightless)
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
-        """Return the links, other joints held at the given places, or at zero; raises BodyError as `read_body`."""
+        """Return the links, with other joints held at the given positions or zero; raises BodyError as `read_body`."""
         import_pinocchio()
         status = self.file.stat() if self.file.exists() else None
         changed = (status.st_mtime_ns, status.st_size) if status else None
         return _read_body(self, tuple((held or {}).items()), changed)
 
     def keep_logged_joints(self, sources: Sequence[Source]) -> "RobotFile":
-        """Copy with every joint held that has no columns in the sources, unless the moving joints are named."""
+        """Return a copy that holds joints without columns in the sources, unless `joints` is set."""
         if self.joints is not None or not sources:
             return self
         every = find_movable_joints(self.file, bolted=True)
@@ -54,12 +54,12 @@ class RobotFile:
         return replace(self, joints=moving) if moving and moving != every else self
 
     def read(self, source: Source) -> ArmRecording:
-        """Read a recording of it; raises RecordingError as `read_arm_source`."""
+        """Read a recording of the robot; raises RecordingError as `read_arm_source`."""
         body = self.body()
         return read_arm_source(source, body.joints, [at for at in (*body.held, *body.links) if at not in body.joints])
 
     def hold_joints(self, recordings: Sequence[Recording]) -> Body:
-        """Return the links, other joints held where recordings have them on average."""
+        """Return the links, with other joints held at their mean position in the recordings."""
         body, arms = self.body(), [recording for recording in recordings if isinstance(recording, ArmRecording)]
         seen = {joint: [np.mean(one.still[joint]) for one in arms if joint in one.still] for joint in body.held}
         return self.body({joint: float(np.mean(places)) for joint, places in seen.items() if places})
@@ -67,13 +67,13 @@ class RobotFile:
 
 @lru_cache(maxsize=8)
 def _read_body(robot: RobotFile, held: tuple[tuple[str, float], ...], changed: Hashable) -> Body:
-    """Read the links of a file, and keep the last ones by time and size of the file."""
+    """Read the links of a file, cached; `changed` holds the time and size of the file."""
     body = read_body(robot.file, joints=robot.joints, held=dict(held), bolted=True, rotors=robot.rotors)
     return body.weightless if robot.weightless else body
 
 
 def describe_links(body: Mechanism) -> list[str]:
-    """Name the joints and base parameters of an arm, and what these stand for; nothing of a pendulum."""
+    """Count the joints and base parameters of an arm, and define the combined ones; empty for a pendulum."""
     if not isinstance(body, Body):
         return []
     combined = [f"  {name} stands for {text}" for name, text in body.combined.items()]
@@ -81,14 +81,14 @@ def describe_links(body: Mechanism) -> list[str]:
 
 
 def describe_held(body: Body) -> str:
-    """List the held joints with their angles; empty if all move."""
+    """List the held joints with their positions; empty if all move."""
     units = {joint: body.units(joint).unit("rad") for joint in body.held}
     places = [f"{joint} at {f'{q:.4g} {units[joint]}' if q else 'zero'}" for joint, q in body.held.items()]
     return f"held: {', '.join(places)}" if places else ""
 
 
 def find_straying(body: Body, recordings: Sequence[Recording]) -> list[str]:
-    """Describe each held joint that recordings have elsewhere, a sentence each."""
+    """Describe held joints that leave their position in recordings, a sentence each."""
     found = []
     for recording, (joint, q) in product(recordings, body.held.items()):
         places = recording.still.get(joint, q) if isinstance(recording, ArmRecording) else q
@@ -101,8 +101,8 @@ def find_straying(body: Body, recordings: Sequence[Recording]) -> list[str]:
 def make_robot(
     arguments: argparse.Namespace, sources: Sequence[Source] = (), made: ModelOptions | None = None
 ) -> RobotFile:
-    """Make the robot as the arguments, or else a study or the model that was `made` of it, ask for it."""
-    made = made or ModelOptions()  # of a robot, where no model says what it was made of
+    """Make the robot from the arguments, else from the study or from the options `made` of its model."""
+    made = made or ModelOptions()
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
@@ -112,7 +112,7 @@ def make_robot(
 
 
 def report_held(body: Body, recordings: Sequence[Recording], terminal: Terminal) -> None:
-    """Say which joints are held, and where recordings have them elsewhere."""
+    """Print the held joints, and warn if they leave their position in recordings."""
     if text := describe_held(body):
         terminal.say(text)
     if body.impossible_text:

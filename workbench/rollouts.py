@@ -1,4 +1,4 @@
-"""Runs of a pendulum: simulated, replayed, or of the rig row by row."""
+"""Recording of a pendulum: simulated, replayed, or row by row on the rig."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ from workbench.terminal import Terminal
 
 
 def simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Recording:
-    """Record with the backend that was asked for."""
+    """Record a simulated or replayed pendulum with the requested backend."""
     arguments, command, seconds = plan.arguments, plan.command, plan.seconds
     if not isinstance(command, Pilot) and arguments.backend in (None, "simulated"):
         with terminal.progress("simulating"):
@@ -40,10 +40,9 @@ def simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Record
 
 
 def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
-    """Record the rig, row by row: what was measured up to a fault or an interrupt is kept.
+    """Record the rig row by row; rows up to a fault or an interrupt are kept.
 
-    Raises InputError if there is a fault, Interrupted if the user interrupts it, and OSError if the disk does not take
-    it all; it says what is kept.
+    Raises InputError after a fault, Interrupted after an interrupt, and OSError if the disk is full.
     """
     output, rate, last = plan.arguments.output, plan.rate, dict[str, Any]()
     late: list[float] = []
@@ -70,7 +69,7 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     terminal.say(
         f"samples {jitter[0]:.2g} ms after their tick, 99 % within {jitter[1]:.2g} ms; {last['overruns']} ticks missed"
     )
-    # [s]: what is interpolated over more than that is no measurement
+    # [s]; interpolation over a longer gap is no measurement
     if (worst := max(late)) > 0.03:
         terminal.say(
             f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
@@ -83,14 +82,14 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
 
 
 def _make_controller(plan: Plan, rate: float) -> OpenLoop | Pilot:
-    """Create the controller at a rate [Hz]; a replay has its own torque."""
+    """Create the controller at a rate [Hz]."""
     return plan.command if isinstance(plan.command, Pilot) else OpenLoop(plan.command, rate)
 
 
 def make_environment(plan: Plan) -> gym.Env[Any, Any]:
-    """Create the environment: a simulated plant, a replayed recording, or a rig without power.
+    """Create the environment of a simulated plant, a replayed recording, or the rig (connected, without power).
 
-    The rig is owned and connected from now on; raises InputError if it is out of reach, or in use.
+    Raises InputError if the rig is not reachable or in use.
     """
     asked = plan.arguments
     if plan.rig is not None:
@@ -112,7 +111,7 @@ def make_environment(plan: Plan) -> gym.Env[Any, Any]:
 
 
 def describe_recording(recording: Recording, terminal: Terminal) -> None:
-    """Say what was recorded."""
+    """Print the duration, rate, range of angles and largest torque of a recording."""
     turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
     terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
     terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")

@@ -1,4 +1,4 @@
-"""Plans of runs of a pendulum: the torque that drives it, and the plant or the rig that answers."""
+"""Plan of a pendulum recording: torque command, duration, and plant or rig."""
 
 import argparse
 from dataclasses import dataclass
@@ -19,29 +19,29 @@ from pendulum_env.reading import Text, convert, read_json
 from workbench.errors import InputError
 from workbench.options import make_plant
 
-SECONDS = 30.0  # length of a recording
-SUGGESTED = "suggested"  # excitation that a diagnosis holds
-LEARNT = "rl"  # excitation that a policy chooses while the arm moves
+SECONDS = 30.0  # default length of a recording [s]
+SUGGESTED = "suggested"  # excitation suggested by a diagnosis
+LEARNT = "rl"  # excitation by a policy in closed loop
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Plan of a run: a torque for some time, on a plant or on the rig."""
+    """Torque command, duration, and plant or rig of a recording."""
 
     arguments: argparse.Namespace  # of `record`
-    rig: config.RigConfig | None  # None: a plant is simulated, or a recording replayed
-    plant: Model  # that is simulated
-    rate: float  # samples per second [Hz]
-    command: Excitation | Pilot  # what chooses the torque
-    seconds: float  # length
-    release: float | None = None  # angle at which the joint is let go at rest, without torque [rad]
+    rig: config.RigConfig | None  # None: simulation or replay
+    plant: Model  # simulated plant
+    rate: float  # sample rate [Hz]
+    command: Excitation | Pilot  # torque over time, or a policy
+    seconds: float  # length [s]
+    release: float | None = None  # initial angle of a free swing from rest [rad]
 
     @classmethod
     def from_arguments(cls, arguments: argparse.Namespace, rng: np.random.Generator) -> Self:
         """Create the plan from arguments.
 
-        Raises InputError if the arguments do not go together, a configuration or a policy cannot be used, or a
-        diagnosis suggests nothing, and ModelError if an effect is hidden twice.
+        Raises InputError if arguments exclude each other, a configuration or policy is invalid, or the diagnosis
+        has no suggestion, and ModelError if an effect is hidden twice.
         """
         for backend, option in (("dm1015b", "config"), ("replay", "replay")):
             if (arguments.backend == backend) != (getattr(arguments, option) is not None):
@@ -57,7 +57,7 @@ class Plan:
 
     @property
     def remark(self) -> str:
-        """Describe the reduction of the torque by the limits of the rig; empty without one."""
+        """Describe the reduction of the torque by the limits of the rig; empty if it is not reduced."""
         rig, most = self.rig, self.command.amplitude
         if rig is None or most <= rig.max_torque:
             return ""
@@ -68,7 +68,7 @@ class Plan:
 def _choose_experiment(
     arguments: argparse.Namespace, rng: np.random.Generator, rate: float
 ) -> tuple[Excitation | Pilot, float, float | None]:
-    """Choose the torque command, length [s] and angle of release [rad]: drawn, as a diagnosis suggests, or by a policy.
+    """Return the torque command (random, suggested, or a policy), length [s] and angle of release [rad] or None.
 
     Raises as `Plan.from_arguments`.
     """
@@ -101,7 +101,7 @@ def _choose_experiment(
 
 
 def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
-    """Load the configuration of the rig, if one is to be recorded; raises as `Plan.from_arguments`."""
+    """Load the configuration of the rig, None without `--config`; raises as `Plan.from_arguments`."""
     if arguments.config is None:
         return None
     if arguments.effects or arguments.theta is not None:
@@ -112,7 +112,7 @@ def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
 
 
 class _Diagnosis(Struct):
-    """Next experiment in a diagnosis file."""
+    """Fields of a diagnosis file on the next experiment."""
 
     suggestion: dict[str, Any] | None = None
     forbidden: Text | None = None
@@ -120,9 +120,9 @@ class _Diagnosis(Struct):
 
 
 def read_suggestion(path: str) -> Suggestion:
-    """Read the experiment that a diagnosis suggests.
+    """Read the suggested experiment of a diagnosis file.
 
-    Raises InputError if the file is missing or no diagnosis, or nothing is open that an experiment would settle.
+    Raises InputError if the file is missing, is not a diagnosis, or has no suggestion.
     """
     hint = "a diagnosis is what `diagnose --json` writes"
     content = read_json(path, hint)

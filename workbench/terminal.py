@@ -13,36 +13,36 @@ from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-PLAIN_WIDTH = 1000  # characters; a pipe has no width of its own, and lines are better not broken there
+PLAIN_WIDTH = 1000  # line width in a pipe [characters]: lines are not wrapped there
 
 
 class Terminal:
     """Standard output and standard error of one command."""
 
     def __init__(self, *, quiet: bool = False) -> None:
-        """Take both streams; a quiet terminal prints nothing."""
+        """Open both streams; with `quiet`, nothing is printed."""
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):
-                stream.reconfigure(errors="replace")  # a sign that the terminal lacks must not end a diagnosis
+                stream.reconfigure(errors="replace")  # an unencodable character must not raise
         self._out = _make_console(stderr=False, quiet=quiet)
         self._err = _make_console(stderr=True, quiet=quiet)
 
     def heading(self, text: str) -> None:
-        """Start a new part."""
+        """Print a blank line and a heading."""
         self._out.print()
         self._out.print(text, style="bold")
 
     def say(self, text: str, style: str | None = None) -> None:
-        """Print a paragraph; brackets in it are brackets."""
+        """Print a paragraph without interpreting markup."""
         self._out.print(text, style=style)
 
     def table(self, headers: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> None:
-        """Print rows under headers: the first column and those named in `left` flush left, the others right.
+        """Print a table; the first column and those in `left` are left-aligned, the others right-aligned.
 
-        Where a row is wider than the terminal, each is told on lines of its own: no number is ever broken.
+        If it is wider than the terminal, each row is printed as a block, so that no number is broken.
         """
         flush_left = {0, *(headers.index(header) for header in left)}
-        words = headers.index(left[-1]) if left else None  # a column whose cells may be broken
+        words = headers.index(left[-1]) if left else None  # column whose text may wrap
         table = Table(box=box.SIMPLE_HEAD if self._out.is_terminal else None, pad_edge=False, header_style="bold")
         for place, header in enumerate(headers):
             justify: JustifyMethod = "left" if place in flush_left else "right"
@@ -51,14 +51,14 @@ class Terminal:
             table.add_row(*row)
         prose = max((len(row[words]) for row in rows), default=0) if words is not None else 0
         wide = self._out.options.update_width(PLAIN_WIDTH)
-        # a column of words, which may be broken, has 24 characters at least
+        # the column with wrapped text keeps at least 24 characters
         if Measurement.get(self._out, wide, table).maximum - max(0, prose - 24) <= self._out.width:
             self._out.print(table)
         else:
             self._print_stacked(headers, rows)
 
     def _print_stacked(self, headers: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Print each row as a block: its first cell, and below it every other under its header."""
+        """Print each row as a block: its first cell, then a line of header and cell for each other column."""
         widest = max(len(header) for header in headers[1:])
         for row in rows:
             self._out.print(row[0], style="bold")
@@ -68,9 +68,9 @@ class Terminal:
 
     @contextmanager
     def progress(self, title: str, timed: bool = False, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
-        """Show a bar on stderr while work goes on: call the yielded function with the current step and the share done.
+        """Show a progress bar on stderr; yield a function of the current step and the completed share.
 
-        `timed` adds the time that is left. With `lines`, a stderr that is no terminal gets a line for each tenth.
+        `timed` adds the remaining time. With `lines`, a stderr that is not a terminal gets a line for each tenth.
         """
         if lines and not self._err.is_terminal:
             printed = 0
@@ -96,17 +96,17 @@ class Terminal:
 
 
 class _PatientConsole(Console):
-    """A console whose reader may leave: what else the command does, as writing files, is done all the same."""
+    """Console that ignores a closed pipe, so that the command still writes its files."""
 
     def on_broken_pipe(self) -> None:
-        """Say no more."""
+        """Stop printing."""
         self.quiet = True
         abandon(self.file)
 
 
 def abandon(stream: IO[str]) -> None:
-    """Let what a stream still holds go nowhere, or Python complains of it at the end."""
-    with suppress(OSError, ValueError, AttributeError):  # a stream of a test has no number, and one may be none
+    """Redirect a broken stream to os.devnull, so that flushing its buffer at exit raises nothing."""
+    with suppress(OSError, ValueError, AttributeError):  # no descriptor in tests; closed streams may be None
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 

@@ -1,1 +1,1 @@
-"""The workbench in a browser: load, compare, diagnose, add, export, over the same functions as the command line."""
+"""Web app with the functions of the command line: load, compare, diagnose, add, export."""

@@ -1,4 +1,4 @@
-"""A file whose columns a person is asked about: roles, units and gains, as expressions of the command line."""
+"""Column assignment of a file by the user: roles, units and gains, as expressions of `--columns`."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from pendulum_env.recording.expression import NUMBER, Expression, normalise_name
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 
-NEEDED = 2  # columns with numbers: time and position
-PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # what is written alone is a gain
+NEEDED = 2  # numeric columns required: time and position
+PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # a number alone is a gain
 
 
 @dataclass(frozen=True)
 class ColumnChoice:
-    """Choice for one column: role, unit and conversion; empty without a choice."""
+    """Role, unit and conversion of one column; empty texts for an unused column."""
 
     role: str = ""
     unit: str = ""
-    then: str = ""  # `*0.091`, `/6+90`; a number alone is a gain
+    then: str = ""  # conversion such as `*0.091` or `/6+90`; a number alone is a gain
 
     def write_expression(self, header: str) -> str:
-        """Return the choice in one line, as on the command line."""
+        """Write the column, unit and conversion as an expression of `--columns`."""
         unit, then = self.unit.strip(), self.then.strip()
         gain = "*" if PLAIN.fullmatch(then) else ""
         return f"{header}{f':{unit}' if unit else ''}{gain}{then}"
 
     @classmethod
     def parse(cls, role: str, told: Expression) -> ColumnChoice:
-        """Parse an expression into a choice."""
+        """Convert a parsed expression to a choice."""
         gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
         offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
         return cls(role, told.unit or "", gain + offset)
@@ -48,13 +48,13 @@ def get_quantity(role: str) -> str:
 
 
 def list_units(role: str) -> list[str]:
-    """List the units that a column of a role may be in."""
+    """List the units accepted for a column of a role."""
     what = get_quantity(role)
     return [*TOLD.get(what, "").split(", "), *LINEAR.get(what, {})] if what in TOLD else []
 
 
 def describe_unit(role: str, text: str, headers: Sequence[str]) -> str:
-    """Describe the unit of the column of an expression; empty without a unit."""
+    """Describe the unit of a column expression: named, assumed or after gain; empty without a unit."""
     try:
         column = parse_column(get_quantity(role), text, headers)
     except RecordingError:
@@ -69,21 +69,21 @@ def describe_unit(role: str, text: str, headers: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class ColumnCard:
-    """A file whose columns a person is asked about."""
+    """Column assignment of one file."""
 
-    source: Source  # how it is to be read; its columns are those of `choices` instead
-    choices: tuple[ColumnChoice, ...]  # what is said of each column
-    preview: Preview  # what is in the file
-    known: str = ""  # id of the recording that it is of; empty while that waits for an answer
-    why: str = ""  # what is wrong with it, in a sentence; empty if a person asked to see it
-    joints: tuple[str, ...] = ()  # of the arm that it is of; none of a pendulum
-    is_free: bool = False  # whether nothing drives the joint, so that a missing torque is zero
+    source: Source  # file and settings; `choices` replaces its columns
+    choices: tuple[ColumnChoice, ...]  # one for each column
+    preview: Preview  # headers and first values of the file
+    known: str = ""  # id of the loaded recording; empty for a file not loaded yet
+    why: str = ""  # error of reading, a sentence; empty if the user opened the card
+    joints: tuple[str, ...] = ()  # moving joints of an arm; empty for a pendulum
+    is_free: bool = False  # whether the joint is undriven: torque is zero
 
     @classmethod
     def from_source(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> ColumnCard:
-        """Look at a file, beginning with what is said of it or what the names of its columns tell.
+        """Create a card with roles from the source's columns, else guessed from the headers.
 
-        Raises RecordingError if it cannot be read, or has too few columns to choose from.
+        Raises RecordingError if the file cannot be read, or has fewer than `NEEDED` numeric columns.
         """
         shown = read_preview(source.file)
         if sum(values is not None for values in shown.values) < NEEDED:
@@ -103,13 +103,13 @@ class ColumnCard:
                     text, shown.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})}
                 )
             except RecordingError:
-                continue  # `none`, or a mistake that reading has told of
+                continue  # `none`, or an error already reported by reading
             said[told.name] = ColumnChoice.parse(role, told)
         return replace(card, choices=tuple(said.get(header, ColumnChoice()) for header in shown.headers))
 
     @property
     def roles(self) -> tuple[str, ...]:
-        """List the possible roles of a column; for an arm, positions and torques of its joints."""
+        """Return the possible roles of a column; for an arm, time and the position and torque of each joint."""
         roles = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
         return ("time", *roles) if self.joints else tuple(ALIASES)
 
@@ -118,21 +118,18 @@ class ColumnCard:
         return replace(self, choices=tuple(choices), source=replace(self.source, unwrap=unwrap))
 
     def fill_form(self, form: Mapping[str, Any]) -> ColumnCard:
-        """Return the card as the controls of the page have it."""
+        """Return the card with the values of the page's controls."""
         columns = range(len(self.choices))
         choices = [ColumnChoice(*(form.get(f"{what}:{k}") or "" for what in ("role", "unit", "then"))) for k in columns]
         free = replace(self, is_free=bool(form.get("free:0")))
         return free.set_choices(choices, bool(form.get("unwrap:0")))
 
     def is_as(self, other: ColumnCard) -> bool:
-        """Return whether another card has the same roles and units."""
+        """Return whether both cards have the same roles and units."""
         return [(one.role, one.unit) for one in self.choices] == [(one.role, one.unit) for one in other.choices]
 
     def make_source(self) -> Source:
-        """Return the source as the choices have it.
-
-        Raises ColumnError if two columns have the same role, or one has to be named yet.
-        """
+        """Return the source with the chosen columns; raises ColumnError if two columns have the same role."""
         columns: dict[str, str] = {}
         for role in dict.fromkeys(choice.role for choice in self.choices if choice.role):
             pairs = [pair for pair in zip(self.preview.headers, self.choices, strict=True) if pair[1].role == role]

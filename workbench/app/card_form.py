@@ -1,4 +1,4 @@
-"""The card of a file on the page, which asks what its columns mean."""
+"""Form for the roles, units and gains of a file's columns."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,7 +16,7 @@ ASKED_OF_ARM = (
     "Time, and position and torque of each joint are needed, on the side of the joint; the torque holds the "
     "links up. For columns of a motor before its gear, write the ratio in the last column; for a current, its gain."
 )
-HINTS = {  # of what is done with a column
+HINTS = {  # example conversions by quantity
     "time": "*0.001",
     "position": "/6 or *-1 or +90",
     "velocity": "/6 or *-1",
@@ -27,7 +27,7 @@ CALLED = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supp
 
 
 def show(card: ColumnCard) -> Component:
-    """Render the content of the file, and the choices of its columns."""
+    """Render the first rows of a file and the choices for its columns."""
     return make_panel(
         f"What the columns of {card.source.file.name} mean",
         *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
@@ -60,16 +60,16 @@ def show(card: ColumnCard) -> Component:
 
 
 def _make_id(what: str, k: int = 0) -> dict[str, Any]:
-    """Make a control of the card; all by pattern, since they come and go."""
+    """Make the pattern-matching id of a control; the controls are not always on the page."""
     return {"field": what, "of": k}
 
 
 def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
-    """Make the row of a column: its content, and the choice of its meaning."""
+    """Make the table row of column `k`: header, first values, role, unit and conversion."""
     header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
     first = "no numbers"
     if values is not None:
-        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"  # that are shown
+        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"
     roles = {"": "unused"} | {role: role for role in card.roles}
     unsaid = replace(choice, unit="").write_expression(header)
     unit = (describe_unit(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
@@ -81,7 +81,7 @@ def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
         id=_make_id("then", k),
         placeholder=HINTS.get(get_quantity(choice.role), ""),
         disabled=values is None or not choice.role,
-        persistence=card.source.file.name,  # what is typed stays while this card is drawn anew
+        persistence=card.source.file.name,  # typed text survives a redraw of the card
         persistence_type="memory",
     )
     return (

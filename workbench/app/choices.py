@@ -1,4 +1,4 @@
-"""Effects that a user looks for, and values that a user knows."""
+"""Options of a search: effects to look for, known values and bounds."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from workbench.options import parse_values as values_of
 
 @dataclass(frozen=True)
 class SearchChoices:
-    """Effects to look for, values that are known and bounds of others, each in the words of the command line."""
+    """Effects to look for, known values and bounds, each as text of the command-line option."""
 
-    only: str = ""  # ids of the effects that are looked for, with commas; empty: all
-    without: str = ""  # ids of those that are not
-    fix: str = ""  # `gravity=2.01,...`
-    bound: str = ""  # `viscous=0:0.5,...`
+    only: str = ""  # comma-separated ids of the effects to look for; empty: all
+    without: str = ""  # comma-separated ids of the effects to leave out
+    fix: str = ""  # known values, `gravity=2.01,...`
+    bound: str = ""  # bounds, `viscous=0:0.5,...`
 
     @classmethod
     def from_form(cls, form: Mapping[str, Any]) -> SearchChoices:
-        """Return the values of the form fields `ask-only` and so on: ids in a list, or text."""
+        """Create choices from the form fields `ask-only`, `ask-without`, `ask-fix` and `ask-bound`."""
         values = (form.get(f"ask-{field.name}") or "" for field in fields(cls))
         return cls(*(",".join(map(str, value)) if isinstance(value, list) else str(value).strip() for value in values))
 
     @property
     def effects(self) -> dict[str, Any]:
-        """Return the effects for `diagnose`; raises as the command line."""
+        """Return the arguments `only` and `without` of `diagnose`; raises ValueError if an effect is unknown."""
         return {"only": effects_of(self.only) or None, "without": effects_of(self.without)}
 
     @property
     def limits(self) -> dict[str, Any]:
-        """Return the limits of parameters for `diagnose` and `add`; raises as the command line."""
+        """Return the arguments `fixed` and `bounds` of `diagnose` and `add`; raises InputError if they are invalid."""
         return {
             "fixed": values_of(self.fix) if self.fix else {},
             "bounds": parse_bounds(self.bound) if self.bound else {},
         }
 
     def check(self, terms: Sequence[Term]) -> None:
-        """Refuse what makes no sense beside a model's terms: raises ValueError as the command line does."""
+        """Raise ValueError if an effect or parameter does not exist for a model with these terms."""
         select_effects(None, **self.effects, body=find_body(terms))
         apply_limits(terms, {}, **self.limits)
 
     def write_options(self, *fields: str) -> list[str]:
-        """Write some fields as words of a command."""
+        """Write the given fields as command-line options, without empty ones."""
         return [f"--{field}={getattr(self, field)}" for field in fields if getattr(self, field)]
 
 
-NO_CHOICES = SearchChoices()  # every effect is looked for, and nothing is known
+NO_CHOICES = SearchChoices()  # all effects, no known values

@@ -1,4 +1,4 @@
-"""Recordings of the demo, as `pendulum-ident record` makes them."""
+"""Recordings of the demo, made by `pendulum-ident record`."""
 
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ HIDDEN = "stribeck"
 
 
 def record_demo(folder: Path, progress: Progress) -> list[LoadedRecording]:
-    """Record a pendulum that hides an effect twice, to fit a model and to check it, into files of a folder."""
+    """Record a pendulum with a hidden effect into a folder: one recording to fit, one held out."""
     fitted = _record_once(Source(folder / FITTED), 15, 1)
     progress("recording", 0.5)
     return [fitted, _record_once(Source(folder / HELD_OUT, "holdout"), 10, 2)]
@@ -30,7 +30,7 @@ def _record_once(source: Source, seconds: int, seed: int) -> LoadedRecording:
 
 
 def start(session: Session) -> None:
-    """Record the demo into a session in the background; raises InputError if it is loaded."""
+    """Record the demo into a session in the background; raises InputError if it is loaded already."""
     for item in session.state.loaded:
         if item.id in (FITTED, HELD_OUT):
             raise InputError(f"{item.id}: is loaded already: remove it first")

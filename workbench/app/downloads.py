@@ -1,4 +1,4 @@
-"""Files that the page saves, and command lines that come to the same as a session."""
+"""Files to download, and the command lines equivalent to a session."""
 
 import json
 import shlex
@@ -22,11 +22,11 @@ REPORT, DIAGNOSIS, EXPERIMENT = "report.html", "diagnosis.json", "experiment.csv
 
 
 def write_commands(state: State) -> str:
-    """Write the command lines that come to the same model."""
+    """Write the command lines that make the model of a state."""
     train, holdout = ([s.source.file.name for s in state.loaded if s.held_out == held] for held in (False, True))
     given = [*train, *(word for file in holdout for word in ("--holdout", file))]
     if is_study_needed(state):
-        train = given = [STUDY]  # which says what is held out
+        train = given = [STUDY]  # the study names the held-out recordings
     limits, align = state.asked.write_options("fix", "bound"), ["--align"] * state.is_aligned
     lines = [["record", *item.origin, "-o", item.source.file.name] for item in state.loaded if item.origin]
     model, scheme = state.model_file, list[str]()
@@ -39,7 +39,7 @@ def write_commands(state: State) -> str:
     else:
         lines.append(["identify", *train, *scheme, *align, *limits, "-o", MODEL])
     before = len([effect for effect in state.added if effect in list_added(state.started)])
-    # the added effects in order, and an empty text for the diagnosis
+    # added effects in order; the empty text stands for the diagnosis
     for effect in (*state.added[:before], *[""] * (state.diagnosis is not None), *state.added[before:]):
         if effect:
             lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])
@@ -51,7 +51,7 @@ def write_commands(state: State) -> str:
 
 
 def is_study_needed(state: State) -> bool:
-    """Return whether a study file is needed for columns or joints."""
+    """Return whether the command lines need a study file: for columns, ranges, loads or joints."""
     sources = [item.source for item in state.loaded]
     return state.robot is not None or any(
         source.columns or source.unwrap or source.range or source.load for source in sources
@@ -59,7 +59,7 @@ def is_study_needed(state: State) -> bool:
 
 
 def write_study_text(state: State) -> str:
-    """Write a study that names the recordings as they are read, for a folder that holds them."""
+    """Write a study of the recordings with their settings, for the folder of the recordings."""
     with tempfile.TemporaryDirectory() as folder:
         file, joints = Path(folder) / STUDY, state.robot.joints if state.robot is not None else None
         sources = [replace(item.source, joints=joints) for item in state.loaded]
@@ -82,7 +82,7 @@ def _write_experiment(state: State) -> str:
     return state.diagnosis.suggestion.csv()
 
 
-FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # name and content of what any stage saves
+FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # file name and content of each download
     "report": (REPORT, lambda state: render(state.result, write_commands(state))),
     "model": (MODEL, _write_model),
     "diagnosis": (DIAGNOSIS, lambda state: _format_json(write_diagnosis(state.result))),
@@ -92,6 +92,6 @@ FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # name and content of 
 
 
 def make_file(state: State, what: str) -> tuple[str, bytes]:
-    """Name and content of one of `FILES`."""
+    """Return the name and content of a download in `FILES`."""
     name, content = find("file", what, FILES)
     return name, content(state).encode()

@@ -1,4 +1,4 @@
-"""Fits of a session's recordings, which run in a worker process."""
+"""Fits of a session's recordings; they run in a worker process."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -24,14 +24,14 @@ SCHEMES_OF_ARM = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")
 
 @dataclass(frozen=True, eq=False)
 class BaseFit:
-    """Recordings as models are fitted to them, and the base model fitted to them."""
+    """Result of the fit of the base model, and the data for further fits."""
 
-    data: FitData  # in N m, with their torque in time if that is asked for
+    data: FitData  # calibrated recordings, with corrected timing if requested
     step: Step  # the base model
-    schemes: Identification | None  # of the base model; None for recordings that are too poor
-    disagreements: tuple[Disagreement, ...] = ()  # recordings that show another plant than the others
-    late: tuple[Finding, ...] = ()  # on torque that was logged late
-    slow: tuple[Finding, ...] = ()  # on torque that acts late
+    schemes: Identification | None  # of the base model; None if the data do not suffice
+    disagreements: tuple[Disagreement, ...] = ()  # recordings of a different plant
+    late: tuple[Finding, ...] = ()  # findings on torque that was logged late
+    slow: tuple[Finding, ...] = ()  # findings on torque that acts late
 
 
 def fit_pendulum(
@@ -81,7 +81,7 @@ def fit_arm(
 def fit_and_diagnose(
     fit: Task, effects: dict[str, Any], limits: dict[str, Any], progress: Progress
 ) -> tuple[BaseFit, Diagnosis]:
-    """Fit the base model, and search for the effects that it lacks."""
+    """Fit the base model and diagnose it; `fit` is the task of the first step."""
     base: BaseFit = fit(progress)
     data = base.data
     return base, diagnose(data.recordings, data.holdout, base.step.model.terms, progress, **effects, **limits)
@@ -95,6 +95,6 @@ def fit_effect(
     limits: dict[str, Any],
     progress: Progress,
 ) -> tuple[Addition, Identification | None]:
-    """Refit a model with one more effect, and identify the result by all schemes if it is a pendulum."""
+    """Refit a model with one more effect; also identify a pendulum's final terms by all schemes, else None."""
     added = add(model, effect, recordings, holdout, progress, **limits)
     return added, identify_schemes(recordings, added.after.model) if model.body.can_simulate else None

@@ -1,4 +1,4 @@
-"""Jobs of the app: tasks in worker processes, with progress, which can be cancelled."""
+"""Cancellable tasks in worker processes, with progress."""
 
 from __future__ import annotations
 
@@ -17,45 +17,47 @@ from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.processes import PROGRESS, Pool
 
 LOST = "the work ended unexpectedly: try again"
-LIBRARIES: tuple[str, ...] = ("estimators.diagnosis.addition", "pendulum_env.backends.simulated")  # of most tasks
-Task = Callable[[Progress], Any]  # of the app; it travels to another process, and so does what it returns
+# Imported before a task comes
+LIBRARIES: tuple[str, ...] = ("estimators.diagnosis.addition", "pendulum_env.backends.simulated")
+Task = Callable[[Progress], Any]  # function and result must be picklable
 
 
 class Worker(Pool):
-    """A process that waits for a task with its libraries loaded."""
+    """Process with loaded libraries, for one task."""
 
     def __init__(self) -> None:
-        """Start the process."""
-        self.what, self.share = multiprocessing.RawArray("c", 200), multiprocessing.RawValue("d")  # of the task
+        """Start the process and load its libraries."""
+        # progress: current step as text, completed share
+        self.what, self.share = multiprocessing.RawArray("c", 200), multiprocessing.RawValue("d")
         super().__init__(1, (), LIBRARIES, self.what, self.share)
         self.submit(int)
 
 
 class Workers:
-    """Keeps one worker ready, so that short work need not wait for the libraries."""
+    """Supply of workers with one spare worker, whose libraries are loaded."""
 
     def __init__(self) -> None:
-        """Start none yet."""
+        """Create an empty supply."""
         self._spare: Worker | None = None
         self._closed, self._lock = False, threading.Lock()
 
     def warm(self) -> None:
-        """See to it that a worker waits."""
+        """Start the spare worker, if there is none."""
         with self._lock:
             if self._spare is None and not self._closed:
                 self._spare = Worker()
 
     def start(self, task: Task) -> tuple[Worker, Future[Any]]:
-        """Start a task in the worker that waits, or in a new one."""
+        """Start a task in the spare worker, or else in a new one; return worker and future."""
         with self._lock:
             worker, self._spare = self._spare or Worker(), None
         try:
             return worker, worker.submit(_do, task, list_plugins())
-        except BrokenExecutor:  # it died while it waited, and now none does
+        except BrokenExecutor:  # the spare worker died
             return self.start(task)
 
     def close(self) -> None:
-        """End the one that waits; no other will."""
+        """End the spare worker; `warm` starts no other."""
         with self._lock:
             self._closed = True
             if self._spare is not None:
@@ -64,27 +66,27 @@ class Workers:
 
 
 class Job:
-    """Task in a worker process, which starts immediately."""
+    """Running task in a worker process."""
 
     def __init__(self, title: str, task: Task, workers: Workers) -> None:
-        """Take the task, and who does it."""
-        self.title = title  # what it does, as a heading
-        self.running, self.over = True, threading.Event()  # on its way; set once nothing more comes of it
+        """Start the task in one of the workers."""
+        self.title = title  # heading of the progress bar
+        self.running, self.over = True, threading.Event()  # `over` is set when the task has ended or is cancelled
         self._began, self._workers = time.monotonic(), workers
         self._worker, self._future = workers.start(task)
 
     def call_at_end(self, ended: Callable[[Job], None]) -> None:
-        """Call a function at the end of the task, unless it is cancelled."""
+        """Register a function to call at the end of the task, unless the task is cancelled."""
         self._future.add_done_callback(lambda _: self._end(ended))
 
     @property
     def description(self) -> str:
-        """Return what is being done."""
+        """Return the current step of the task."""
         return self._worker.what.value.decode(errors="ignore") or "starting"
 
     @property
     def share(self) -> float:
-        """Return the share of all that is done."""
+        """Return the completed share, 0 to 1."""
         return float(self._worker.share.value)
 
     @property
@@ -94,17 +96,17 @@ class Job:
 
     @property
     def result(self) -> Any:
-        """Return the result; raises InputError if there is none."""
+        """Return the result; raises InputError if the task failed."""
         error = self._future.exception()
         if error is None:
             return self._future.result()
         if isinstance(error, InputError):
             raise error
-        traceback.print_exception(error)  # a fault of the program, or the process was killed
+        traceback.print_exception(error)  # a bug, or the process was killed
         raise InputError(LOST)
 
     def cancel(self) -> None:
-        """Stop at once; nothing comes of it."""
+        """Cancel the task and discard its result."""
         self.running = False
         self._close()
 
@@ -123,7 +125,7 @@ class Job:
 
 
 def _do(task: Task, files: Sequence[Path]) -> Any:
-    """Do a task, with the users' effects that are known to the process that asks for it."""
+    """Load the effect files of the parent process and run a task; users' errors become InputError."""
     try:
         for file in files:
             load_plugin(file)

@@ -1,4 +1,4 @@
-"""The headline, the running job and the way back, and panels that several stages show."""
+"""Headline, running job, undo button, and panels shared by several stages."""
 
 from dataclasses import replace
 
@@ -20,13 +20,13 @@ NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 
 
 def show_state(state: State) -> list[Component]:
-    """Show the headline, and the numbers behind it."""
+    """Render the headline with the line above and the sentence below."""
     kicker, title, lead = describe_state(state)
     return [html.P(kicker, className="kicker"), html.H1(title), html.P(lead, className="lead")]
 
 
 def show_undo(session: Session) -> list[Component]:
-    """Show the way back."""
+    """Render the undo button; empty if nothing is loaded and nothing can be undone."""
     what = session.last_change
     if not (what or session.state.loaded):
         return []
@@ -35,7 +35,7 @@ def show_undo(session: Session) -> list[Component]:
 
 
 def describe_state(state: State) -> tuple[str, str, str]:
-    """Return kicker, headline and lead of a state."""
+    """Return the kicker (line above), headline and lead (sentence below) of a state."""
     if not state.loaded and state.robot is None:
         what = (
             "Load recordings of a pendulum or an arm, see where the model fails, learn which physical effect it lacks, "
@@ -74,7 +74,7 @@ def show_job(session: Session) -> list[Component]:
 
 
 def show_findings(state: State) -> Component:
-    """Show what the recordings tell, and what not."""
+    """Render the parameters that the recordings determine, and findings on the others."""
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.failure_reason else state.model.terms
     known = [name_effect(column.name) for term in terms for column in term.columns if column.name not in withheld]
@@ -89,7 +89,7 @@ def show_findings(state: State) -> Component:
 
 
 def show_timing(state: State) -> list[Component]:
-    """Render the finding on timing as on the command line; empty without one."""
+    """Render findings on the timing of the torque, with a button to correct it; empty without findings."""
     if state.fit is None or not (state.fit.late or state.fit.slow):
         return []
     press = []
@@ -103,12 +103,12 @@ def show_timing(state: State) -> list[Component]:
 
 
 def show_calls(state: State, busy: bool) -> Component:
-    """Render the effects that the diagnosis selected, or the next step if all are added."""
+    """Render buttons to add the effects selected by the diagnosis, or the state if none is left to add."""
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")
         return html.P(["The diagnosis tells which effect is missing: ", link, " first, or try any."])
     offers = [(f"Add {name_effect(effect)}", effect) for effect in state.suggested_additions]
-    table = next(iter(state.result.tables), None)  # a function that no effect is and that would explain what is left
+    table = next(iter(state.result.tables), None)  # table for an unknown law
     if not offers and table is not None and table not in state.model.effects:
         offers = [(f"Keep {name_effect(table)} as a table", table)]
     presses = [make_button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]

@@ -1,4 +1,4 @@
-"""Stages, and the parts that they are made of."""
+"""The type `Stage`, and components shared by the stages."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,55 +21,55 @@ from workbench.report.data import Section
 
 Content = Component | str | Sequence[Component | str] | None
 
-PLOT, SPEC = "plot", "spec"  # a graph, and its figure
+PLOT, SPEC = "plot", "spec"  # kinds of ids: graph, and data of its figure
 UNWRAP = "unwrap: undo jumps of 2π in position"
-BUTTONS = ["zoom2d", "pan2d", "resetScale2d", "toImage"]  # by name, so that none that sends data elsewhere slips in
+BUTTONS = ["zoom2d", "pan2d", "resetScale2d", "toImage"]  # whitelist: no button that uploads data
 CLEAR = "rgba(0,0,0,0)"
 HIDDEN = {"visible": False}
 EMPTY = {"layout": {"xaxis": HIDDEN, "yaxis": HIDDEN, "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR}}
-KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # what a tab has entered, over a reload
+KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # keeps the input of a tab over a reload
 
 
-Form = Mapping[str, Any]  # values of the controls on the page, or what files came, by name
-Action = Callable[[Session, str, Form], object]  # told what the button is of
+Form = Mapping[str, Any]  # values of the page's controls by name
+Action = Callable[[Session, str, Form], object]  # of session, object of the button, and form
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of the workbench: a function that draws it from a session, and what its buttons do."""
+    """Stage of the workbench: its rendering, and the actions of its buttons."""
 
-    id: str  # of the page's address, `#id`
+    id: str  # fragment of the page's address
     title: str  # in the navigation
-    show: Callable[[Session], list[Component]]  # what it looks like now; it reads the session's state once
-    # What its buttons and files do, by the name that the button has
+    show: Callable[[Session], list[Component]]  # renders the stage; reads `session.state` once
+    # Action of each button, by name
     actions: Mapping[str, Action] = field(default_factory=dict)
-    # Registers callbacks that do nothing to the session, if it has some
+    # Registers callbacks that leave the session unchanged
     connect: Callable[[Dash, Sessions], None] | None = None
-    needs_model: bool = True  # whether there is nothing to see before a model is fitted
+    needs_model: bool = True  # whether the stage is empty without a fitted model
 
 
 def make_graph(figure: Figure) -> Component:
-    """Make a figure of the report with a bar of buttons; the page fills in its colours, in light and dark."""
+    """Make the graph of a figure; a script of the page sets its colours for the light or dark theme."""
     config: Any = {"displaylogo": False, "modeBarButtons": [BUTTONS]}
     style, id = {"height": figure.height}, {"kind": PLOT, "of": figure.id}
-    spec = {"data": figure.data, "layout": figure.layout}  # what the page needs to draw it
+    spec = {"data": figure.data, "layout": figure.layout}
     drawn = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
     plot = html.Div(drawn, role="group", className="plot", style=style, **make_aria(label=figure.label))
     return html.Figure([dcc.Store(id={"kind": f"{PLOT}-{SPEC}", "of": figure.id}, data=spec), plot])
 
 
 def make_aria(**attributes: str) -> dict[str, Any]:
-    """Make the attributes for those who cannot see the page: `label` becomes `aria-label`."""
+    """Make attributes for screen readers: `label` becomes `aria-label`."""
     return {f"aria-{name}": value for name, value in attributes.items()}
 
 
 def show_section(section: Section) -> list[Component]:
-    """Show a section of the report: text and tables as the report has them, figures as graphs."""
+    """Render a section of the report with its figures as graphs."""
     return show_content(section.content, section.id)
 
 
 def show_content(content: report.Content, id: str) -> list[Component]:
-    """Show some content; `id` is unique on the page."""
+    """Render content of a report; `id`: prefix of its ids, unique on the page."""
     shown: list[Component] = []
     for number, item in enumerate(content):
         of, figures = f"{id}-{number}", list(list_figures([item]))
@@ -88,36 +88,36 @@ def show_content(content: report.Content, id: str) -> list[Component]:
 def make_button(
     label: Content, does: str | dict[str, str], of: str = "", primary: bool = False, **more: Any
 ) -> Component:
-    """Make a button for an action on an object, or with another id."""
+    """Make a button for the action `does` on the object `of`; a dictionary `does` is the id itself."""
     id = {"do": does, "of": of} if isinstance(does, str) else does
     look = {"className": "action primary" if primary else "action", "n_clicks": 0}
     return html.Button(label, id=id, type="button", **(look | more))
 
 
 def make_save_button(file: str, what: str, primary: bool = False) -> Component:
-    """Make a button that saves a file; `what` is one of `export.FILES`."""
+    """Make a button that saves a file; `what`: key of `downloads.FILES`."""
     return make_button(file, {"save": what}, primary=primary)
 
 
 def list_choices(body: Mechanism = PENDULUM, tables: bool = False) -> dict[str, str]:
-    """List names of effects by id, perhaps with tables; of an arm at single joints and at every joint."""
+    """Return names of effects by id, for an arm at each joint; with `tables` also tables, else also all joints."""
     kinds = list_effects(body) | (TABLES if tables else {})
     ids = dict.fromkeys([*([] if tables else kinds), *(kind.id for kind in place_effects(kinds.values(), body))])
     return {id: capitalise(name_effect(id)) for id in ids}
 
 
 def label_control(label: str, control: Component, note: str = "") -> Component:
-    """Label a control, perhaps with a note."""
+    """Make a labelled control, perhaps with a note."""
     return html.Label([html.Span(label), control, *([html.Small(note)] if note else [])], className="field")
 
 
 def make_panel(title: str, *content: Component | str, className: str = "") -> Component:
-    """Make a framed part with a heading."""
+    """Make a framed section with a heading."""
     return html.Section([html.H2(title), *content], className=f"panel {className}".strip())
 
 
 def make_table(headers: Mapping[str, bool], rows: Sequence[Sequence[Any]], label: str) -> Component:
-    """Make a table; each header tells whether its column holds numbers. A wide table scrolls by keyboard, too."""
+    """Make a scrollable table; `headers` maps each title to whether its column is numeric."""
     of = ["number" if number else None for number in headers.values()]
     head = html.Tr([html.Th(name, scope="col", className=kind) for name, kind in zip(headers, of, strict=True)])
     body = [html.Tr([html.Td(x, className=kind) for x, kind in zip(row, of, strict=True)]) for row in rows]

@@ -1,4 +1,4 @@
-"""Sessions: what each browser tab works on, apart from all others."""
+"""Sessions: one independent state for each browser tab."""
 
 import re
 import tempfile
@@ -20,33 +20,33 @@ from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import read_model
 from workbench.robot import RobotFile
 
-UNDONE = 20  # changes that can be taken back
-GRACE = 1.0  # [s] that an end waits for an answer that is being made
-MOST = 16  # sessions; of more, the one that was used least recently ends
-ID = re.compile(r"[0-9a-f]{32}")  # of a session: random, drawn by the page; never part of a path
+UNDONE = 20  # largest number of changes to undo
+GRACE = 1.0  # longest wait for a running request at the end of a session [s]
+MOST = 16  # largest number of sessions; a further one ends the least recently used
+ID = re.compile(r"[0-9a-f]{32}")  # session id, drawn by the page; never part of a path
 
 
 class Session:
     """Session of one tab: current and past states, and background jobs.
 
-    The state is a value: read it once, and all that is drawn from it fits together. It is replaced under `lock`.
+    `state` is immutable and replaced under `lock`. Read it once per request to get consistent values.
     """
 
     def __init__(self, folder: Path, workers: Workers | None = None) -> None:
-        """Take the folder for files from the page, and who does long work."""
+        """Set the folder for uploaded files, and the workers for jobs."""
         self.folder, self.workers = folder, workers or Workers()
         self.lock = RLock()
-        self.state = State()  # what the session knows now
-        self._past: list[tuple[str, State]] = []  # what was done, and the state before
-        self.cards: tuple[ColumnCard, ...] = ()  # recordings whose columns a person is asked about, the first one now
-        self.notice = ""  # a sentence for the user: what went wrong
-        self.version = time.time_ns() // 1_000_000  # grows with all that the page shows; no two sessions share one
+        self.state = State()
+        self._past: list[tuple[str, State]] = []  # changes, each with the state before
+        self.cards: tuple[ColumnCard, ...] = ()  # files that need a column assignment; the page shows the first
+        self.notice = ""  # error message on the page
+        self.version = time.time_ns() // 1_000_000  # grows with each change; unique among sessions
         self.job: Job | None = None
-        self._fitting: State | None = None  # the state whose base model a job fits
+        self._fitting: State | None = None  # state whose base model is being fitted
         self._begun = self._over = False
 
     def begin(self, sources: Sequence[Source], robot: RobotFile | None) -> None:
-        """Take in what every session begins with, once; who asks meanwhile waits."""
+        """Load the initial robot and recordings on the first call; concurrent calls wait."""
         if self._begun:
             return
         with self.lock:
@@ -59,17 +59,17 @@ class Session:
     # ---------------------------------------------------------------------------------------------- changes
 
     def change(self, what: str, state: State) -> None:
-        """Become another state; `what` is done, in the words of the button that takes it back."""
+        """Replace the state; `what`: description of the change for the undo button."""
         self._past = [*self._past[1 - UNDONE :], (what, self.state)]
         self.state = state
 
     @property
     def last_change(self) -> str:
-        """Describe the change that `undo` reverts; empty without one."""
+        """Return the description of the change that `undo` reverts; empty without one."""
         return self._past[-1][0] if self._past else ""
 
     def undo(self) -> None:
-        """Take back the last change, whatever it was; raises InputError if there is none."""
+        """Revert the last change; raises InputError if there is none."""
         if not self._past:
             raise InputError("there is nothing to undo")
         _, self.state = self._past.pop()
@@ -77,9 +77,9 @@ class Session:
         self.cards = tuple(card for card in self.cards if not card.known or card.known in known)
 
     def act(self, do: Callable[[], object]) -> None:
-        """Do what a user asked for, then fit what has changed; a mistake becomes the notice.
+        """Run a user's action, then refit the base model if needed; an error becomes the notice.
 
-        Nothing changes while another job than a fit works on the state.
+        The action is refused while a job other than a fit is running.
         """
         with self.lock:
             self.notice = ""
@@ -96,22 +96,22 @@ class Session:
                 self._fit()
 
     def describe_mistake(self, mistake: Exception) -> str:
-        """Describe a mistake as the command line does, without the folders of files from the page."""
+        """Format an error as on the command line, without the folders of uploaded files."""
         return re.sub(rf"{re.escape(str(self.folder))}/(tmp\w+/)?", "", format_mistake(mistake))
 
     # ------------------------------------------------------------------------------------------------- work
 
     def is_busy(self) -> bool:
-        """Return whether a job is running that no change may disturb."""
+        """Return whether a job other than a fit is running."""
         return self.job is not None and self.job.running and self._fitting is None
 
     def work(self, title: str, task: Task, keep: Callable[[Any], None]) -> None:
-        """Do a task in the background and keep what comes of it, unless the user lets go of it; called by `act`."""
+        """Run a task in the background and pass its result to `keep`, unless cancelled; called by `act`."""
         self._stop()
         self.run(title, task, lambda job: self.act(lambda: keep(job.result)))
 
     def run(self, title: str, task: Task, ended: Callable[[Job], None]) -> None:
-        """Start the job of the session."""
+        """Start a job, and call `ended` at its end unless another job has replaced it."""
 
         def end_job(job: Job) -> None:
             with self.lock:
@@ -123,7 +123,7 @@ class Session:
         self.job.call_at_end(end_job)
 
     def _fit(self) -> None:
-        """Fit the base model of the present state in the background, if it has none; a fit of another state ends."""
+        """Start the fit of the base model if the state needs it; cancel the fit of another state."""
         state = self.state
         if state is self._fitting or self._over:
             return
@@ -147,7 +147,7 @@ class Session:
         self.job = self._fitting = None
 
     def cancel(self) -> None:
-        """Let go of the job; without its fit, a change is taken back."""
+        """Cancel the job; if it is a fit, revert the change that needs it."""
         with self.lock:
             is_fit = self._fitting is not None
             self._stop()
@@ -160,12 +160,12 @@ class Session:
     # ------------------------------------------------------------------------------------------- recordings
 
     def place(self) -> Path:
-        """Make a folder for files that come together, in which no other has their names."""
+        """Make a new folder for the files of one upload."""
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # it may have been deleted
         return Path(tempfile.mkdtemp(dir=self.folder, prefix="tmp"))
 
     def receive(self, coming: Sequence[tuple[str, str]], unwrap: bool) -> None:
-        """Take in uploads, names and data URLs: recordings, read as a study among them asks for, a robot and a model.
+        """Load uploaded recordings, studies, a robot and a model; `coming`: pairs of file name and data URL.
 
         Raises InputError, which names the files that cannot be used.
         """
@@ -182,30 +182,30 @@ class Session:
         _refuse(refused)
 
     def begin_from(self, file: Path) -> None:
-        """Take the terms of a model file for the base model; the ladder starts anew.
+        """Use the terms of a model file for the base model, and remove added effects.
 
-        Raises ModelError if it is no model, as the command line does.
+        Raises ModelError if the file is not a model.
         """
         model = read_model(str(file), self.state.body)
         terms = tuple(term for term in model.terms if not isinstance(term, Links))
         self.change(f"start from {file.name}", self.state.restart(terms=terms, model_file=file.name))
 
     def take_robot(self, robot: RobotFile) -> None:
-        """Take all recordings, those that wait for an answer included, for those of a robot; see `State.set_robot`."""
+        """Read all recordings again as recordings of a robot, also those with open cards; see `State.set_robot`."""
         waiting = [card.source for card in self.cards if not card.known]
         self.change(f"take {robot.file.name} for the robot", self.state.set_robot(robot))
         self.cards = ()
         self.load(waiting)
 
     def load(self, sources: Iterable[Source]) -> None:
-        """Read recordings: those that can be read stay, and those whose columns are not clear wait: see `cards`.
+        """Read recordings and add them to the state; files with unclear columns get a card.
 
-        Raises InputError, which names those that cannot be read.
+        Raises InputError, which names the files that cannot be read.
         """
         _refuse(self._read(sources))
 
     def _read(self, sources: Iterable[Source]) -> list[str]:
-        """Read recordings as `load` does; returns what is wrong with those that cannot be read."""
+        """Read recordings as `load`; return an error message for each file that cannot be read."""
         loaded, refused = list[LoadedRecording](), list[str]()
         for source in sources:
             try:
@@ -225,7 +225,7 @@ class Session:
         return refused
 
     def keep(self, *loaded: LoadedRecording) -> None:
-        """Add recordings; the ladder starts anew."""
+        """Add recordings to the state, and remove its fits."""
         names = ", ".join(item.recording.name for item in loaded)
         self.change(f"load {names}", self.state.restart(loaded=(*self.state.loaded, *loaded)))
 
@@ -236,7 +236,7 @@ class Session:
         self.change(f"remove {gone.recording.name}", self.state.swap_recording(gone))
 
     def hold_out(self, id: str, held_out: bool) -> None:
-        """Keep a recording for checking, or fit it."""
+        """Hold a recording out, or fit it."""
         chosen = self.state.find(id)
         if chosen.held_out != held_out:
             source = replace(chosen.source, role="holdout" if held_out else "fit")
@@ -245,14 +245,14 @@ class Session:
     # ---------------------------------------------------------------------------------------------- columns
 
     def ask(self, id: str) -> None:
-        """Ask about the columns of a recording that is loaded; raises RecordingError if there is nothing to choose."""
+        """Open the card of a loaded recording; raises RecordingError as `ColumnCard.from_source`."""
         card = ColumnCard.from_source(self.state.find(id).source, known=id, joints=self.state.moving)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
     def answer(self, card: ColumnCard) -> None:
-        """Read the first card's file as a person says, and waiting ones with the same columns alike.
+        """Read the file of the first card with its choices, and other waiting files with the same headers.
 
-        What is wrong is told by the card, which stays.
+        After an error the card stays and shows the message.
         """
         rest = self.cards[1:]
         self.cards = rest
@@ -274,7 +274,7 @@ class Session:
         self.load([replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in alike])
 
     def end(self) -> None:
-        """Stop what runs; nothing begins any more. No answer that takes long is waited for."""
+        """Cancel the job and refuse further actions; wait at most `GRACE` for a running request."""
         self._over = True
         if (job := self.job) is not None:
             job.cancel()
@@ -286,37 +286,37 @@ class Session:
 
 
 def _refuse(refused: Sequence[str]) -> None:
-    """Raise InputError if anything was refused."""
+    """Raise InputError with all messages, if there are any."""
     if refused:
         raise InputError("; ".join(refused))
 
 
 class Sessions:
-    """All sessions of a server by the id that each page holds, and the workers that they share."""
+    """Sessions of a server by id, and their shared workers."""
 
     def __init__(self, recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> None:
-        """Make a folder for files from their pages; every session begins with the recordings."""
+        """Set the initial recordings and robot of every session, and make the folder for uploaded files."""
         self._recordings, self._robot = tuple(recordings), robot
         self.workers = Workers()
         self._folder = tempfile.TemporaryDirectory(prefix="pendulum-ident-", ignore_cleanup_errors=True)
-        self._all: dict[str, Session] = {}  # the one used last is last
+        self._all: dict[str, Session] = {}  # in order of last use
         self._lock = RLock()
 
     def find_session(self, id: object) -> Session:
-        """Return the session of an id, a new one if there is none; raises InputError if it is no id."""
+        """Return the session of an id, perhaps a new one; raises InputError if the id is malformed."""
         if not isinstance(id, str) or ID.fullmatch(id) is None:
             raise InputError("this page has no session: load it again")
         with self._lock:
             session = self._all.pop(id, None) or Session(Path(self._folder.name), self.workers)
             ended = [self._all.pop(k) for k in list(self._all)[: max(0, len(self._all) + 1 - MOST)]]
             self._all[id] = session
-        session.begin(self._recordings, self._robot)  # no other session waits for it
+        session.begin(self._recordings, self._robot)  # outside the lock: other sessions go on
         for other in ended:
             other.end()
         return session
 
     def close(self) -> None:
-        """End all sessions and the workers, and delete the files from their pages."""
+        """End all sessions and workers, and delete the uploaded files."""
         with self._lock:
             for session in self._all.values():
                 session.end()

@@ -1,4 +1,4 @@
-"""Immutable state of a session: each change makes a new state, and a page is drawn from one state."""
+"""Immutable state of a session."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -26,18 +26,18 @@ FITTING = "the model is being fitted"
 
 
 def read_one(source: Source) -> Recording:
-    """Read a recording of a pendulum; raises RecordingError, in the words of the command line."""
-    return replace(source.read(), drive=None)  # pages draw it by its torque
+    """Read a recording of a pendulum without its drive; raises RecordingError."""
+    return replace(source.read(), drive=None)  # the app evaluates torque, not the loop
 
 
 @dataclass(frozen=True, eq=False)
 class LoadedRecording:
-    """A recording of a session."""
+    """Recording of a session with its source."""
 
-    id: str  # by which the page names it: that of its file, with a number where several are of one file
-    source: Source  # how its file is read, and whether it is held out
-    recording: Recording  # what that gives
-    origin: tuple[str, ...] = ()  # arguments of `pendulum-ident record` that made it; empty if it was uploaded
+    id: str  # file name, with a number for further ranges of one file
+    source: Source  # file, reading options and role
+    recording: Recording  # as read from the source
+    origin: tuple[str, ...] = ()  # arguments of `pendulum-ident record` that made the file; empty for an upload
 
     @classmethod
     def read(
@@ -47,10 +47,9 @@ class LoadedRecording:
         origin: tuple[str, ...] = (),
         read: Callable[[Source], Recording] = read_one,
     ) -> Self:
-        """Read a recording beside those that are known, of whose files it may be another range.
+        """Read a recording; it may be another range of a known file.
 
-        Raises InputError if it is known already, and RecordingError if it cannot be read, in the words of the command
-        line.
+        Raises InputError if it is among the `known` recordings, and RecordingError if it cannot be read.
         """
         name, ids = source.file.name, {one.id for one in known}
         alike = [one.source for one in known if one.source.file.name == name]
@@ -69,28 +68,28 @@ class LoadedRecording:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Choices of the user and results of jobs. Nothing is fitted here: see `fits`."""
+    """Choices of the user and results of jobs; fits are in `fits`."""
 
-    loaded: tuple[LoadedRecording, ...] = ()  # recordings
-    terms: tuple[Term, ...] = ()  # of the base model, of an arm those at its joints; empty: the usual ones
-    model_file: str = ""  # name of the file that they came from; empty for the usual ones
+    loaded: tuple[LoadedRecording, ...] = ()
+    terms: tuple[Term, ...] = ()  # of the base model, for an arm without its links; empty: default terms
+    model_file: str = ""  # name of the file of these terms; empty for the default
     is_aligned: bool = False  # whether torque that was logged late or filtered is corrected
-    asked: SearchChoices = NO_CHOICES  # which effects are looked for, and which values are known
-    fit: BaseFit | None = None  # result of the worker; None before, or if nothing can be fitted
-    failure: str = ""  # reason why recordings cannot be fitted
-    ladder: tuple[Step, ...] = ()  # the base model, then one step for each added effect; empty without a fit
-    schemes: Identification | None = None  # of the last model, of an arm of the base model
-    diagnosis: Diagnosis | None = None  # the last one of these recordings
-    started: tuple[Step, ...] = ()  # the ladder that it started from
-    robot: RobotFile | None = None  # whose recordings they are; None of a pendulum
+    asked: SearchChoices = NO_CHOICES  # effects to look for, and known values
+    fit: BaseFit | None = None  # None before the fit, or if it failed
+    failure: str = ""  # error of the fit
+    ladder: tuple[Step, ...] = ()  # base model and one step for each added effect; empty without a fit
+    schemes: Identification | None = None  # of the last model, for an arm of the base model
+    diagnosis: Diagnosis | None = None  # last diagnosis of these recordings
+    started: tuple[Step, ...] = ()  # ladder at the start of the diagnosis
+    robot: RobotFile | None = None  # None for a pendulum
 
     @property
     def moving(self) -> tuple[str, ...]:
-        """Return the joints of an arm that recordings are of; none of a pendulum."""
+        """Return the moving joints of the arm; empty for a pendulum."""
         return self.robot.body().joints if self.robot is not None else ()
 
     def read(self, source: Source) -> Recording:
-        """Read a recording, as it is for this state; raises RecordingError, and InputError if it is of other joints."""
+        """Read a recording of the pendulum or robot; raises RecordingError, and InputError for other joints."""
         if self.robot is None:
             return read_one(source)
         if source.joints not in (None, self.robot.joints):
@@ -99,7 +98,7 @@ class State:
 
     @cached_property
     def body(self) -> Mechanism:
-        """Return the joints of the recordings; those of an arm that do not move are where the recordings have them."""
+        """Return the pendulum, or the arm with held joints at their recorded positions."""
         return self.robot.hold_joints([item.recording for item in self.loaded]) if self.robot is not None else PENDULUM
 
     @property
@@ -109,15 +108,15 @@ class State:
 
     @cached_property
     def doubts_about_recordings(self) -> list[str]:
-        """List doubts about the recordings of an arm, one sentence each."""
+        """List the recordings in which a held joint moves, one sentence each; empty for a pendulum."""
         return find_straying(find_links(self.base_terms), [item.recording for item in self.loaded])
 
     def restart(self, **choices: Any) -> Self:
-        """Return other choices, from which the ladder begins anew."""
+        """Return the state with changed choices and without fits and diagnosis."""
         return replace(self, **choices, fit=None, failure="", ladder=(), schemes=None, diagnosis=None, started=())
 
     def make_fit_task(self) -> partial[BaseFit]:
-        """Make the task to fit the base model, for a worker."""
+        """Make the task that fits the base model."""
         train, holdout = (
             tuple(item.recording for item in self.loaded if item.held_out is is_held_out)
             for is_held_out in (False, True)
@@ -131,16 +130,16 @@ class State:
 
     @property
     def needs_fit(self) -> bool:
-        """Return whether the base model has to be fitted."""
+        """Return whether the base model can and must be fitted."""
         return self.failure_reason == FITTING
 
     def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> Self:
-        """Return the state with one recording for another, or for none."""
+        """Return the state with a recording replaced by `new`, or removed."""
         return self.restart(loaded=tuple(own for item in self.loaded for own in (new if item is old else (item,))))
 
     def set_robot(self, robot: RobotFile) -> Self:
-        """Return the loaded recordings of a robot; raises BodyError or InputError for others."""
-        robot.body()  # what is wrong with its file comes first
+        """Return a state with the robot and its recordings; raises BodyError or InputError if they do not fit."""
+        robot.body()  # report errors in its file first
         try:
             robot = robot.keep_logged_joints([item.source for item in self.loaded])
             state = type(self)(robot=robot)
@@ -149,7 +148,7 @@ class State:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
 
     def find(self, id: str) -> LoadedRecording:
-        """Find the recording of an id; raises InputError if there is none."""
+        """Return the recording of an id; raises InputError if there is none."""
         for item in self.loaded:
             if item.id == id:
                 return item
@@ -166,14 +165,14 @@ class State:
 
     @property
     def data(self) -> FitData:
-        """Return the data for fits; raises InputError if there are none."""
+        """Return the data for fits; raises InputError before the base model is fitted."""
         if self.fit is None:
             raise InputError(self.failure_reason)
         return self.fit.data
 
     @property
     def recordings(self) -> list[Recording]:
-        """Return the loaded recordings, calibrated and aligned as far as known and requested."""
+        """Return the loaded recordings; after the fit, calibrated and, if requested, aligned."""
         if self.failure_reason:
             return [item.recording for item in self.loaded]
         fitted, held_out = iter(self.train), iter(self.holdout)
@@ -181,17 +180,17 @@ class State:
 
     @property
     def train(self) -> tuple[Recording, ...]:
-        """Return the recordings that are fitted."""
+        """Return the fitted recordings."""
         return self.data.recordings
 
     @property
     def holdout(self) -> tuple[Recording, ...]:
-        """Return the recordings to check on; empty if the ends of the fitted ones are."""
+        """Return the held-out recordings; empty if the ends of the fitted ones are held out."""
         return self.data.holdout
 
     @property
     def model(self) -> Model:
-        """Return the model at the end of the ladder."""
+        """Return the last model of the ladder."""
         return self.ladder[-1].model
 
     @property
@@ -201,32 +200,32 @@ class State:
 
     @property
     def suggested_steps(self) -> tuple[Step, ...]:
-        """Return the ladder as the diagnosis would have it; empty before there is one."""
+        """Return the ladder with the steps of the diagnosis; empty without a diagnosis."""
         return (*self.started, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
 
     @property
     def suggested_effects(self) -> tuple[str, ...]:
-        """Return the effects of that ladder."""
+        """Return the effects of `suggested_steps`."""
         return list_added(self.suggested_steps)
 
     @property
     def suggested_additions(self) -> tuple[str, ...]:
-        """Return the effects that the diagnosis calls for beyond the ladder."""
+        """Return the effects of the diagnosis that are not added yet."""
         return tuple(effect for effect in self.suggested_effects if effect not in self.added)
 
     def add_diagnosis(self, found: Diagnosis) -> Self:
-        """Return the state with a diagnosis that started from its ladder."""
+        """Return the state with a diagnosis of its last model."""
         return replace(self, diagnosis=found, started=self.ladder)
 
     def add_step(self, addition: Addition, schemes: Identification | None = None) -> Self:
-        """Return the state with one more step; the effect's own refit of the model before it replaces the last step."""
+        """Return the state with one more step; the addition's refit of the last model replaces the last step."""
         last = replace(addition.before, added=self.ladder[-1].added)
         ladder = (*self.ladder[:-1], last, addition.after)
         return replace(self, ladder=ladder, schemes=schemes if self.body.can_simulate else self.schemes)
 
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
-        """Return findings on parameters that the fitted recordings do not determine."""
+        """Return findings on parameters that the fitted recordings do not determine; empty for an arm."""
         if not self.body.can_simulate:
             return ()
         fitted = [r for r, item in zip(self.recordings, self.loaded, strict=True) if not item.held_out]
@@ -236,7 +235,7 @@ class State:
     def result(self) -> Diagnosis:
         """Return the result for the report: the diagnosis if it contains all added effects, else the added steps.
 
-        Of an arm, the diagnosis if there is one.
+        For an arm, return the diagnosis if there is one.
         """
         found = self.diagnosis
         if found is not None and not self.body.can_simulate:
@@ -244,7 +243,7 @@ class State:
         if found is not None and set(self.added) < set(self.suggested_effects):
             return replace(found, steps=self.suggested_steps)
         data = self.data
-        if data.terms and self.added:  # perhaps what joints share
+        if data.terms and self.added:
             data = replace(data, terms=self.model.terms)
         if found is not None and self.added == self.suggested_effects:
             return replace(found, steps=self.ladder)
@@ -257,7 +256,7 @@ class State:
 
     @cached_property
     def report_data(self) -> ReportData:
-        """Return the state with all recordings and added steps, without the effects of the diagnosis."""
+        """Return data of the report for the added steps only, without further effects of the diagnosis."""
         return ReportData(replace(self.result, steps=self.ladder, data=self.data), identified=self.schemes)
 
 

@@ -1,4 +1,4 @@
-"""Files from the page; their names and endings are not trusted."""
+"""Uploaded files; their names are untrusted."""
 
 import base64
 import binascii
@@ -13,14 +13,14 @@ from pendulum_env.recording.study import read_sources
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.robot import FORMATS
 
-STUDY, MODEL = "study.toml", "model.json"  # as the stage Export names them
+STUDY, MODEL = "study.toml", "model.json"  # file names of the stage Export
 ENDINGS = sorted((*READERS, *FORMATS, ".json", ".toml"), key=len)[::-1]
-LARGEST = 48_000_000  # bytes of files that are loaded at once, a quarter of an hour at 1 kHz
-LONGEST = 80  # characters of a file's name
+LARGEST = 48_000_000  # largest upload [bytes], about 15 min at 1 kHz
+LONGEST = 80  # largest length of a file name [characters]
 
 
 def clean_name(name: str) -> str:
-    """Return the file name without folders and without letters that mean something to a system, its ending kept."""
+    """Return a safe file name: without folders and special characters, shortened, with a known ending kept."""
     last = re.split(r"[/\\]", name)[-1]
     plain = re.sub(r"[^\w .()+-]", "_", last).strip(" .")
     ending = next((ending for ending in ENDINGS if plain.lower().endswith(ending)), "")
@@ -34,12 +34,12 @@ class UploadedFiles:
 
     robots: list[Path] = field(default_factory=list)
     models: list[Path] = field(default_factory=list)
-    sources: list[Source] = field(default_factory=list)  # recordings: those of a study in its order, then others
-    refused: list[str] = field(default_factory=list)  # what is wrong with other files, a sentence each
+    sources: list[Source] = field(default_factory=list)  # recordings of a study in its order, then others
+    refused: list[str] = field(default_factory=list)  # error messages of unusable files
 
 
 def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> UploadedFiles:
-    """Write files, names and data URLs, to a folder, and sort them; recordings that no study names may be unwrapped."""
+    """Write uploads (pairs of name and data URL) to a folder and sort them; `unwrap` applies without a study."""
     files, of_study, uploaded = list[Path](), list[Source](), UploadedFiles()
     for name, content in coming:
         try:
@@ -65,10 +65,7 @@ def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> 
 
 
 def unpack(folder: Path, name: str, content: str) -> Path:
-    """Write what the page sent as a data URL to a folder; returns the file.
-
-    Raises InputError if it did not arrive whole.
-    """
+    """Decode a data URL into a file of a folder, and return its path; raises InputError if it is incomplete."""
     file = folder / clean_name(name)
     head, _, body = content.partition(",")
     try:

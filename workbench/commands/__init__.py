@@ -1,1 +1,1 @@
-"""The commands, each a module of its name with `configure` and `run`; `workbench.cli` imports the one that is run."""
+"""Commands, each a module with `configure` and `run`; `workbench.cli` imports only the requested one."""

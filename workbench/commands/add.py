@@ -1,4 +1,4 @@
-"""`add`: one more effect in a model, refit, with the errors before and after."""
+"""`add`: add an effect to a model, refit it, and compare the errors."""
 
 import argparse
 from pathlib import Path
@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Refit the model without and with the effect; print both."""
+    """Refit the model without and with the effect, and print both."""
     asked = open_sources(arguments, list_sources(arguments, [arguments.output]), terminal)
     given = asked.calibrate(terminal, arguments.align, find_scaling_values(asked.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:

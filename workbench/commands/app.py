@@ -1,4 +1,4 @@
-"""`app`: the workbench in a browser."""
+"""`app`: serve the workbench in a browser."""
 
 import argparse
 import signal
@@ -18,7 +18,7 @@ from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare recordings and where to listen."""
+    """Declare initial recordings, port and browser."""
     options.declare(parser, "recordings", nargs="*", help=f"{options.KINDS}; to begin with")
     options.declare(parser, *options.READING)
     parser.add_argument(
@@ -35,23 +35,23 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     recordings = list_sources(arguments)
     robot = make_robot(arguments, recordings) if arguments.robot is not None else None
     if robot is not None:
-        robot.body()  # complains now
+        robot.body()  # report errors in the file before serving
     for source in recordings:
-        try:  # complains now, not in the browser
+        try:  # report errors on the terminal
             read_all([source], terminal, Source.read if robot is None else robot.read)
         except ColumnError as error:
             if robot is not None:
                 raise
             terminal.say(f"{error}: the browser asks what the columns mean")
-    from workbench.app.page.server import Server  # dash takes a while to import
+    from workbench.app.page.server import Server  # dash is slow to import
 
     server = Server(arguments.port, recordings=recordings, robot=robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
-    sys.stdout.flush()  # a pipe would keep it to itself
+    sys.stdout.flush()  # a pipe is buffered
     if not arguments.no_browser:
         Timer(0.3, webbrowser.open, [server.address]).start()
-    for name in ("SIGTERM", "SIGHUP"):  # so that jobs end and the folder of files from pages goes
-        number = getattr(signal, name, None)  # the second is unknown to Windows, and ignored under nohup
+    for name in ("SIGTERM", "SIGHUP"):  # end jobs and delete uploaded files
+        number = getattr(signal, name, None)  # Windows has no SIGHUP; nohup ignores it
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
     try:
@@ -59,5 +59,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     except KeyboardInterrupt:
         terminal.say("ended")
     finally:
-        with hold_interrupts():  # a second press of the keys
+        with hold_interrupts():  # a second Ctrl+C must not stop the cleanup
             server.close()

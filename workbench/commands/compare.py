@@ -1,4 +1,4 @@
-"""`compare`: a model against recordings."""
+"""`compare`: compare a model with recordings."""
 
 import argparse
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--payload",
         metavar="JOINT",
         nargs="?",
-        const="",  # no joint is named
+        const="",  # --payload without a joint
         help="with --robot: identify the load that the arm carries in these recordings, at the link behind JOINT "
         "(default: the last)",
     )
@@ -48,7 +48,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Print the errors of the model, and where they are."""
+    """Print the errors of the model and the regions of its residual."""
     if arguments.without and arguments.payload is None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def find_carried_load(
     arguments: argparse.Namespace, asked: Inputs, recordings: Sequence[Recording], terminal: Terminal
 ) -> Payload | None:
-    """Find the payload of an arm in recordings relative to a model; None if it is unknown and was not requested."""
+    """Find the payload of an arm relative to its model; None if it is undetermined and was not requested."""
     empty = replace(asked, recordings=asked.read_more(arguments.without, arguments, terminal), holdout=[])
     without = empty.calibrate(terminal, arguments.align).recordings if arguments.without else ()
     try:

@@ -1,4 +1,4 @@
-"""`demo`: a hidden effect found end to end."""
+"""`demo`: hide an effect in a simulated pendulum, record, diagnose and report."""
 
 import argparse
 import shlex
@@ -20,13 +20,13 @@ from workbench.outputs import check_outputs, report_files, write_page
 from workbench.printing import print_diagnosis
 from workbench.terminal import Terminal
 
-FOLDER = Path("pendulum-ident-demo")  # made where the command runs, unless another place is named
+FOLDER = Path("pendulum-ident-demo")  # default folder
 SECONDS = 20.0
-SPREAD = 0.25  # of the unknown parameters, to either side
+SPREAD = 0.25  # largest relative change of the paper's parameters
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare seed and output."""
+    """Declare seed, level of detail and output."""
     options.declare(parser, "--seed", help="another one hides another effect (default 0)")
     options.add_verbose(parser)
     parser.add_argument(
@@ -38,7 +38,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Hide an effect, record, diagnose, report, reveal."""
+    """Hide an effect, record, diagnose, write the report, and print the truth."""
     if arguments.output is None:
         FOLDER.mkdir(exist_ok=True)
     report = Path(arguments.output or FOLDER / "report.html")
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def draw_plant(rng: np.random.Generator) -> Model:
-    """Draw a pendulum like the paper's, with one effect of the library hidden in it."""
+    """Draw a pendulum like the paper's with one hidden effect of the library."""
     theta = np.array(list(PAPER.values())) * rng.uniform(1 - SPREAD, 1 + SPREAD, len(PAPER))
     kind = BUILT_IN[rng.integers(len(BUILT_IN))]
     parameters = draw_effect(kind, rng)
@@ -76,7 +76,7 @@ def draw_plant(rng: np.random.Generator) -> Model:
 
 
 def print_truth(plant: Model, found: Diagnosis, terminal: Terminal) -> None:
-    """Print what was hidden, whether it was found, and the true parameters beside the estimates."""
+    """Print the hidden effect, whether it was found, and true and estimated parameters."""
     hidden = plant.terms[-1]
     terminal.heading("The truth")
     terminal.say(f"hidden was {hidden.id}: {type(hidden)().law}")
@@ -95,7 +95,7 @@ def print_truth(plant: Model, found: Diagnosis, terminal: Terminal) -> None:
 
 
 def judge_diagnosis(hidden: str, selected: Sequence[str], ambiguous: Sequence[Sequence[str]]) -> str:
-    """State whether the hidden effect was selected, alone or in a group that looks the same."""
+    """State whether the hidden effect, or an indistinguishable one, was selected."""
     others = sorted({effect for group in ambiguous if hidden in group for effect in group if effect != hidden})
     if list(selected) == [hidden]:
         return "found" + (f", though {join_words(others)} would look the same" if others else "")

@@ -1,4 +1,4 @@
-"""`diagnose`: which effects does the model lack?"""
+"""`diagnose`: find the effects that a model lacks."""
 
 import argparse
 import math
@@ -16,11 +16,11 @@ from workbench.printing import MORE, print_diagnosis
 from workbench.reading import list_sources
 from workbench.terminal import Terminal
 
-ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split()  # of a diagnosis, as it is
+ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split()  # options passed on to `diagnose`
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare recordings, model to start from, and outputs."""
+    """Declare recordings, initial model, options of the search, and outputs."""
     options.declare(parser, "recordings", *options.READING, "--holdout", "--drive", *options.SEARCH, *options.LIMITS)
     parser.add_argument(
         "--significance",
@@ -61,7 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Diagnose, print the story, write what is asked for."""
+    """Diagnose, print the result, and write the requested files."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
     given = asked.calibrate(terminal, fixed=arguments.fixed)

@@ -1,4 +1,4 @@
-"""`effects`: the library."""
+"""`effects`: list the library."""
 
 import argparse
 
@@ -12,7 +12,7 @@ from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Take effects to tell more of."""
+    """Declare the effects to describe."""
     parser.add_argument(
         "shown",
         metavar="EFFECT",
@@ -23,7 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """List the effects with kind, law, parameters and units, or tell more of some."""
+    """List all effects with kind, law, parameters and units, or describe the given ones."""
     for kind in arguments.shown:
         terminal.heading(f"{kind.id}: {kind.law}")
         for line in describe_effect(kind):
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def describe_effect(kind: type[Term]) -> list[str]:
-    """Describe an effect: symptom, similar effects, informative experiment and parameters; for a table, its use."""
+    """Return lines on an effect (symptom, similar effects, informative experiment, parameters) or a table."""
     if issubclass(kind, Table):
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
     text = find_description(kind.id)
@@ -64,7 +64,7 @@ def list_parameters(kind: type[Term]) -> str:
     units = [column.unit for column in kind().columns] + [parameter.unit for parameter in nonlinear]
     further = {
         parameter.name for parameter in nonlinear if parameter.integer and parameter.nominal is not None
-    }  # more of the same
+    }  # repeated columns
     pairs = zip(get_typical_values(kind()).items(), units, strict=True)
     return ", ".join(
         f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in pairs if name not in further

@@ -1,4 +1,4 @@
-"""`emulate`: a rig that is not there, to try everything without one."""
+"""`emulate`: emulate the rig to test its commands without hardware."""
 
 import argparse
 from pathlib import Path
@@ -10,10 +10,10 @@ from workbench.options import make_plant
 from workbench.outputs import check_outputs
 from workbench.terminal import Terminal
 
-RATE = 1000.0  # [Hz], that the serial rig holds
-LIMITS = {  # of the rig's configuration, on a machine that does other things as well
+RATE = 1000.0  # [Hz], reached by the serial rig
+LIMITS = {  # limits of the rig's configuration on a loaded computer
     "watchdog": 0.08,  # [s]
-    "gap": 0.06,  # [s], before the watchdog: the guard can say why
+    "gap": 0.06,  # [s], below the watchdog: the guard reports the cause
     "reply": 0.25,  # [s]
     "behind": 5.0,  # [s]
     "overruns": 1_000_000,
@@ -21,7 +21,7 @@ LIMITS = {  # of the rig's configuration, on a machine that does other things as
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare kind, plant and outputs."""
+    """Declare connection, plant, rate and output."""
     parser.add_argument("kind", choices=("serial",), help="connection of the drive")
     parser.add_argument(
         "-o", "--output", metavar="FILE", default="rig.toml", help="configuration to write (default rig.toml)"
@@ -33,9 +33,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Run until interrupted."""
+    """Run the emulator until an interrupt."""
     check_outputs([arguments.output])
-    find_adapter(arguments.kind)  # or what reaches it is not installed
+    find_adapter(arguments.kind)  # raises if its library is not installed
 
     def report(text: str) -> None:
         terminal.say(text)

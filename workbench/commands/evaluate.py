@@ -1,4 +1,4 @@
-"""`evaluate`: excitation policies beside the paper's signal, on fresh plants."""
+"""`evaluate`: compare excitation policies with the paper's signal on random plants."""
 
 import argparse
 import math
@@ -19,7 +19,7 @@ from workbench.outputs import check_outputs, report_files, write_json
 from workbench.processes import open_local_workers
 from workbench.terminal import Terminal
 
-SHIPPED = "agent"  # the policy that ships for the constraint
+SHIPPED = "agent"  # name of the shipped policy
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plants",
         type=options.convert_number(2, 10_000),
-        default=160,  # they take a quarter of an hour for each policy
+        default=160,  # about 15 min for each policy
         help="fresh plants, within 30 %% of the paper's (default 160)",
     )
     options.declare(parser, "--seed", help="of plants, noise and signals (default 0)")
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Let every policy excite the same plants, and print the errors of the estimates."""
+    """Excite the same plants by every policy, and print the errors of the estimates."""
     check_outputs([arguments.json], [name for name in arguments.policies if name.endswith(".npz")])
     names = dict.fromkeys([BASELINE, *(arguments.policies or [*BASELINES, SHIPPED])])
     baselines = [name for name in names if name in BASELINES]
@@ -103,7 +103,7 @@ def _format_number(value: float | None) -> str:
 
 
 def _load_policy(name: str, constraint: str) -> Any:
-    """Load the policy of a name, a file or a class."""
+    """Load a policy by name, file or class."""
     if name == SHIPPED or name.endswith(".npz"):
         return load(constraint if name == SHIPPED else name)
     return load_class(name) if ":" in name else find("baseline", name, BASELINES)

@@ -1,4 +1,4 @@
-"""`export`: a model in the forms that simulators and programs read."""
+"""`export`: write a model for MuJoCo, or as Python or C."""
 
 import argparse
 import sys
@@ -19,7 +19,7 @@ from workbench.terminal import Terminal
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare model, format, output and how."""
+    """Declare model, format, output and options of the format."""
     options.declare(parser, "model")
     parser.add_argument(
         "--to", required=True, choices=tuple(FORMATS), help="; ".join(f"{id}, {about}" for id, about in FORMATS.items())
@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Export, perhaps check, and say what the form does not hold."""
+    """Export the model, check it if requested, and print the parts that the format lacks."""
     sources = _find_checks(arguments)
     files = [arguments.model, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)]
     check_outputs([arguments.output], files)
@@ -97,7 +97,7 @@ def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:
         return ()
     asked = vars(arguments)
     if arguments.check.lower().endswith(".toml"):
-        asked = asked | {"drive": None}  # which is of the export: a study says its own
+        asked = asked | {"drive": None}  # --drive belongs to the export; a study has its own drives
     sources = read_source_names(arguments.check, argparse.Namespace(**asked))
     return tuple(source for source in sources if source.role == "holdout") or sources
 
@@ -105,8 +105,8 @@ def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:
 def _check(
     model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
 ) -> None:
-    """Print how far what is exported is from recordings, in rad and in shares of the motion."""
-    from workbench.export.check import check  # needs the libraries of a comparison
+    """Print the deviation of the exported model from recordings [rad] and relative to the motion."""
+    from workbench.export.check import check  # slow to import
 
     with terminal.progress("running in MuJoCo"):
         found = check(model, exported, request, recordings)

@@ -1,6 +1,6 @@
-"""`hardware check`: the check of a new rig, step by step, before the guard allows more than a small torque.
+"""`hardware check`: check a new rig step by step; until it passes, the guard allows a small torque only.
 
-Each step says what to do, measures what came of it, and says what to change where it came out wrong.
+Each step gives an instruction, measures the result, and names the remedy after a failure.
 """
 
 import argparse
@@ -16,31 +16,31 @@ from pendulum_env.backends.port import Sample, Start, Status
 from workbench.errors import InputError
 from workbench.terminal import Terminal
 
-QUARTER = 0.5 * math.pi  # [rad], that the arm is turned by hand
-ROUGHLY = 0.5  # [rad], how well a hand does it
-RAMP = 1.0  # [N m/s] of the torque
-MOVED = 0.1  # [rad], that the motor has to turn the arm
-STEP = 0.005  # [s] between torques without power
-PATIENCE = 3.0  # watchdog times after which the drive must have let go
+QUARTER = 0.5 * math.pi  # rotation by hand [rad]
+ROUGHLY = 0.5  # tolerance of a motion by hand [rad]
+RAMP = 1.0  # rate of the torque [N m/s]
+MOVED = 0.1  # rotation that counts as motion [rad]
+STEP = 0.005  # time between torque commands without power [s]
+PATIENCE = 3.0  # pause that must trip the watchdog, in watchdog times
 
-Confirm = Callable[[str], bool]  # asks the operator of the rig
+Confirm = Callable[[str], bool]  # asks the operator; True: confirmed
 
 
 class CheckFailed(RuntimeError):
-    """A step came out wrong; the message says what to change."""
+    """A step failed; the message names the remedy."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare what to do with which rig."""
+    """Declare the action and the configuration of the rig."""
     parser.add_argument("what", choices=("check",), help="wiring, signs, zero and limits, step by step at low torque")
     parser.add_argument("config", metavar="CONFIG", help="the rig's rig.toml, see docs/hardware.md")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Go through the check with the user at the terminal."""
+    """Run the check with questions on the terminal."""
 
     def confirm(text: str) -> bool:
-        """Ask until they say yes or no: a key that is pressed once too often moves no motor."""
+        """Ask until the answer is yes or no, so that an accidental key moves no motor."""
         terminal.say(text)
         try:
             while (answer := input("[y/n] ").strip().lower()) not in ("y", "yes", "n", "no"):
@@ -56,13 +56,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def check_rig(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -> None:
-    """Go through all steps with a person; notes beside the configuration that they have passed.
+    """Run all steps, and write a mark next to the configuration if they pass.
 
-    Raises:
-        CheckFailed: if a step came out wrong.
-        DriveError: if the rig is in use, or the drive cannot be reached.
+    Raises CheckFailed if a step fails, and DriveError if the rig is in use or not reachable.
     """
-    # at low torque, also where it has passed before; motion that cannot be is what the steps look for
+    # at low torque even if checked before; no plausibility check of motion: the steps look for faults
     rig = Rig(replace(config, checked=False, plant=replace(config.plant, watch=False)))
     try:
         for number, (title, step) in enumerate(STEPS, start=1):
@@ -151,7 +149,7 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
 
 
 def _measure_motion(rig: Rig, most: float) -> float:
-    """Measure the motion of the arm by a torque while the drive must have no power [rad]."""
+    """Ramp the torque command up to `most` [N m] without power; return the largest motion of the arm [rad]."""
     rig.disable()
     motor, sign, moved = rig.guard.motor, rig.config.torque_sign, 0.0
     _, start = rig.guard.read()
@@ -181,7 +179,7 @@ def _check_watchdog(rig: Rig, confirm: Confirm) -> str:
     rig.enable(Start())
     for _ in _run(rig, lambda t: 0.0, 0.2):
         pass
-    time.sleep(patience)  # a program that hangs
+    time.sleep(patience)  # simulates a hanging program
     fault = rig.guard.motor.read().fault
     rig.disable()
     _require(
@@ -203,7 +201,7 @@ STEPS: tuple[tuple[str, Callable[[Rig, Confirm], str]], ...] = (
 
 
 def _run(rig: Rig, torque: Callable[[float], float], seconds: float) -> Iterator[Sample]:
-    """Run the rig under a torque over time; yield the samples."""
+    """Run the rig for some time [s] under a torque as a function of time; yield the samples."""
     now = 0.0
     while now < seconds:
         sample = rig.exchange(torque(now))

@@ -1,4 +1,4 @@
-"""`identify`: the parameters of the paper's model, by each of the six schemes."""
+"""`identify`: estimate the parameters of the paper's model by the six schemes."""
 
 import argparse
 from collections.abc import Sequence
@@ -55,14 +55,14 @@ def _parse_schemes(text: str) -> Sequence[Scheme]:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Print the estimates of the schemes side by side, and what the recordings cannot tell."""
+    """Print the estimates of the schemes, and warnings on the data."""
     outputs = [arguments.json, arguments.output]
     asked = open_sources(arguments, list_sources(arguments, outputs), terminal, holdout=arguments.align)
     given = asked.calibrate(terminal, True if arguments.align else None, arguments.fixed)
     terms, body = asked.model.terms, asked.body
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
-        if arguments.instruments is not None:  # the remedy of this finding
+        if arguments.instruments is not None:  # remedy of this finding
             others = [finding for finding in found.findings if finding.kind is not Kind.FEEDBACK_WITH_REFERENCE]
             found = replace(found, findings=tuple(others))
         one = found.primary
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _choose_model(found: Identification, arguments: argparse.Namespace) -> tuple[Model | None, str]:
-    """Choose the model that `-o` writes, and name its fit: by instruments, by one scheme, or over windows."""
+    """Return the model for `-o` and the name of its fit: by instruments, by one scheme, or over windows."""
     if arguments.instruments is not None:
         terms, _ = apply_limits(BASE, {}, arguments.fixed, arguments.bounds)
         return found.fit_windows(lambda data: fit_by_reference(data, terms)), "the estimates by instruments"

@@ -1,4 +1,4 @@
-"""`record`: a run of a pendulum or an arm, written to a file."""
+"""`record`: record a pendulum or an arm to a file."""
 
 import argparse
 
@@ -20,12 +20,12 @@ from workbench.rollouts import describe_recording, record_rig, simulate
 from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan
 from workbench.terminal import Terminal
 
-MOST = 5_000_000  # samples; simulating them takes some minutes
+MOST = 5_000_000  # largest number of samples, some minutes of simulation
 BACKENDS = (
     "simulated",  # the batched simulator
-    "pymunk",  # a rigid body in the environment
-    "mujoco",  # the same in another engine
-    "replay",  # a recording again
+    "pymunk",  # rigid body in pymunk
+    "mujoco",  # rigid body in MuJoCo
+    "replay",  # replayed recording
     "dm1015b",  # the rig
 )
 
@@ -111,7 +111,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Run a pendulum or an arm and write what it did."""
+    """Record a pendulum or an arm, and write the file."""
     inputs = (arguments.diagnosis, arguments.replay, arguments.robot)
     check_outputs([arguments.output], [path for path in inputs if path])
     if not arguments.output.lower().endswith(tuple(WRITERS)):
@@ -127,7 +127,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         record_rig(plan, samples, terminal)
         return
     recording = simulate(plan, rng, terminal)
-    if not (np.abs(recording.position) <= LARGE).all():  # nor NaN
+    if not (np.abs(recording.position) <= LARGE).all():  # false for NaN, too
         raise InputError(f"the arm turns by more than {LARGE:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
         count = f", or turn it by less than one of the {arguments.counts} --counts" if arguments.counts else ""
@@ -142,7 +142,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _count_samples(seconds: float, rate: float) -> int:
-    """Return the number of samples of a recording."""
+    """Return the number of samples for a duration [s] at a rate [Hz]; raises InputError outside the limits."""
     samples = seconds * rate
     if not BOUNDS.fewest <= samples <= MOST:
         raise InputError(f"{samples:.0f} samples are asked for, between {BOUNDS.fewest} and {MOST} are possible")

@@ -1,4 +1,4 @@
-"""`survey`: a diagnosis of each recording in a folder, and one table with the changes of machines."""
+"""`survey`: diagnose each recording in a folder, and write one table with the changes of parameters."""
 
 import argparse
 from pathlib import Path
@@ -16,7 +16,7 @@ from workbench.survey.run import open_cluster, run_survey
 from workbench.survey.table import find_series, tabulate_changes, tabulate_recordings, write_table
 from workbench.terminal import Terminal
 
-PRINTED = 20  # rows
+PRINTED = 20  # largest number of printed rows
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
-    """Diagnose what has no result yet; write the table and print what changes."""
+    """Diagnose recordings without a result, write the table, and print the changes."""
     folder, output = Path(arguments.folder), Path(arguments.output)
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file: name a folder for the table")
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
-    """Refuse, before any work is done, options that would fail for every recording."""
+    """Raise an error for options that would fail for every recording."""
     body = make_body(arguments)
     base = read_model(arguments.model, body).terms if arguments.model else arm_base(body)
     effects = select_effects(None, arguments.only, arguments.without, body)

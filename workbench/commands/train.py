@@ -1,4 +1,4 @@
-"""`train`: a policy that chooses excitations."""
+"""`train`: train a policy that chooses excitations."""
 
 import argparse
 from importlib import import_module
@@ -16,7 +16,7 @@ NEEDED = ("torch", "stable_baselines3")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """Declare what is trained and where it goes."""
+    """Declare settings of the training and output."""
     parser.add_argument(
         "--config", metavar="FILE", help="TOML with other settings of agents.config.Config, such as seed and steps"
     )

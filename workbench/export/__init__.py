@@ -1,7 +1,7 @@
-"""A model in the forms that simulators and programs read.
+"""Export of a model to other programs.
 
-`python` and `c` hold the simulator's own step, whatever the effects. `mjcf` describes a body on a joint, a servo or an
-arm, and names what of a model it cannot hold.
+`python` and `c` contain the simulator's step with all effects. `mjcf` describes a joint, a servo or an arm for MuJoCo,
+and lists the parts of the model that it lacks.
 """
 
 from pendulum_env.arms.model import ArmModel
@@ -19,9 +19,9 @@ def export(model: Model, format: str, request: Request | None = None) -> Exporte
 
     Raises:
         ValueError: if the format is unknown.
-        ExportError: if the format cannot hold the model, and approximations are not allowed, or the model and a drive
-            differ in their units.
-        InputError: if a library of the extra `export` is not installed, or the format is none of an arm.
+        ExportError: if the format cannot represent the model and approximations are not allowed, or the units of
+            model and drive differ.
+        InputError: if a library of the extra `export` is not installed, or an arm is to be exported to code.
     """
     find("format", format, FORMATS)
     request = request or Request()

@@ -1,4 +1,4 @@
-"""An exported model in MuJoCo, against recordings and beside this project's own simulation."""
+"""Check of an exported model: MuJoCo and this project's simulation against recordings."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,16 +26,16 @@ from workbench.export.servo import Motor, Servo, choose_actuator
 class CheckResult:
     """Deviations of simulations from recordings [rad]."""
 
-    title: str  # how that was measured
-    errors: Mapping[str, float]  # by what is compared with what
-    motion: float  # distance of the measured position from its mean, measured alike
+    title: str  # definition of the deviations
+    errors: Mapping[str, float]  # by pair of compared motions
+    motion: float  # the same measure of the recorded position about its mean
 
 
 def check(model: Model, exported: Exported, request: Request, recordings: Sequence[Recording]) -> CheckResult:
-    """Run what is exported in MuJoCo against recordings: a servo from their goals.
+    """Compare the exported model in MuJoCo with recordings; a servo is simulated from their goals.
 
-    Raises ExportError if a known load hung on the joint, which no exported model has, IdentificationError if a
-    recording holds too little motion, and ModuleNotFoundError if the extra `export` is not installed.
+    Raises ExportError if a recording has a known load, IdentificationError if it has too little motion, and
+    ModuleNotFoundError if the extra `export` is not installed.
     """
     for recording in recordings:
         if get_load_in_newton_metres(recording):
@@ -46,7 +46,7 @@ def check(model: Model, exported: Exported, request: Request, recordings: Sequen
 def _check_free_runs(
     model: Model, exported: Exported, request: Request, recordings: Sequence[Recording]
 ) -> CheckResult:
-    """Run the exported XML against recordings, over windows that each start from the measured state."""
+    """Compare free motion over windows that start from the measured state."""
     segments = RegressionData.from_recordings(recordings).with_link_states(model).segments
     simulated = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
     theirs = [_simulate(model, exported, segment) for segment in segments]
@@ -61,9 +61,9 @@ def _check_free_runs(
 
 
 def _check_in_loop(model: Model, exported: Exported, request: Request, recordings: Sequence[Recording]) -> CheckResult:
-    """Run what is exported against whole recordings of servos, each with the drive that it was recorded with.
+    """Compare whole recordings of servos, each simulated with its recorded drive.
 
-    Raises ExportError if there is no goal, or steps do not add up to those that are compared.
+    Raises ExportError if a recording has no goal, or `GRAIN` is not a multiple of the step.
     """
     if not are_driven(recordings):
         raise ExportError(f"{recordings[0].name}: has no goal: a servo is checked in the loop alone")
@@ -90,9 +90,9 @@ def _compute_mean_size(values: Array) -> float:
 
 
 def _simulate_servos(model: Model, request: Request, servos: Servos, every: int) -> Array:
-    """Simulate servos in MuJoCo; return positions at the start and every so many steps, (N / every + 1, 1, B) [rad]."""
+    """Simulate B servos over N steps in MuJoCo; return every `every`-th position, (N / every + 1, 1, B) [rad]."""
     mujoco = import_mujoco()
-    drives = [  # without a supply of its own, the recorded one at the start
+    drives = [  # default supply: the first recorded value
         drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
         for lane, drive in enumerate(servos.drives)
     ]
@@ -105,7 +105,7 @@ def _simulate_servos(model: Model, request: Request, servos: Servos, every: int)
         paths[0, 0, lane] = data.qpos[0]
         for k, (goal, on) in enumerate(zip(servos.goal[:, lane].tolist(), servos.on[:, lane].tolist(), strict=True)):
             data.ctrl[0] = goal
-            world.opt.disableactuator = int(not on)  # bit 0 is the group of actuators by default
+            world.opt.disableactuator = int(not on)  # bit 0: default group of actuators
             mujoco.mj_step(world, data)
             if (k + 1) % every == 0:
                 paths[(k + 1) // every, 0, lane] = data.qpos[0]
@@ -113,14 +113,14 @@ def _simulate_servos(model: Model, request: Request, servos: Servos, every: int)
 
 
 def _compute_rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
-    """Compute the root mean square of differences (N + 1, B) after the start."""
+    """Compute the root mean square of the differences of paths (N + 1, B) without their start."""
     return float(
         np.sqrt(np.mean(np.concatenate([(a - b)[1:].ravel() for a, b in zip(ones, others, strict=True)]) ** 2))
     )
 
 
 def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:
-    """Simulate the position in every segment, (N + 1, B) [rad]."""
+    """Simulate every segment in MuJoCo; return positions (N + 1, B) [rad]."""
     mujoco = import_mujoco()
     world = mujoco.MjModel.from_xml_string(exported.content)
     rate = segments.windows.recording.rate
@@ -146,7 +146,7 @@ def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:
 def _begin(
     mujoco: Any, world: Any, data: Any, segments: Segments, memory: Mapping[str, Sequence[float]], k: int
 ) -> None:
-    """Put the joint, and what it remembers, to the start of a segment."""
+    """Set the joint and its internal states to the start of segment `k`."""
     data.qpos[0], data.qvel[0] = segments.position[0, k], segments.velocity[k]
     if world.nq > 1:  # the link's angle is relative to the motor's
         position, velocity = memory["joint_flexibility"]

@@ -1,4 +1,4 @@
-"""A model's step, written down as the simulator takes it."""
+"""Simulation step of a model as symbolic expressions."""
 
 import math
 import re
@@ -20,7 +20,7 @@ from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute
 from workbench.export.request import ExportError
 from workbench.export.servo import Motor, Servo, get_supply
 
-RESERVED = frozenset(  # names that the exported programs and their languages have themselves
+RESERVED = frozenset(  # names used by the exported programs and their languages
     """time position velocity torque commands state step start sign State STEP math abs max min
     auto case char const default do double enum extern float goto int long register short signed sizeof static struct
     switch typedef union unsigned void volatile fabs sin cos tan exp log sqrt tanh atan pow fmax fmin gamma
@@ -32,7 +32,7 @@ RESERVED = frozenset(  # names that the exported programs and their languages ha
 
 @dataclass(frozen=True)
 class NamedParameter:
-    """A number of the model that its exported form gives a name to."""
+    """Parameter of the model with its name in the exported program."""
 
     name: str
     value: float
@@ -42,7 +42,7 @@ class NamedParameter:
 
 @dataclass(frozen=True)
 class StepQuantity:
-    """Input of a step."""
+    """Input or state of a step."""
 
     name: str
     unit: str
@@ -51,38 +51,38 @@ class StepQuantity:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Step as expressions of states, parameters and inputs."""
+    """Step as expressions of state variables, parameters and inputs."""
 
     step: float  # length of a step [s]
-    parameters: tuple[NamedParameter, ...]  # of the model, by which the expressions are written
-    given: tuple[StepQuantity, ...]  # what the step is given beside the state
+    parameters: tuple[NamedParameter, ...]  # named in the expressions
+    given: tuple[StepQuantity, ...]  # inputs of the step
     state: tuple[str, ...]  # names of the state variables
-    start: tuple[Operand, ...]  # their values after long rest, in `position` and `velocity`
+    start: tuple[Operand, ...]  # their initial values after long rest, as expressions of `position` and `velocity`
     after: tuple[Operand, ...]  # their values after the step
-    delay: float = 0.0  # of the torque, in steps, where it is given
+    delay: float = 0.0  # of the torque input [steps]
 
     @property
     def waiting(self) -> int:
-        """Return the number of delayed commands."""
+        """Return the number of stored commands."""
         return math.ceil(self.delay)
 
     def write_arrival(self, commands: str) -> str:
-        """Write the command that arrives now, from a list of that name, newest first; between two, their mean."""
+        """Write the delayed command as an expression of a list, newest first; interpolate between two entries."""
         whole, share = divmod(self.delay, 1.0)
         late, later = f"{commands}[{int(whole)}]", f"{commands}[{int(whole) + 1}]"
         return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"
 
 
 def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamics:
-    """Write the step of a model under a torque; or under a goal, with a drive.
+    """Write the step of a model with a torque input, or with a drive and a goal input.
 
-    Raises ExportError if a law of the model is not made of what can be written down.
+    Raises ExportError if a law of the model cannot be converted to an expression.
     """
     try:
         parts = _Parts.from_model(model, seconds)
         actuator.write(parts, model)
         x = step(parts.balance, parts.x, seconds)
-    except Exception as error:  # a user's law may do anything that NumPy does
+    except Exception as error:  # a user's law may raise anything
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
     after = {"time": x.time, "position": x.position, "velocity": x.velocity}
     for id, names in parts.remembered.items():
@@ -92,21 +92,21 @@ def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamic
 
 @dataclass
 class _Parts:
-    """Terms of a model in names for the reader, under a torque or a drive."""
+    """Expressions of a step in readable names, during construction."""
 
-    seconds: float  # length of a step
-    balance: TorqueBalance  # of the terms
-    x: Samples  # start of a step
-    remembered: dict[str, list[str]]  # names of the terms' state variables
-    parameters: list[NamedParameter]  # of the terms, and of the drive
-    given: list[StepQuantity]  # what a step is given
-    start: dict[str, Any]  # state variables after long rest, by name
-    after: dict[str, Any] = field(default_factory=dict)  # those of the controller after a step
-    delay: float = 0.0  # of a torque that is given [s]
+    seconds: float  # length of a step [s]
+    balance: TorqueBalance
+    x: Samples  # state and input at the start of a step
+    remembered: dict[str, list[str]]  # names of state variables by term
+    parameters: list[NamedParameter]  # of terms and drive
+    given: list[StepQuantity]  # inputs of a step
+    start: dict[str, Any]  # initial values of state variables by name
+    after: dict[str, Any] = field(default_factory=dict)  # state variables of the controller after a step
+    delay: float = 0.0  # of the torque input [s]
 
     @classmethod
     def from_model(cls, model: Model, seconds: float) -> Self:
-        """Return the terms of a model, under a torque that is given."""
+        """Create the expressions of a model with a torque input."""
         terms = model.terms
         balance, x, _ = write_balance(terms)
         named: list[tuple[str, str, Any, float]] = [
@@ -125,7 +125,9 @@ class _Parts:
         parameters = []
         for text, unit, symbol, value in named:
             symbol.label = make_identifier(text)
-            known = model.estimates.get(text, Estimate(value, 0.0, unit))  # a shape may be as it usually is
+            known = model.estimates.get(
+                text, Estimate(value, 0.0, unit)
+            )  # nonlinear parameters may have default values
             parameters.append(NamedParameter(symbol.label, known.value, known.unit, known.std))
         start: dict[str, Any] = {"time": 0.0, "position": x.position, "velocity": x.velocity}
         remembered: dict[str, list[str]] = {}
@@ -155,7 +157,7 @@ class _Parts:
         self.delay = sum(term.delay for term in model.terms)
 
     def take_goal(self, model: Model, drive: ServoDrive) -> None:
-        """Put a drive, which is given a goal, in the place of the torque."""
+        """Replace the torque input by a drive with a goal input."""
         seconds, x = self.seconds, self.x
         looks_always = drive.rate is None or drive.rate * seconds >= 1.0
         gains: dict[str, Any] = dict(zip(GAINS, compute_gains(drive, seconds), strict=True))
@@ -178,7 +180,7 @@ class _Parts:
             scale = scale * make_symbol("gain")
         self.given.append(StepQuantity("on", "0: the motor is open", 1.0))
         weights = compute_taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
-        phase: Any = make_symbol("phase")  # periods of the controller until its next look
+        phase: Any = make_symbol("phase")  # time to the controller's next sample, in its periods
         looks, period = seconds * (drive.rate or 0.0), 1.0 / (drive.rate or math.inf)
         lead: Any = 0.5 * max(seconds - period, 0.0) if drive.rate else 0.0
         due: Any = 1.0
@@ -213,7 +215,7 @@ class _Parts:
         }
 
     def dynamics(self, after: Mapping[str, Any]) -> Dynamics:
-        """Return the step without unused state."""
+        """Return the step without unused state variables."""
         after = {**after, **self.after}
         kept, needed = {"time", "position", "velocity"}, set(after)
         while needed:
@@ -238,7 +240,7 @@ class _Parts:
 
 
 def make_identifier(text: str) -> str:
-    """Convert the name of a parameter to a name in a program."""
+    """Convert the name of a parameter to an identifier."""
     plain = re.sub(r"\W", "_", text, flags=re.ASCII)
     return f"{plain}_" if plain in RESERVED or iskeyword(plain) or plain[0].isdigit() else plain
 

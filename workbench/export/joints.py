@@ -1,7 +1,7 @@
-"""The form `mjcf` of an arm: the links that are likeliest behind its base parameters, and what joints do.
+"""Export of an arm to MJCF.
 
-Links are those of `nearest_body`: bodies that exist, with the base parameters that were found, and near the file
-where these leave it open. Shapes and meshes are not part of a model.
+The links are those of `nearest_body`: physically possible bodies with the identified base parameters, otherwise near
+the robot file. Shapes and meshes are left out.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from workbench.narrator.findings import describe_nearest_body
 
 
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
-    """Return the terms at one joint as a model, and the effects there that such a model cannot contain."""
+    """Return the terms at one joint as a pendulum model, and the tables there, which are left out."""
     of_joint = [term for term in model.terms[1:] if term.at == joint]
     tables = tuple(f"{one.id} ({one.law}): it is left out" for one in of_joint if isinstance(one, Table))
     terms = [
@@ -30,9 +30,9 @@ def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
 
 
 def export_arm(model: ArmModel, request: Request) -> Exported:
-    """Write an arm for MuJoCo, with a motor at each joint; springs and coupled motors are MuJoCo's own.
+    """Write an arm for MuJoCo, with a motor at each joint.
 
-    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and
+    Raises ExportError if MuJoCo cannot represent the model and approximations are not allowed, and
     ModuleNotFoundError without MuJoCo.
     """
     mujoco, body = import_mujoco(), model.body

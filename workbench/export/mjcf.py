@@ -1,12 +1,10 @@
-"""The form `mjcf` of a joint: a model for MuJoCo, written by MuJoCo's own `MjSpec`.
+"""Export of a joint to MJCF by MuJoCo's `MjSpec`.
 
-What MuJoCo solves is not quite the model's law: its dry friction is regularised, a joint that should stick creeps with
-a speed proportional to the torque it holds, and a stop is a soft constraint. The constants below make both as close as
-its solver allows at the step that is written into the file.
+MuJoCo regularises dry friction: a sticking joint creeps at a speed proportional to the torque. A stop is a soft
+constraint. The constants below make both as stiff as the solver allows at the step of the file.
 
-A swinging joint shows its inertia about the axis and its weight on the lever arm, never mass, lever and inertia about
-the centre of mass one by one. Unless the mass is known the arm is drawn as a uniform rod, of which three quarters of
-the inertia come with the lever; any other choice moves alike.
+Motion determines the inertia about the axis and the gravity torque, not mass, lever and central inertia separately.
+Unless the mass is given, the arm is a uniform rod; any other choice has the same motion.
 """
 
 from __future__ import annotations
@@ -29,19 +27,19 @@ from workbench.export.servo import Motor, Servo
 from workbench.narrator.effects import find_description
 
 JOINT, ACTUATOR = "joint", "torque"  # names in the file
-BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects that its joints have, beside those of `EVERY`
-# Impedance of the stop: MuJoCo's lower bound of 0.0001. A constraint with impedance d replaces the share d of what else
-# accelerates the joint, so that a small one only adds to it, as a spring does.
+BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects of a single joint in MuJoCo, in addition to `EVERY`
+# Impedance of the stop: MuJoCo's lower bound 0.0001. A constraint of impedance d removes the share d of other
+# accelerations; a small d adds a torque as a spring does.
 SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
 G = 9.81  # [m/s^2]
-FAR = 1e4  # [rad], where a stop is that is none
-SPEEDS = np.linspace(0.0, 5.0, 101)[1:]  # [rad/s], at which viscous and dry friction approximate another law
-EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that MuJoCo holds of any model
+FAR = 1e4  # position of an inactive stop [rad]
+SPEEDS = np.linspace(0.0, 5.0, 101)[1:]  # grid for the approximation of friction laws [rad/s]
+EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that MuJoCo represents exactly
 
 
 @dataclass(frozen=True)
 class RigidBody:
-    """A rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, apart from a tilt."""
+    """Rigid body on a horizontal hinge along x; at q = 0 its centre of mass hangs down, except for a tilt."""
 
     mass: float  # [kg]
     lever: float  # from the axis to the centre of mass [m]
@@ -55,20 +53,20 @@ class RigidBody:
 
     @property
     def moments(self) -> tuple[float, float, float]:
-        """Return the moments of inertia of a rod about x, y, z through its centre [kg m^2]; x is along the hinge."""
-        return self.inertia, self.inertia, 0.01 * self.inertia  # inertia about its length, in that about the axis
+        """Return the central moments of inertia of a rod about x (the hinge), y and z [kg m^2]."""
+        return self.inertia, self.inertia, 0.01 * self.inertia  # about its length: 1 % of that about the hinge
 
     @classmethod
     def from_pendulum(cls, inertia: float, gravity: float, tilted: float = 0.0, mass: float | None = None) -> RigidBody:
         """Return the body with an inertia about the axis [kg m^2] and the torque gravity sin q + tilted cos q.
 
-        Raises ExportError if a body of the mass that was given cannot be so, or an armature leaves it no inertia.
+        Raises ExportError if the given mass [kg] is too small, or no inertia remains after the armature.
         """
         if inertia <= 0:
             raise ExportError("the armature leaves the arm no inertia: give a smaller --armature")
-        weight = math.hypot(gravity, tilted)  # [N m], held out level
-        least = weight**2 / (G**2 * inertia)  # [kg], of a point
-        # a uniform rod has a third more mass than a point with the same inertia and weight
+        weight = math.hypot(gravity, tilted)  # gravity torque of the horizontal arm [N m]
+        least = weight**2 / (G**2 * inertia)  # mass of a point at the end of the lever [kg]
+        # a uniform rod has 4/3 of the mass of a point with equal inertia and gravity torque
         mass = mass or 4.0 / 3.0 * least or 1.0
         lever = weight / (mass * G)
         central = inertia - mass * lever**2
@@ -80,28 +78,28 @@ class RigidBody:
 
 
 def get_value(model: Model, parameter: str) -> float:
-    """Return a linear parameter of the model, 0 if it has none of that name."""
+    """Return the value of a linear parameter of the model, 0 if it is missing."""
     return model.estimates[parameter].value if parameter in model.estimates else 0.0
 
 
 def is_spring_linear(model: Model) -> bool:
-    """Return whether a linear spring of the simulator represents the spring of a model."""
+    """Return whether MuJoCo's linear spring represents the spring of the model."""
     return get_value(model, "spring.stiffness") >= 0 and "spring.cubic" not in model.estimates
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Friction as MuJoCo has it, and what it stands in for."""
+    """Friction parameters of MuJoCo, and the friction of the model that they approximate."""
 
     viscous: float  # [N m s/rad]
     dry: float  # [N m]
-    missing: tuple[str, ...]  # what the model has beyond, and what is in its place
+    missing: tuple[str, ...]  # parts of the model that are missing or approximated
 
     @classmethod
     def from_model(cls, model: Model, held: Collection[str]) -> Friction:
-        """Return the friction of a model where the terms of these ids are held beside those of `EVERY`.
+        """Return the friction of a model; terms in `held` and `EVERY` are represented elsewhere.
 
-        Where that is not all, viscous and dry friction come as close to the sum as they can, in both directions alike.
+        Other friction laws are approximated by symmetric viscous and dry friction, by a fit over `SPEEDS`.
         """
         unit = model.torque_unit
         others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
@@ -126,30 +124,30 @@ class Friction:
 
 @dataclass(frozen=True)
 class Stop:
-    """Ends of the range as an elastic contact with a damper beside it; a stop at infinity is none."""
+    """Elastic and damped limits of the angle; an infinite limit is inactive."""
 
-    lower: float = -math.inf  # [rad], perhaps infinite, as `upper`
+    lower: float = -math.inf  # [rad], -inf: none
     upper: float = math.inf
     stiffness: float = 0.0  # [N m/rad]
     damping: float = 0.0  # [N m s/rad]
-    missing: tuple[str, ...] = ()  # what of the model's stop that is not
+    missing: tuple[str, ...] = ()  # parts of the model's stop that are left out
 
     @property
     def is_there(self) -> bool:
-        """Return whether there is any."""
+        """Return whether a limit is active."""
         return math.isfinite(self.lower) or math.isfinite(self.upper)
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Lower and upper [rad], finite as MuJoCo wants them."""
+        """Return the lower and upper limit [rad], finite as MuJoCo requires."""
         return max(self.lower, -FAR), min(self.upper, FAR)
 
     @classmethod
     def from_model(cls, model: Model, speed: float = 1.0) -> Stop:
         """Return the stop of a model.
 
-        A hysteresis becomes the damper that gives back as much of an impact at that speed [rad/s]: of a spring and a
-        damper with the small damping ratio z the share exp(-pi z) of the speed comes back.
+        A hysteresis is replaced by the damper with the same restitution at an impact speed [rad/s]: a spring with a
+        small damping ratio z returns the share exp(-pi z) of the speed.
         """
         stop = next((term for term in model.terms if isinstance(term, HardStop)), None)
         stiffness = get_value(model, "hard_stop.stiffness")
@@ -167,15 +165,15 @@ class Stop:
 def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
     """Write the XML of a model.
 
-    Raises ExportError if the model has what MuJoCo does not, and may not be exported without it, and
+    Raises ExportError if MuJoCo cannot represent the model and approximations are not allowed, and
     ModuleNotFoundError if the extra `export` is not installed.
     """
     mujoco = import_mujoco()
     links = [term for term in model.terms if isinstance(term, JointFlexibility)]
-    # there is a motor and a link, each with an inertia of its own
+    # motor and link are two bodies: both need a positive inertia
     link = next((term for term in links if 0.0 < get_value(model, term.id) < get_value(model, "inertia")), None)
     held = {*BODILY, *([] if link is None else [link.id])}
-    if get_value(model, "quadratic_drag") < 0:  # MuJoCo's dampers brake
+    if get_value(model, "quadratic_drag") < 0:  # MuJoCo's dampers only dissipate
         held.remove("quadratic_drag")
     if not is_spring_linear(model):
         held.remove("spring")
@@ -192,7 +190,7 @@ def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
     if link is None:
         body = _add(spec.worldbody, "arm", RigidBody.from_pendulum(total, gravity, tilted, request.mass))
     else:
-        inertia = get_value(model, link.id)  # [kg m^2], J of the link
+        inertia = get_value(model, link.id)  # of the link [kg m^2]
         rotor = RigidBody.from_pendulum(total - inertia, gravity - inertia * link.gravity, tilted)
         body = _add(spec.worldbody, "motor", rotor)
         behind = _add(body, "link", RigidBody.from_pendulum(inertia, inertia * link.gravity, mass=request.mass))

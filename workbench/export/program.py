@@ -1,4 +1,4 @@
-"""The forms `python` and `c`: a step as a program that needs nothing, laid out by the template of its language."""
+"""Export of a step as Python or C code without dependencies, by templates."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from workbench.export.dynamics import NamedParameter, StepQuantity, write_step
 from workbench.export.request import Exported, Language, escape_text, write_title
 from workbench.export.servo import Motor, Servo
 
-INFIX = {  # sign of an operation, and how tightly it binds
+INFIX = {  # sign and precedence of an operation
     **{"add": ("+", 4), "subtract": ("-", 4), "multiply": ("*", 5), "divide": ("/", 5)},
     **{"less": ("<", 3), "less_equal": ("<=", 3), "greater": (">", 3), "greater_equal": (">=", 3)},
     **{"equal": ("==", 3), "not_equal": ("!=", 3)},
 }
 NEGATIVE, ATOM, LOOSE = 6, 9, 0
-CALLS = {  # of single numbers in Python, and in C99; by NumPy's names
+CALLS = {  # scalar functions in Python and C99, by NumPy's name
     **{op: (f"math.{op}", f"{op}({{0}})") for op in ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")},
     "absolute": ("abs", "fabs({0})"),
     "maximum": ("max", "fmax({0}, {1})"),
@@ -35,7 +35,7 @@ CALLS = {  # of single numbers in Python, and in C99; by NumPy's names
     "logical_or": ("lambda one, other: one or other", "{0} || {1}"),
     "where": ("lambda condition, then, other: then if condition else other", "{0} ? {1} : {2}"),
 }
-STATE = {  # what its parts are, and their units
+STATE = {  # description and unit of state variables
     "time": "[s]",
     "position": "[{rad}]",
     "velocity": "[{rad}/s]",
@@ -48,14 +48,14 @@ STATE = {  # what its parts are, and their units
 
 
 def write_number(language: Language, value: float) -> str:
-    """Write a number so that it is read back as it is."""
+    """Write a number without loss of precision."""
     if math.isinf(value):
         return f"{'-' * (value < 0)}{'INFINITY' if language == 'c' else 'math.inf'}"
     return repr(value)
 
 
 def export(model: Model, step: float, actuator: Motor | Servo, language: Language) -> Exported:
-    """Write a module, or a file of C: parameters by name, the state, its start, and its step."""
+    """Write a Python module or a C file with parameters, initial state and step; `step` [s]."""
     dynamics = write_step(model, step, actuator)
     start, after = (ProgramText.write(results, language) for results in (dynamics.start, dynamics.after))
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
@@ -81,14 +81,14 @@ def export(model: Model, step: float, actuator: Motor | Servo, language: Languag
 
 
 def describe_quantity(item: StepQuantity | NamedParameter) -> str:
-    """Name and unit of what a step is given or gives; unit and standard error of a parameter."""
+    """Return name and unit of an input, or unit and standard error of a parameter."""
     if isinstance(item, StepQuantity):
         return f"{item.name} [{escape_text(item.unit)}]"
     return f"[{escape_text(item.unit)}]" + (f", standard error {item.std:.2g}" if item.std else "")
 
 
 def note_state(name: str, units: JointUnits) -> str:
-    """Describe a part of the state, with its unit."""
+    """Describe a state variable with its unit."""
     return STATE.get(name, "what it was before, as the model remembers it").format(rad=units.unit("rad"))
 
 
@@ -103,17 +103,17 @@ def _load_environment() -> Environment:
 
 @dataclass
 class ProgramText:
-    """Lines that compute results: what is used twice, is long, or has a name for the reader, is a variable."""
+    """Lines that compute results; long, repeated or labelled expressions become variables."""
 
     language: Language
     lines: list[tuple[str, str]] = field(default_factory=list)  # name and expression of each variable, in order
     results: list[str] = field(default_factory=list)  # expression of each result
-    used: set[str] = field(default_factory=set)  # operations that occur
-    names: set[str] = field(default_factory=set)  # given names that occur
+    used: set[str] = field(default_factory=set)  # operations in the expressions
+    names: set[str] = field(default_factory=set)  # inputs, parameters and states in the expressions
 
     @classmethod
     def write(cls, results: Sequence[Operand], language: Language) -> ProgramText:
-        """Write the results down."""
+        """Create the lines and result expressions."""
         source = cls(language)
         order, same = merge_equal(results)
         counts = Counter(same[x] for x in (*(x for s in order for x in s.inputs), *results) if isinstance(x, Symbol))
@@ -135,7 +135,7 @@ class ProgramText:
         return source
 
     def _text(self, symbol: Symbol, parts: Sequence[tuple[str, int]]) -> tuple[str, int]:
-        """Return the expression of a symbol of operands, and how tightly it binds."""
+        """Return the expression of an operation on operands, and its precedence."""
         if symbol.op == NAME:
             self.names.add(symbol.label)
             return symbol.label, ATOM
@@ -147,7 +147,7 @@ class ProgramText:
             return f"{left} {sign} {_enclose(parts[1], tight + 1)}", tight
         if symbol.op == "negative":
             return f"-{_enclose(parts[0], NEGATIVE + 1)}", NEGATIVE
-        # a module in Python takes NumPy's arrays, too
+        # Python code accepts NumPy arrays, too
         numpy = f"np.{symbol.op}({', '.join(f'{{{k}}}' for k in range(len(parts)))})"
         template = CALLS[symbol.op][1] if self.language == "c" else numpy
         encloses = template.endswith(")")

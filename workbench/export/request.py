@@ -14,7 +14,7 @@ Language = Literal["python", "c"]
 
 
 class ExportError(UserError):
-    """A model that a format cannot hold; the message says what, in which format, and what to do."""
+    """Format cannot represent the model; the message names the part, the format and the remedy."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class Request:
     """Request to export a model.
 
     Attributes:
-        approximate: whether what the format cannot hold may be approximated or left out.
-        step: of the forms that are a step, and of MuJoCo [s].
-        mass: of the arm [kg], where it is known; it only fixes where the centre of mass is drawn.
-        armature: inertia of the rotor about the joint [kg m^2], where it is known: motion tells its sum with the arm's.
-        drive: the controller and motor to export with the joint, which then takes a goal; else it takes a torque.
+        approximate: whether unsupported parts of the model may be approximated or left out.
+        step: simulation step [s].
+        mass: of the pendulum arm [kg], if known; it sets the centre of mass, not the motion.
+        armature: known part of the inertia that is the rotor's [kg m^2].
+        drive: controller and motor to export with the joint, with a goal input; None: torque input.
     """
 
     approximate: bool = False
@@ -38,7 +38,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Exported:
-    """A file's content, and what it does not hold as the model has it, a sentence each."""
+    """Content of a file, and sentences on the parts of the model that it lacks or approximates."""
 
     content: str
     notes: tuple[str, ...] = ()
@@ -48,7 +48,7 @@ WHOLE = ", or export --to python or c, which hold every effect"
 
 
 def note_missing(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
-    """List the parts of the model that a file for MuJoCo lacks, one sentence each; `others` hold more.
+    """List the parts of the model that MJCF lacks, one sentence each; `others`: hint at other formats.
 
     Raises ExportError if something is missing and approximations are not allowed.
     """
@@ -64,10 +64,10 @@ def write_title(model: Model) -> str:
 
 
 def escape_text(text: str) -> str:
-    """Escape a text, so that it ends no comment and no string in any language."""
+    """Escape a text for comments and strings of any language."""
     return " ".join(text.replace("*/", "* /").replace('"', "'").replace("\\", "/").split())
 
 
 def escape_comment(lines: Sequence[str]) -> str:
-    """Escape lines for a comment in XML, which two dashes would end."""
+    """Join lines for a comment in XML, without double dashes."""
     return re.sub("-(?=-)", "- ", "\n".join(lines))

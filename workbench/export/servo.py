@@ -1,4 +1,4 @@
-"""Actuators of an exported joint: a motor, which takes a torque, and a servo, which takes a goal."""
+"""Actuators of an exported joint: a motor with a torque input, and a servo with a goal input."""
 
 import math
 from dataclasses import dataclass, replace
@@ -15,41 +15,42 @@ from workbench.export.request import ExportError, Request
 
 @dataclass(frozen=True)
 class Motor:
-    """A motor behind a lag and a delay."""
+    """Motor with lag and delay."""
 
-    held: ClassVar[tuple[str, ...]] = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")  # effects
+    # effects included
+    held: ClassVar[tuple[str, ...]] = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")
     missing: ClassVar[tuple[str, ...]] = ()
     step: float  # [s]
 
     def actuate(self, mujoco: Any, actuator: Any, model: Model, offset: float) -> None:
-        """Make an actuator of MuJoCo a motor."""
+        """Configure a MuJoCo actuator as the motor of a model; `offset` is unused."""
         actuator.set_to_motor()
         delay = sum(term.delay for term in model.terms)
         for term in model.terms:
             if isinstance(term, ActuatorLag):
                 actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
                 actuator.dynprm = [term.time_constant, *([0.0] * 9)]
-                actuator.actearly = True  # what the filter reaches in a step acts in all of it: half a step early
+                actuator.actearly = True  # the filter's end value acts in the whole step: half a step early
                 delay += 0.5 * self.step
         if delay:
-            actuator.delay, actuator.interp = delay, 1  # between commands, as ours
+            actuator.delay, actuator.interp = delay, 1  # linear interpolation, as in our simulation
             actuator.nsample = math.ceil(delay / self.step) + 2
 
     def write(self, parts: Any, model: Model) -> None:
-        """Write the torque into the parts of a program."""
+        """Add the torque input to the expressions of a step."""
         parts.take_torque(model)
 
 
 @dataclass(frozen=True)
 class Servo:
-    """A drive as gains at the joint: the torque is gain times goal, less gain times angle, less damping times speed."""
+    """Drive as a proportional and derivative controller at the joint: torque = kp (goal - angle) - kd speed."""
 
-    held: ClassVar[tuple[str, ...]] = ("torque_offset", "coulomb_asymmetry")  # effects that it has
+    held: ClassVar[tuple[str, ...]] = ("torque_offset", "coulomb_asymmetry")  # effects included
     controller: ServoDrive
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Return the parts of the drive that MuJoCo has not."""
+        """Return the parts of the drive that MuJoCo lacks."""
         drive, missing = self.controller, []
         if drive.ki:
             missing.append("an integral of the error (ki): it is left out")
@@ -64,9 +65,9 @@ class Servo:
         return tuple(missing)
 
     def actuate(self, mujoco: Any, actuator: Any, model: Model, offset: float) -> None:
-        """Make an actuator of MuJoCo a servo, whose limit includes the offset of the torque.
+        """Configure a MuJoCo actuator as the servo; its limit includes the torque offset [N m].
 
-        Raises ExportError if it needs an unknown supply.
+        Raises ExportError if the supply is needed but unknown.
         """
         drive = self.controller
         scale = float(drive.scale(np.array(get_supply(drive))))
@@ -80,7 +81,7 @@ class Servo:
             actuator.forcerange = -limit - offset, limit - offset
 
     def write(self, parts: Any, model: Model) -> None:
-        """Write the goal and the controller into the parts of a program."""
+        """Add the goal input and the controller to the expressions of a step."""
         parts.take_goal(model, self.controller)
 
 
@@ -88,7 +89,7 @@ def choose_actuator(model: Model, request: Request) -> Motor | Servo:
     """Return the actuator of a request; the torque of a servo is in the unit of the model.
 
     Raises:
-        ExportError: without the gain of the drive, or if play or elasticity is between the drive and its encoder.
+        ExportError: if the gain of the drive is unknown, or play or elasticity is between drive and encoder.
     """
     if (drive := request.drive) is None:
         return Motor(request.step)
@@ -109,7 +110,7 @@ def choose_actuator(model: Model, request: Request) -> Motor | Servo:
 
 
 def get_supply(drive: ServoDrive) -> float:
-    """Return the voltage of the bus [V], for an output that is a share of it; raises ExportError if it is unknown."""
+    """Return the supply [V], 1 if the output is not a duty cycle; raises ExportError if it is needed but unknown."""
     if drive.supply is None and drive.output == "duty":
         raise ExportError("a duty is a share of the bus: say its voltage, as --drive output=duty,kp=0.6,supply=12")
     return drive.supply or 1.0

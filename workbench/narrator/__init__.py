@@ -1,4 +1,4 @@
-"""Findings and results in words: the one place that makes sentences for terminal, notebook, report and app."""
+"""Texts of findings and results for terminal, notebook, report and app."""
 
 from workbench.narrator.findings import describe
 

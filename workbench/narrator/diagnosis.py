@@ -1,4 +1,4 @@
-"""Comparisons, diagnoses and additions in words, and the files that hold the first two, with texts."""
+"""Texts of comparisons, diagnoses and additions, and JSON content with texts."""
 
 import numpy as np
 
@@ -34,13 +34,13 @@ FORMS = {
     "bump": "a bump at {0} {rad}, {1} {rad} wide",
     "step": "a step at {0} {rad}, {1} {rad} wide",
 }
-WRONG_DRIVE = 5.0  # noise floors, from which an error in the loop shows a wrong description of the drive
-SIGNIFICANT = 3.0  # times its standard errors, from which a table has a shape
-COUNTABLE = 100.0  # standard errors, above which their number says nothing more
+WRONG_DRIVE = 5.0  # error in the loop that indicates wrong settings of the drive [noise floors]
+SIGNIFICANT = 3.0  # smallest significant size of a table [standard errors]
+COUNTABLE = 100.0  # largest printed significance [standard errors]
 
 
 def describe_region(region: Region) -> str:
-    """Describe the residual in a region; empty of one that stands out nowhere, with nothing more to say."""
+    """Describe the residual in a region; empty without a cause, a profile or held-out recordings."""
     texts = [] if region.cause is None else [describe(region.cause)]
     if region.is_profiled:
         texts.append(_describe_stretch(region))
@@ -52,7 +52,7 @@ def describe_region(region: Region) -> str:
 
 
 def _describe_stretch(region: Region) -> str:
-    """Describe the residual in a stretch of a profile."""
+    """Describe the residual of a profile between two values of its axis."""
     quantity, unit = region.units.name("torque"), region.units.unit(NEWTON_METRE)
     significance = f"{region.significance:.0f}" if region.significance <= COUNTABLE else f"more than {COUNTABLE:g}"
     size, error = f"{abs(region.residual):.3g} {unit}", f"({significance} standard errors)"
@@ -65,7 +65,7 @@ def _describe_stretch(region: Region) -> str:
 
 
 def describe_unexplained(found: Diagnosis, region: Region) -> str:
-    """Describe what a diagnosis leaves unexplained in a region; of an arm at its joint, with its size."""
+    """Describe the unexplained residual in a region; for an arm with its size and joint."""
     text = describe_region(region)
     if region.at not in found.left:
         return text
@@ -105,7 +105,7 @@ def describe_result(found: Diagnosis) -> str:
     if found.searched and found.unexplained and found.is_in_loop:
         before, after = (found.steps[k].errors["holdout"].loop[0] for k in (0, -1))
         is_coarse = after > WRONG_DRIVE * max(found.floors.values(), default=0.0)
-        if is_coarse and after > before / 3:  # a wrong description of the drive leaves as much
+        if is_coarse and after > before / 3:  # effects do not explain wrong settings of the drive
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
             return f"The servo as described does not reproduce the log{part}"
@@ -131,7 +131,7 @@ def describe_result(found: Diagnosis) -> str:
 
 
 def describe_errors(found: Diagnosis) -> str:
-    """State the held-out errors before and after, with the noise floors, and the part that is held out by default."""
+    """State the held-out errors before and after with the noise floor, and the part held out by default."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     what, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
 
@@ -167,7 +167,7 @@ def describe_refit(found: HorizonRefit) -> str:
 
 
 def describe_treatment(found: TriedTreatment) -> str:
-    """Describe a treatment of the recordings, its score, and whether it was kept."""
+    """Describe a treatment of the recordings, its held-out error, and whether it was kept."""
     return (
         f"{describe(found.treatment)} The held-out error is {found.error_ratio:.3g} times that without it, with "
         f"{found.assumptions} instead of {found.before} assumptions: {'kept' if found.is_kept else 'not kept'}."
@@ -175,7 +175,7 @@ def describe_treatment(found: TriedTreatment) -> str:
 
 
 def describe_detectable(found: Detectable) -> str:
-    """Return the sizes that would have shown: `above 0.05 N m`, `from -1.2 to 0.9 rad`, or `not excited`."""
+    """Return the detectable sizes: `above 0.05 N m`, `from -1.2 to 0.9 rad`, or `not excited`."""
     if not found.is_excited:
         return "not excited"
     if found.between is not None:
@@ -185,7 +185,7 @@ def describe_detectable(found: Detectable) -> str:
 
 
 def describe_next_step(found: Diagnosis) -> str:
-    """Name the experiment worth doing, or why there is none."""
+    """Describe the next experiment, or state why none is suggested."""
     if contacts := [describe(finding) for finding in found.findings if finding.kind is Kind.CONTACT]:
         return contacts[0]
     if found.suggestion is not None:
@@ -203,7 +203,7 @@ def describe_next_step(found: Diagnosis) -> str:
 
 
 def list_advice(found: Diagnosis) -> list[str]:
-    """List all that was found, and what follows for the next step."""
+    """List the findings of a diagnosis and the suggested experiment, a text each."""
     texts = []
     if found.searched and found.data is not None:
         notes = [note for recording in found.data.recordings for note in recording.notes]
@@ -215,7 +215,7 @@ def list_advice(found: Diagnosis) -> list[str]:
 
 
 def list_remarks(found: Diagnosis) -> list[str]:
-    """List the advice besides the next step."""
+    """List the advice without the next step."""
     step = describe_next_step(found)
     return [text for text in list_advice(found) if text != step]
 
@@ -234,7 +234,7 @@ def describe_comparison(found: Comparison) -> str:
 
 
 def describe_unstable(found: Comparison) -> str | None:
-    """Name the windows that are not counted in the error of free runs; None if all are."""
+    """State which windows are left out of the free-running error, or that it is unknown; None if all count."""
     if not found.model.has_known_inertia:
         return f"The free-running position is unknown, as the inertia of the model is. {advise_inertia()}"
     share = found.joint.unstable
@@ -246,14 +246,14 @@ def describe_unstable(found: Comparison) -> str | None:
 
 
 def describe_loop(found: Comparison) -> str | None:
-    """State the error in the loop; None where the controller is unknown."""
+    """State the error in the loop; None if the loop was not simulated."""
     error = Quantity(found.joint.errors.total, unit=found.model.units().unit("rad"))
     text = f"Simulated from its goals alone, the model is off by {measure(error)} on average."
     return text if found.joint.errors.is_in_loop else None
 
 
 def describe_addition(found: Addition) -> str:
-    """State whether the effect lowers errors on data to which it was not fitted."""
+    """State whether the effect lowers the held-out errors."""
     if found.objection is not None:
         objection = describe(found.objection)
         return f"{found.after.added} {objection}: these recordings give no reason to keep it."
@@ -266,12 +266,12 @@ def describe_addition(found: Addition) -> str:
 
 
 def describe_table(step: Step) -> str | None:
-    """Name the formulas that an added table comes nearest to; None of an effect."""
+    """Name the formulas most similar to an added table; None for an effect."""
     tables = step.model.tables
     if step.added not in tables:
         return None
     table, curve = tables[step.added]
-    if np.mean(curve.value**2) < (SIGNIFICANT * np.median(curve.std)) ** 2:  # at an end they may be large
+    if np.mean(curve.value**2) < (SIGNIFICANT * np.median(curve.std)) ** 2:  # median: errors may be large at the ends
         return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
     near = [describe_likeness(one, table.slides) for one in find_likenesses(table, curve)]
     nearest = f"{join_words(near, 'or')} of its shape" if near else "no formula that is known here"
@@ -279,7 +279,7 @@ def describe_table(step: Step) -> str | None:
 
 
 def describe_likeness(found: Likeness, slides: bool = False) -> str:
-    """Write a formula and the share of the shape that it explains: `|q'|^0.4 (99.7 %)`."""
+    """Return a formula and the explained share of a table's variation: `|q'|^0.4 (99.7 %)`."""
     unit = JointUnits(slides=slides).unit("rad")
     text = FORMS[found.form].format(*(f"{value:.3g}" for value in found.values), rad=unit)
     text = text.replace("of 1 a turn", "of one a turn")
@@ -288,7 +288,7 @@ def describe_likeness(found: Likeness, slides: bool = False) -> str:
 
 @show_angles("rad")
 def write_comparison(found: Comparison) -> JSON:
-    """Return the content of the file of `compare --json`: results, and recordings that disagree in words."""
+    """Return the content of `compare --json`: results, with texts of regions and disagreements."""
     data = found.json()
     for entry, region in zip(data["regions"], found.regions, strict=True):
         entry["text"] = describe_region(region)
@@ -299,7 +299,7 @@ def write_comparison(found: Comparison) -> JSON:
 
 @show_angles("rad")
 def write_diagnosis(found: Diagnosis) -> JSON:
-    """Return the content of the file of `diagnose --json`: results, findings, and these in words."""
+    """Return the content of `diagnose --json`: results and findings with their texts."""
     data = found.json()
     for entry, candidate in zip(data["candidates"], found.candidates, strict=True):
         entry["reason"] = describe_reason(candidate)

@@ -1,21 +1,21 @@
-"""Texts about the built-in effects and the base terms; a user's effect brings its own `Description`, or its id only."""
+"""Texts on built-in effects and base terms; users' effects have a `Description` or only an id."""
 
 from pendulum_env.physics.description import DESCRIPTIONS, Description
 
-NAMES = {  # of schemes, where an id with its underscores taken out does not read well
+NAMES = {  # names of schemes that differ from their id
     "filtered_hamiltonian": "filtered Hamiltonian",
     "hamiltonian": "Hamiltonian",
 }
 
 
 def find_description(effect: str) -> Description:
-    """Return the texts about an effect, or an effect at a joint; the defaults of one that has a law only."""
+    """Return the texts on an effect, perhaps at a joint; default texts if it has none."""
     id = effect.partition("@")[0]
     return DESCRIPTIONS.get(id) or EFFECTS.get(id) or Description()
 
 
 def find_look_alikes(id: str) -> list[str]:
-    """List the ids of terms that an effect is confused with; either of two effects may name the other."""
+    """List the ids of similar terms, named by this effect or naming it."""
     known = EFFECTS | DESCRIPTIONS
     return [
         *find_description(id).resembles,
@@ -24,7 +24,7 @@ def find_look_alikes(id: str) -> list[str]:
 
 
 def name_effect(effect: str) -> str:
-    """Name an effect within a sentence, `Stribeck friction`; of an arm `Stribeck friction at elbow`."""
+    """Return the name of an effect in a sentence: `Stribeck friction`, `Stribeck friction at elbow`."""
     id, at, joint = effect.partition("@")
     title = find_description(id).title or NAMES.get(id, id.replace("_", " "))
     return f"{title} at {joint}" if at else title

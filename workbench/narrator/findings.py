@@ -1,4 +1,4 @@
-"""Texts of findings, with numbers in the shown unit and the options of the command line."""
+"""Texts of findings, with numbers in displayed units and options of the command line."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ OTHER_LOAD = (
     "Record with another known load, or without any, and give `load` in the study; or log the torque at the output as "
     "`load_torque`."
 )
-PHRASES = {  # of violated bounds, by the name of their gate; others are parameters
+PHRASES = {  # violated bounds by gate; other gates are parameters
     "negative_inertia": "a negative inertia",
     "driving_friction": "friction that drives",
     "soft_stop": "a stop that is pressed in by {}",
@@ -42,10 +42,9 @@ FALLS = ERRORS | {"position_rms": "free-running position"}
 
 
 def describe(finding: Finding) -> str:
-    """Describe a finding in one to three sentences; one for or against an effect in a phrase, whose subject it is.
+    """Describe a finding in one to three sentences; a reason for or against an effect is a phrase about it.
 
-    Raises:
-        TypeError: if it is no finding, such as a result that has findings.
+    Raises TypeError for other objects, such as a result with findings.
     """
     if not isinstance(finding, Finding):
         raise TypeError(f"describe takes one finding, not {type(finding).__name__}: give one of `findings` of a result")
@@ -66,7 +65,7 @@ class _Measured(Quantity):
 
 
 def _collect_words(found: Finding) -> dict[str, Any]:
-    """Collect the names that the texts in `DESCRIBED` may contain."""
+    """Return the values of the placeholders in `DESCRIBED`."""
     words: dict[str, Any] = {
         id: _Measured(quantity.value, quantity.std, quantity.unit) for id, quantity in found.numbers.items()
     }
@@ -87,17 +86,17 @@ def _collect_words(found: Finding) -> dict[str, Any]:
 
 
 def _begin(found: Finding) -> str:
-    """Begin a sentence about some recordings."""
+    """Return the beginning of a sentence about the recordings of a finding."""
     return f"{join_words(found.recordings)}: the" if found.recordings else "The"
 
 
 def advise_inertia() -> str:
-    """Tell how the inertia becomes known."""
+    """Return the remedy for an unknown inertia."""
     return f"Record faster reversals, or give its value ({format_setting('fixed', {'inertia': Blank('VALUE')})})."
 
 
 def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> str:
-    """Return a number with its standard error, if it has one, and its unit, as they are shown."""
+    """Format a quantity in its displayed unit, with its standard error if known."""
     factor, unit = to_shown_unit(1.0, quantity.unit, is_parameter)
     value, std = factor * quantity.value, factor * quantity.std
     text = format_estimate(value, std) if std else format_quantity(value, digits)
@@ -105,19 +104,19 @@ def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> 
 
 
 def measure_change(before: Quantity, after: Quantity, digits: int = 3) -> str:
-    """Return a number before and after in one unit: `0.2 -> 0.1 rad`."""
+    """Format two values in one unit: `0.2 -> 0.1 rad`."""
     old, _ = to_shown_unit(before.value, before.unit)
     return f"{format_quantity(old, digits)} -> {measure(after, digits)}"
 
 
 def measure_range(low: float, high: float, unit: str, digits: int = 3) -> str:
-    """Return two numbers in the same unit: `-1.2 to 0.9 rad`."""
+    """Format a range in its displayed unit: `-1.2 to 0.9 rad`."""
     ends = [to_shown_unit(end, unit) for end in (low, high)]
     return f"{ends[0][0]:.{digits}g} to {ends[1][0]:.{digits}g} {ends[0][1]}".rstrip()
 
 
 def format_milliseconds(quantity: Quantity) -> str:
-    """Return a time in ms, its standard error to one digit: `9.90 ± 0.04 ms`."""
+    """Format a time [s] in ms, with its standard error to one digit: `9.90 ± 0.04 ms`."""
     value, std = 1e3 * abs(quantity.value), 1e3 * quantity.std
     digits = min(3, max(0, -int(np.floor(np.log10(max(std, 1e-3)))))) if np.isfinite(std) else 3
     return f"{value:.{digits}f} ± {std:.{digits}f} ms"
@@ -135,7 +134,7 @@ def _describe_unidentifiable(found: Finding) -> str:
 
 
 def describe_late(finding: Finding, remedy: str = "") -> str:
-    """Describe torque that is logged late or filtered, and how it is corrected."""
+    """Describe torque that is logged late or filtered; `remedy` is the last sentence."""
     delay, lag = finding.numbers.get("delay"), finding.numbers.get("lag")
     is_sampled = finding.kind in (Kind.TORQUE_SAMPLED, Kind.TORQUE_SAMPLED_CORRECTED)
     law = ["logged half a sample late"] if is_sampled and not delay else []
@@ -158,7 +157,7 @@ def _describe_lag(found: Finding) -> str:
 
 
 def _describe_rival(found: Finding) -> str:
-    """Describe the other of delay and filter, where it explains as much."""
+    """Describe the alternative law, delay or filter, if it fits equally well; else empty."""
     lag = "with a lag" if found.kind is Kind.ACTS_LATE else "through a low-pass filter with a time constant"
     for rival, law in (("rival_delay", "by a delay"), ("rival_lag", lag)):
         if rival in found.numbers:
@@ -172,7 +171,7 @@ def _describe_differences(found: Finding) -> str:
     for parameter in found.parameters:
         value, others = found.numbers[parameter], found.numbers[f"others.{parameter}"]
         share = (value.value - others.value) / max(abs(others.value), 1e-300)
-        if abs(share) > 1:  # of a parameter near zero
+        if abs(share) > 1:  # relative change of a parameter near zero
             plain = replace(value, std=0.0), replace(others, std=0.0)
             parts.append(f"{parameter} {' instead of '.join(measure(one, is_parameter=True) for one in plain)}")
         else:
@@ -182,7 +181,7 @@ def _describe_differences(found: Finding) -> str:
 
 
 def _make_column_text(text: str, otherwise: str = "") -> Callable[[Finding], str]:
-    """Describe a column that was read wrongly, with the option that reads it correctly, ready to paste."""
+    """Make the function that adds to a text the options that read a column correctly, or `otherwise` without any."""
 
     def describe_column(found: Finding) -> str:
         options = [
@@ -220,7 +219,7 @@ def _describe_incomplete(found: Finding) -> str:
 
 
 def describe_violations(found: Finding) -> list[str]:
-    """Return phrases such as "a negative inertia" for violated physical bounds."""
+    """Return a phrase for each violated physical bound, such as "a negative inertia"."""
     numbers = {name: measure(found.numbers[name], is_parameter=True) for name in found.parameters}
     return [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
 
@@ -241,7 +240,7 @@ def _describe_tie(found: Finding) -> str:
 
 
 def describe_untested(found: Finding) -> str:
-    """Return the angles beyond which an effect was not tested, as a phrase."""
+    """Return a phrase on the tested range of an effect."""
     ends = {end: measure(found.numbers[end]) for end in ("low", "high") if end in found.numbers}
     effect = name_effect(found.effects[0]).removeprefix("a ")
     if len(ends) == 2:
@@ -254,7 +253,7 @@ def describe_untested(found: Finding) -> str:
 
 
 def describe_law(found: Finding) -> str:
-    """Name the function that a table stands for."""
+    """Name the law that a table represents."""
     power = found.numbers.get("power")
     return name_effect(found.effects[0]) if power is None else f"friction that grows as |q'|^{power.value:.2g}"
 
@@ -283,13 +282,13 @@ def _describe_limits(found: Finding) -> str:
     aims = describe_aims(found.pairs, "or")
     place = found.numbers.get("place")
     there = "" if place is None else f" and go to {measure(place, 2)}, where the residual is largest"
-    options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # without it, a free swing
+    options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # a free swing has no torque
     limits = list_limits(found.numbers)
     return f"No experiment within {limits} would {aims}{there}. Allow more ({options}) if the rig bears it."
 
 
 def list_limits(numbers: Mapping[str, Quantity]) -> str:
-    """Name the limits of an experiment: `0.5 N m, 2 rad/s and the recorded angles`."""
+    """List the limits of an experiment in a phrase: `0.5 N m, 2 rad/s and the recorded angles`."""
     given = [measure(numbers[name]) for name in LIMITS if name in numbers and np.isfinite(numbers[name].value)]
     recorded = [f"{name}s" for name in ("angle", "speed") if name not in numbers]
     return join_words([*given, *([f"the recorded {join_words(recorded)}"] if recorded else [])])
@@ -304,7 +303,7 @@ def describe_aims(pairs: Sequence[tuple[str, str | None]], conjunction: str = "a
 
 
 def describe_nearest_body(found: Nearest) -> str:
-    """State whether a body has the identified parameters."""
+    """State whether a physical body can have the identified parameters."""
     if found.exists:
         return f"a body can have these parameters, within {max(found.distance, 0.1):.1f} standard errors"
     return f"no body has these parameters: the nearest is {found.distance:.1f} standard errors off, in {found.farthest}"
@@ -323,7 +322,7 @@ GEAR_LOSSES = (
 
 
 def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
-    if "gain" not in found.numbers:  # decided by the effects that were found
+    if "gain" not in found.numbers:  # decided by the selected effects
         return f"Goals are read as {reading}. Goals {other} predict worse."
     sizes = [f"{quantity.value * 1000:.1f} ms" for id, quantity in found.numbers.items() if id != "gain"]
     late = f" with {name_effect(found.effects[0])} of {sizes[0]}" if sizes else ""
@@ -338,7 +337,7 @@ def _compare_controllers(found: Finding) -> str:
 
 
 def _compare_fits(gain: Quantity, other: str) -> str:
-    """State whether another convention fits worse, by the gain of the chosen one [nat] over its standard error."""
+    """State whether another convention fits worse; `gain`: of the chosen one [nat], with standard error."""
     times = gain.value / max(gain.std or 0.0, 1e-9)
     if times > 2:
         return f"{other} fits worse, by {times:.1f} standard errors."
@@ -346,7 +345,7 @@ def _compare_fits(gain: Quantity, other: str) -> str:
 
 
 def describe_reason(candidate: Candidate) -> str:
-    """Return the reason for the verdict on a candidate, as a phrase whose subject is the effect."""
+    """Return the reason for the verdict on a candidate, as a phrase about the effect."""
     text = describe(candidate.reason)
     needed = find_description(candidate.effect).informative_experiment
     is_silent = candidate.reason.kind in (Kind.NOT_TESTED, Kind.NOT_EXCITED)
@@ -362,7 +361,7 @@ def _describe_fall(found: Finding) -> str:
 
 
 def _describe_gate(found: Finding) -> str:
-    """Return the gate that an effect failed."""
+    """Describe the gate that an effect failed, as a phrase about the effect."""
     name, _, at = found.parameters[0].partition("@")
     value, limit = found.numbers[found.parameters[0]], found.numbers[f"limit.{found.parameters[0]}"]
     if name in NOT_TRIED:
@@ -397,7 +396,7 @@ def _describe_gate(found: Finding) -> str:
     return f"would mean {join_words(describe_violations(found))}, which no body has"
 
 
-DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the names of `_collect_words`, or functions
+DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_collect_words`, or functions
     Kind.NO_MOTION: "The joint moves too little to identify any parameter. Record wider or faster motion.",
     Kind.TORQUE_IS_NOISE: (
         "The torque is noise alone, so only ratios of parameters are known. Read the file without it "
@@ -574,7 +573,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # texts with the n
         "`limit`, `supply`, `rate`, `delay`, and how it integrates and differentiates. Then record under more gains."
     ),
 }
-REASONS: Mapping[Kind, str | Callable[[Finding], str]] = {  # phrases for or against an effect, which is their subject
+REASONS: Mapping[Kind, str | Callable[[Finding], str]] = {  # phrases about an effect
     Kind.ERRORS_FALL: _describe_fall,
     Kind.ERROR_FALLS_AT_JOINT: lambda found: (
         f"lowers the held-out torque error of {join_words(found.joints)} to {found.numbers['share'].value:.1%}"

@@ -1,7 +1,6 @@
 """HTML elements of results in a notebook: cards of text, tables and small curves.
 
-A cell has no style sheet of its own and may be light or dark, so that everything is styled in place, in the text's own
-colour and three colours that are seen on either. All content is escaped, names of recordings and effects included.
+Styles are inline, in the colour of the text and three colours visible in light and dark themes. Content is escaped.
 """
 
 import re
@@ -17,31 +16,31 @@ from pendulum_env.notebook import BLUE
 from pendulum_env.thinning import thin
 from workbench.narrator.parts import Part
 
-WIDTH, HEIGHT = 600, 64  # of a curve, in its own units
+WIDTH, HEIGHT = 600, 64  # of a plot [SVG units]
 LINE = "border-bottom:1px solid rgba(128,128,128,.3)"
 SMALL = "font-size:.88em;opacity:.8"
 
 
 class Html(str):
-    """Markup, which is not escaped."""
+    """Markup that needs no escaping."""
 
     __slots__ = ()
 
 
 def make_element(tag: str, style: str, *content: object) -> Html:
-    """Make an element with its content, escaped unless it is markup."""
+    """Make an element with a style; content other than `Html` is escaped."""
     parts = (item if isinstance(item, Html) else escape(str(item)) for item in content)
     return Html(f'<{tag} style="{style}">{"".join(parts)}</{tag}>')
 
 
 def make_card(title: str, *content: object) -> str:
-    """Make a card of a result: its title and its content, as `render_content` renders it."""
+    """Make a card with a title and the content rendered by `render_content`."""
     first = make_element("div", "font-weight:600;font-size:1.12em;margin-bottom:.3em", title)
     return make_element("div", "max-width:62em;line-height:1.45;overflow-x:auto", first, *render_content(content))
 
 
 def render_content(content: Iterable[object]) -> Iterator[Html]:
-    """Render texts in small print, points, tables and parts; markup stays as it is."""
+    """Render texts (small print), lists, tables and parts; `Html` stays unchanged."""
     for item in content:
         if isinstance(item, Html):
             yield item
@@ -61,7 +60,7 @@ def render_content(content: Iterable[object]) -> Iterator[Html]:
 
 
 def make_table(content: TextTable) -> Html:
-    """Make a table of text; blocks are drawn as bars."""
+    """Make a table of texts; cells of block characters are coloured as bars."""
     left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
 
     def row(tag: str, style: str, cells: Sequence[str]) -> Html:
@@ -73,7 +72,7 @@ def make_table(content: TextTable) -> Html:
         layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};white-space:{wrap}"
         return make_element(tag, f"{layout};text-align:{'left' if left[place] else 'right'};{bar}{style}", text)
 
-    # a unit stays on one line
+    # no line break within a unit
     headers = [re.sub(r"\[.*?\]", lambda unit: unit[0].replace(" ", "\xa0"), text) for text in content.headers]
     head = row("th", "font-weight:500;opacity:.75", headers)
     body = [row("td", "font-variant-numeric:tabular-nums", cells) for cells in content.rows]
@@ -82,7 +81,7 @@ def make_table(content: TextTable) -> Html:
 
 
 class PlotCurve(NamedTuple):
-    """Values (N,) of a curve, and its style."""
+    """Values (N,) and style of a curve."""
 
     values: Array
     color: str
@@ -106,14 +105,14 @@ def make_plot(
     noise: Array | None = None,
     span: tuple[float, float] | None = None,
 ) -> Html:
-    """Make a small plot of curves over x, between the lowest and the highest value, which are printed.
+    """Make a small plot of curves with its lowest and highest value in print.
 
     Args:
-        label: what is seen, with its unit.
+        label: plotted quantity and unit.
         x: abscissa, increasing (N,).
-        curves: what is drawn.
+        curves: curves with values (N,).
         noise: half width of a band about zero (N,).
-        span: lowest and highest value shown; what is beyond is cut off.
+        span: lowest and highest plotted value; None: those of the curves.
     """
     seen = np.concatenate([curve.values for curve in curves])
     low, high = span or (float(seen.min()), float(seen.max()))

@@ -1,4 +1,4 @@
-"""An identification in words and as a table, and its file."""
+"""Tables and texts of an identification, and its JSON content."""
 
 import numpy as np
 
@@ -11,14 +11,14 @@ from pendulum_env.physics import Model
 from pendulum_env.units import show_angles
 from workbench.narrator.findings import describe
 
-FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings of `identify` that a diagnosis follows up
+FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings with the next step `diagnose`
 OUTLIERS = {Kind.OUTLIER_RECORDING, Kind.SCALED_INERTIA, Kind.SCALED_TORQUE, Kind.TURNED_ROUND}
-TIMES = "relative error"  # a row that tells which schemes to trust
+TIMES = "relative error"  # row with the median ratio of standard errors to the smallest ones
 TRUST = f"{TIMES}: standard errors of a scheme over the smallest; trust schemes near 1"
 
 
 def tabulate_by_scheme(found: Identification) -> TextTable:
-    """Tabulate estimates of every scheme, a row a parameter, a column a scheme."""
+    """Tabulate the estimates with a row for each parameter and a column for each scheme."""
     models = [scheme.model.estimates for scheme in found.schemes.values()]
     rows = [(name, *(model[name].shown.text for model in models), one.shown.unit) for name, one in models[0].items()]
     rows.append(("condition", *(f"{scheme.condition:.3g}" for scheme in found.schemes.values()), ""))
@@ -30,7 +30,7 @@ def tabulate_by_scheme(found: Identification) -> TextTable:
 
 
 def tabulate_schemes(found: Identification, by_instruments: Model | None = None) -> TextTable:
-    """Tabulate the estimates of every scheme, one a row, and those by instruments last; of an arm one a column."""
+    """Tabulate the estimates with a row for each scheme and one for instruments; for an arm as `tabulate_by_scheme`."""
     if isinstance(found.body, Body):
         return tabulate_by_scheme(found)
     model = next(iter(found.schemes.values())).model
@@ -49,12 +49,12 @@ def tabulate_schemes(found: Identification, by_instruments: Model | None = None)
 
 
 def explain_trust(shown: TextTable) -> str:
-    """Say what the row of errors in a table of schemes means, if the table has one."""
+    """Return the explanation of the row of relative errors; empty if the table has none."""
     return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
 
 
 def list_warnings(found: Identification) -> list[str]:
-    """List what an identification found besides its estimates, with the next step."""
+    """List the findings of an identification, each with its next step."""
     texts = []
     for finding in found.findings:
         text = describe(finding)
@@ -66,6 +66,6 @@ def list_warnings(found: Identification) -> list[str]:
 
 @show_angles("rad")
 def write_identification(found: Identification) -> JSON:
-    """Return the content of the file of `identify --json`: results, findings, and these in words as `doubts`."""
+    """Return the content of `identify --json`: results and findings, with their texts as `doubts`."""
     doubts = zip(list_warnings(found), found.findings, strict=True)
     return found.json() | {"doubts": [{"text": text, "withheld": [*finding.withheld]} for text, finding in doubts]}

@@ -1,4 +1,4 @@
-"""Results as they show themselves in a notebook."""
+"""Representations of results in a notebook."""
 
 import numpy as np
 
@@ -34,7 +34,7 @@ summarise.register(Addition, describe_addition)
 
 @summarise.register
 def describe_identification(found: Identification) -> str:
-    """Write the estimates of the schemes as a table of text, and a line for each warning."""
+    """Return the estimates of the schemes as a plain-text table, and a line for each warning."""
     header, rows, _ = tabulate_schemes(found)
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
     lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in (header, *rows)]
@@ -43,7 +43,7 @@ def describe_identification(found: Identification) -> str:
 
 @render_html.register
 def show_identification(found: Identification) -> str:
-    """Show the estimates of the schemes side by side, and what the recordings cannot tell."""
+    """Render the estimates of the schemes and warnings as HTML."""
     estimates = tabulate_schemes(found)
     return make_card(
         f"Estimates from {join_words(found.recordings)}",
@@ -57,7 +57,7 @@ def show_identification(found: Identification) -> str:
 
 @render_html.register
 def show_recording(recording: Recording) -> str:
-    """Show a recording: length and rate, what was changed at reading, what it lacks, and its curves."""
+    """Render a recording as HTML: summary, notes and curves."""
     signals = [
         ("position q", *to_shown_unit(recording.position, recording.units.unit("rad")), BLUE),
         (recording.units.name("torque"), recording.torque, recording.units.unit(NEWTON_METRE), ORANGE),
@@ -71,14 +71,14 @@ def show_recording(recording: Recording) -> str:
     plots = [
         make_plot(f"{label} [{format_unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
         for label, values, symbol, color in signals
-        for curves in [[PlotCurve(series, color) for series in np.atleast_2d(values.T)]]  # a joint each
+        for curves in [[PlotCurve(series, color) for series in np.atleast_2d(values.T)]]  # one curve for each joint
     ]
     return make_card(f"Recording {recording.name}", recording.summary, tuple(lines), *plots)
 
 
 @render_html.register
 def show_identified(found: Identified) -> str:
-    """Show the estimates of one scheme."""
+    """Render the estimates of one scheme as HTML."""
     rows = [(name, e.shown.text, e.shown.unit) for name, e in found.model.estimates.items()]
     used, all_of_them = found.used
     return make_card(
@@ -90,7 +90,7 @@ def show_identified(found: Identified) -> str:
 
 @render_html.register
 def show_model(model: Model) -> str:
-    """Show the torque balance and the parameters of a model."""
+    """Render the torque balance and the parameters of a model as HTML."""
     law = " + ".join(term.law for term in model.terms)
     title = f"Model with {join_words([term.id for term in model.terms])}"
     return make_card(title, f"torque = {law}", tabulate_parameters(model))
@@ -98,7 +98,7 @@ def show_model(model: Model) -> str:
 
 @render_html.register
 def show_estimates(found: SchemeEstimates) -> str:
-    """Render the estimates of several schemes; of a batch, those of the first plant."""
+    """Render the estimates of several schemes as HTML; for a batch, those of the first plant."""
     schemes = {id: scheme for id, scheme in found.items() if isinstance(scheme, SchemeEstimate)}
     units = {name: of for scheme in schemes.values() for name, of in scheme.units.items()}
     values = {id: scheme.format() for id, scheme in schemes.items()}
@@ -113,7 +113,7 @@ def show_estimates(found: SchemeEstimates) -> str:
 
 @render_html.register
 def show_comparison(found: Comparison) -> str:
-    """Show the errors of a model, and where it fails."""
+    """Render the errors of a model and the regions of its residual as HTML."""
     units = found.model.units()
     torque = f"{units.name('torque')} [{units.unit(NEWTON_METRE)}]"
     plots = [
@@ -137,7 +137,7 @@ def show_comparison(found: Comparison) -> str:
 
 @render_html.register
 def show_diagnosis(found: Diagnosis) -> str:
-    """Show the story of a diagnosis: what is missing, how far the errors fall, parameters, ranking, what stays open."""
+    """Render a diagnosis as HTML: result, errors, parameters, ranking, unexplained residual and next step."""
     parts = [
         *narrate_disagreements(found.disagreements),
         *sorted(narrate_diagnosis(found), key=lambda part: not part.brief),
@@ -148,11 +148,11 @@ def show_diagnosis(found: Diagnosis) -> str:
 
 @render_html.register
 def show_addition(found: Addition) -> str:
-    """Show the errors before and after, what follows from them, and the parameters."""
+    """Render an addition as HTML: errors before and after, conclusion, and parameters."""
     noise = describe_noise(found.before, floor) if np.isfinite(floor := get_single(found.floors)) else ""
     return make_card(f"The model with {found.after.added}", noise, *narrate_addition(found))
 
 
 def note_constant(constant: TorqueConstant | None) -> str:
-    """Note the constant that turned a current into torque; empty without one."""
+    """State the torque constant; empty without one."""
     return "" if constant is None else f"{capitalise(constant.text)}; standard errors include that of it."

@@ -6,7 +6,7 @@ from pendulum_env.formatting import join_words
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.settings import format_setting
 
-WARNING = "warning: "  # begins a note on a likely error
+WARNING = "warning: "  # prefix of a note on a likely error
 
 
 def describe_note(note: Note) -> str:
@@ -26,7 +26,7 @@ def describe_note(note: Note) -> str:
 
 
 def _name_rows(note: Note) -> str:
-    """Name rows of a file: `data row 12`, or `3 data rows (12, 14 and 20)`."""
+    """List rows of a file: `data row 12`, or `3 data rows (12, 14 and 20)`."""
     rows = [f"{row:g}" for row in note.places]
     if len(rows) == 1:
         return f"data row {rows[0]}"
@@ -36,20 +36,20 @@ def _name_rows(note: Note) -> str:
 
 
 def _name_times(note: Note) -> str:
-    """Name times: `1.2 s`, or `1.2, 3.4 s and 5 more times`."""
+    """List times: `1.2 s`, or `1.2, 3.4 s and 5 more times`."""
     more = note.numbers["times"].value - len(note.places)
     times = ", ".join(f"{time:.6g}" for time in note.places) + " s"
     return f"{times} and {more:g} more times" if more else times
 
 
 def _name_headers(headers: Sequence[str]) -> str:
-    """Name columns with their verb: `'tau' is`, or `'a', 'b' and 7 more are`; at most `NAMED`."""
+    """List at most `NAMED` columns with their verb: `'tau' is`, or `'a', 'b' and 7 more are`."""
     named, more = [repr(header) for header in headers[:NAMED]], len(headers) - NAMED
     return join_words([*named, f"{more} more"] if more > 0 else named) + (" is" if len(headers) == 1 else " are")
 
 
 def _choose_by_count(one: str, several: str) -> Callable[[Note], str]:
-    """Choose the text by the count of the note; its numbers are filled in."""
+    """Make a function that formats the singular or plural text with the numbers of a note."""
     return lambda note: (one if note.numbers["count"].value == 1 else several).format(
         **{name: number.value for name, number in note.numbers.items()}
     )

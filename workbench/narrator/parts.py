@@ -1,4 +1,4 @@
-"""Content of results: parts with text, lists, tables and figures, which terminal, notebook and report render."""
+"""Content of results, independent of its output: text, lists, tables and figures."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from workbench.figure import Figure
 
 
 class Code(str):
-    """Text to copy."""
+    """Code to copy."""
 
     __slots__ = ()
     is_code = True
 
 
 class Key(NamedTuple):
-    """Meaning of the curves of several figures: kind, colour and label of each."""
+    """Legend of several figures: kind, colour and label of each entry."""
 
     entries: tuple[tuple[str, str, str], ...]
 
 
 class Part(NamedTuple):
-    """Content under a title; a notebook and a report fold a part that is not brief."""
+    """Titled content; notebook and report fold it unless it is brief."""
 
     title: str
     content: Content
     brief: bool = True
 
 
-Content = Sequence[  # a tuple of texts is a list of points, a tuple of figures a grid, a mapping the head of a report
+Content = Sequence[  # tuple of texts: list; tuple of figures: grid; mapping: head of a report
     str | tuple[str, ...] | TextTable | Figure | tuple[Figure, ...] | Key | Part | Mapping[str, Any]
 ]
 
 
 def list_figures(content: Content) -> Iterator[Figure]:
-    """List the figures in some content, in order."""
+    """Yield the figures in some content, in order."""
     for item in content:
         if isinstance(item, Figure):
             yield item

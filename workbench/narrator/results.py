@@ -1,4 +1,4 @@
-"""Results as parts, each a title with tables, sentences and lists; the command line prints and notebooks show them."""
+"""Parts (title, tables, sentences and lists) of results, for terminal and notebook."""
 
 from collections.abc import Sequence
 
@@ -39,7 +39,7 @@ from workbench.narrator.tables import (
 )
 
 NEXT = "What to do next"
-RUNNERS_UP = 5  # rejected candidates that are shown
+RUNNERS_UP = 5  # largest number of rejected candidates in a table
 BIASED = "Biased by a missing effect; the size of the bias is unknown."
 SCORE = (
     "score: probability that the effect is missing; nat: natural logarithm of the likelihood ratio on data that the "
@@ -50,11 +50,11 @@ LEGEND = (
     "the measurement from its mean; held out: not fitted"
 )
 CLEAR = "clear of stick and reversals"
-FOLLOWED = 80.0  # [%] of the motion in free runs, below which torque alone does not make a good model
+FOLLOWED = 80.0  # smallest fit of free motion of a good model [%]
 
 
 def narrate_diagnosis(found: Diagnosis) -> list[Part]:
-    """Narrate a diagnosis, with the candidates that matter."""
+    """Make the parts of a diagnosis."""
     units = found.model.units()
     if not found.body.can_simulate:
         table = tabulate_joints(get_end_errors(found.steps), found.floors, found.model)
@@ -75,7 +75,7 @@ def narrate_diagnosis(found: Diagnosis) -> list[Part]:
 
 
 def narrate_detectable(found: Diagnosis) -> list[Part]:
-    """Narrate the smallest detectable sizes of effects, if they are known."""
+    """Make the part with the detectable sizes of effects; empty if unknown."""
     if not found.detectable:
         return []
     sizes = [
@@ -86,25 +86,25 @@ def narrate_detectable(found: Diagnosis) -> list[Part]:
 
 
 def narrate_unexplained(found: Diagnosis) -> list[Part]:
-    """Narrate what a diagnosis leaves unexplained, if anything."""
+    """Make the part on the unexplained residual; empty without one."""
     left = tuple(describe_unexplained(found, region) for region in found.unexplained)
     return [Part("Left unexplained", [left])] if left else []
 
 
 def narrate_next_step(found: Diagnosis) -> list[Part]:
-    """Narrate the next step and what else was found; without a search, what was found."""
+    """Make the part with the next step and all remarks; without a search, with the advice."""
     texts = (describe_next_step(found), *list_remarks(found)) if found.candidates else tuple(list_advice(found))
     return [Part(NEXT, [texts])] if texts else []
 
 
 def narrate_errors(found: Diagnosis) -> Content:
-    """Narrate the errors of a pendulum or a servo after every step."""
+    """Return table, fit and noise floor of the errors of a pendulum or servo after every step."""
     noise = describe_noise(found.steps[0], found.noise_floor)
     return [tabulate_errors(found.steps, found.model.units()), describe_fit(found.steps), noise, LEGEND]
 
 
 def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
-    """Narrate the errors before and after a refit to free motion."""
+    """Return table and text on the errors before and after a refit to free motion."""
     factor, angle = to_shown_unit(1.0, units.unit("rad"))
     errors = f"torque [{units.unit(NEWTON_METRE)}]", f"position [{angle}]"
     headers = ("model", *(f"{what}, {part}" for part in ("fitted", "held out") for what in errors))
@@ -117,14 +117,14 @@ def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
 
 
 def get_end_errors(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
-    """Return the errors of the first and the last model."""
+    """Return the errors of the first and the last model in a part of the data."""
     return steps[0].errors[part], steps[-1].errors[part]
 
 
 def narrate_candidates(candidates: Sequence[Candidate], most: int | None = RUNNERS_UP) -> Part:
-    """Narrate the candidates that matter, with the meaning of their score, and the gates that they met.
+    """Make the part with the ranking, the meaning of the score, and the gates of the candidates.
 
-    `most` is the largest number of those that were left out.
+    `most`: largest number of rejected candidates; None: all.
     """
     ranking, more = tabulate_candidates(candidates, most)
     shown = {row[0] for row in ranking.rows}
@@ -140,12 +140,12 @@ def narrate_candidates(candidates: Sequence[Candidate], most: int | None = RUNNE
 
 
 def narrate_disagreements(found: Sequence[Disagreement]) -> list[Part]:
-    """Narrate the recordings that show another plant than the others, if there are any."""
+    """Make the part on recordings of a different plant; empty without any."""
     return [Part("Recordings that disagree", [tuple(describe(one.finding) for one in found)])] if found else []
 
 
 def narrate_addition(found: Addition) -> list[Part]:
-    """Narrate the errors before and after, what follows from them, and the parameters."""
+    """Make the parts of an addition: errors before and after, conclusion, and parameters."""
     sentences = [
         describe_addition(found),
         *filter(None, [describe_table(found.after) if found.objection is None else None]),
@@ -172,7 +172,7 @@ def narrate_addition(found: Addition) -> list[Part]:
 
 
 def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
-    """Narrate the errors of a model, and where it fails: a profile as a table, unless it is drawn."""
+    """Make the parts of a comparison: errors and regions, with a profile as a table unless `is_drawn`."""
     body, several = found.model.body, len(found.distances)
     regions = [(region.at, describe_region(region)) for region in found.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
@@ -187,7 +187,7 @@ def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
         where.append("Run `diagnose` to find the missing effect.")
     elif not found.is_torque_logged:
         where.append("No torque was logged: the error in the loop counts.")
-    elif not found.joint.errors.position_fit < FOLLOWED:  # an arm is not simulated
+    elif not found.joint.errors.position_fit < FOLLOWED:  # NaN for an arm
         where.append("The residual is within the noise: the model explains these recordings.")
     else:
         error = measure(Quantity(found.joint.errors.position_rms, unit=found.model.units().unit("rad")))
@@ -209,7 +209,7 @@ def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
 
 
 def describe_fit(steps: Sequence[Step]) -> str:
-    """Describe the explained shares of held-out torque and motion of the first and the last model."""
+    """State the fit [%] of held-out torque and motion of the first and the last model."""
     if steps[0].errors["holdout"].is_in_loop:
         return "in the loop: mean distance between the recorded motion and a simulation from the goal alone"
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
@@ -222,14 +222,14 @@ def describe_fit(steps: Sequence[Step]) -> str:
 
 
 def describe_noise(step: Step, floor: float) -> str:
-    """Describe the noise floor of the errors of a step, and its source, in a sentence."""
+    """State the noise floor of a step's errors and its source."""
     kind, unit = next(iter(step.errors["holdout"].kinds.items()))
     noise = measure(Quantity(floor, unit=step.model.units().unit(unit)))
     return f"noise floor, by {FLOOR_SOURCES[kind]}: {noise}"
 
 
 def narrate_payload(found: Payload, body: Body) -> list[Part]:
-    """Describe the payload of an arm, and its effect on the errors."""
+    """Make the parts on the payload of an arm: estimates, and joint errors without and with it."""
     rows = [(name, estimate.text, estimate.unit) for name, estimate in found.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in found.center.items()]
     content: list[TextTable | str] = [TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))]

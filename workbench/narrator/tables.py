@@ -26,7 +26,7 @@ JOINT_LEGEND = (
 def tabulate_joints(
     columns: Sequence[Errors], floors: Mapping[str, float], model: Model, headers: Sequence[str] = ("before", "after")
 ) -> TextTable:
-    """Tabulate joints: torque errors of models, noise floor, and the residual as a share of the torque."""
+    """Tabulate the joints: torque errors of models, noise floor, and last error as a share of the torque."""
     rows = [
         (
             at,
@@ -41,7 +41,7 @@ def tabulate_joints(
 
 
 def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextTable:
-    """Tabulate the errors step by step, with a bar that shrinks; ratios are held-out errors over the base's."""
+    """Tabulate the errors of each step; ratios and bars: held-out error over that of the base model."""
     base = steps[0].errors["holdout"]
     headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
     for kind, unit in base.kinds.items():
@@ -55,7 +55,7 @@ def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextT
 
 
 def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) -> TextTable:
-    """Tabulate the parameters of the last model with standard errors, beside those of the models before."""
+    """Tabulate the parameters of the last model with standard errors, and their values in earlier models."""
     named = [{**model.readable, **model.derived} for model in models]
     rows = [
         (
@@ -69,10 +69,7 @@ def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) 
 
 
 def tabulate_candidates(candidates: Sequence[Candidate], most: int | None) -> tuple[TextTable, str]:
-    """Tabulate the candidates that matter, and say in words which ones are not shown; empty if none.
-
-    Those that matter are all but the less likely of those left out.
-    """
+    """Tabulate selected, ambiguous and at most `most` rejected candidates; also return a text on the others."""
     settled = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
     rest = [c for c in candidates if c not in settled]
     shown, hidden = rest[:most], [] if most is None else rest[most:]
@@ -87,7 +84,7 @@ def tabulate_candidates(candidates: Sequence[Candidate], most: int | None) -> tu
 
 
 def tabulate_recordings(found: Comparison) -> TextTable:
-    """Tabulate the errors of a model on every recording, and on all together if there are several."""
+    """Tabulate the errors of a model for each recording, and for all together if there are several."""
     distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
     units = found.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
@@ -106,7 +103,7 @@ def tabulate_recordings(found: Comparison) -> TextTable:
 
 
 def tabulate_profile(profile: Profile) -> TextTable:
-    """Tabulate the mean residual over one quantity, with bars to either side of zero."""
+    """Tabulate the mean residual over one quantity, with bars."""
     largest = float(np.abs(profile.mean).max()) or 1.0
     edges, along = to_shown_unit(profile.edges, profile.unit)
     rows = [

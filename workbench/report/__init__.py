@@ -1,4 +1,4 @@
-"""The report: one self-contained HTML file that tells, shows and explains a diagnosis or a comparison."""
+"""Report of a diagnosis or a comparison as one self-contained HTML file."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ from workbench.report.page import render_page
 from workbench.report.story import make_candidates, make_joints, make_method, make_next_experiment, make_story
 
 __all__ = ["render", "render_comparison", "write_report"]
-SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in the order in which they are read
+SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in order
     make_story,
     make_comparison,
     make_failures,
@@ -33,7 +33,7 @@ SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnos
 
 
 def render(diagnosis: Diagnosis, command: str = "") -> str:
-    """Render the report, see `write_report`, with the command lines that do the same, if known."""
+    """Render the report of a diagnosis as HTML; `command`: equivalent command lines, if known."""
     case = ReportData(diagnosis, command=command)
     if not diagnosis.body.can_simulate:
         sections = _make_arm_sections(case)
@@ -46,10 +46,10 @@ def render(diagnosis: Diagnosis, command: str = "") -> str:
 
 
 def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -> None:
-    """Write a diagnosis or a comparison as one self-contained HTML file: it needs no network, and it prints.
+    """Write a diagnosis or a comparison as one self-contained HTML file.
 
     Raises:
-        TypeError: if the result is another one.
+        TypeError: if the result is of another type.
         OSError: if the file cannot be written.
     """
     if not isinstance(result, Diagnosis | Comparison):
@@ -58,10 +58,7 @@ def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -
 
 
 def render_comparison(compared: Comparison) -> str:
-    """Render a comparison as one self-contained page like that of a diagnosis.
-
-    The page is the page of a diagnosis without a search.
-    """
+    """Render a comparison as HTML: the page of a diagnosis without a search."""
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
     found = Diagnosis(
         (step,),
@@ -73,7 +70,7 @@ def render_comparison(compared: Comparison) -> str:
         torque_unit=compared.torque_unit,
         data=compared.data,
     )
-    case = ReportData(found, first="model")  # nothing is added to it
+    case = ReportData(found, first="model")
     if not found.body.can_simulate:
         return _render_recordings(case, _make_arm_sections(case), "comparison with")
     parts = narrate_comparison(compared, is_drawn=True)
@@ -85,11 +82,11 @@ def render_comparison(compared: Comparison) -> str:
 
 
 def _make_arm_sections(case: ReportData) -> list[Section]:
-    """Make the sections of a report on an arm, for a diagnosis or a comparison."""
+    """Make the sections on an arm for a diagnosis or a comparison."""
     candidates = [make_candidates(case)] if case.diagnosis.candidates else []
     return [make_joints(case), make_failures(case), *candidates, make_parameters(case)]
 
 
 def _render_recordings(case: ReportData, sections: Sequence[Section], kind: str) -> str:
-    """Render a page about recordings."""
+    """Render a page titled by `kind` and the names of the recordings."""
     return render_page(sections, f"{kind} {join_words([recording.name for recording in case.data.recordings])}")

@@ -1,4 +1,4 @@
-"""Measured against modelled: torque, position in free run, and of servos in the loop, from the goal alone."""
+"""Plots of measured and modelled torque and position: free motion, or servos simulated from their goals."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,12 +15,12 @@ from workbench.narrator.parts import Content, Part
 from workbench.narrator.results import narrate_next_step, narrate_unexplained
 from workbench.report.data import ReportData, Section
 
-COMPARED = 4  # recordings that are drawn beside models, at most
-LOOPS = 8  # recordings that are drawn beside simulations in the loop, at most
+COMPARED = 4  # largest number of plotted recordings
+LOOPS = 8  # largest number of recordings plotted in the loop
 
 
 def make_comparison(case: ReportData) -> Section:
-    """Make the section that compares torque and position of held-out recordings, largest errors first."""
+    """Make the section on torque and position of held-out recordings, largest errors first."""
     prepared = case.data.parts[1]
     residuals = case.compute_residuals(1)
     ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
@@ -49,7 +49,7 @@ def make_comparison(case: ReportData) -> Section:
 def plot_torque(
     case: ReportData, id: str, of: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
 ) -> Figure:
-    """Plot the torque of one recording in every window (N,), above the residual of each model."""
+    """Plot the torque of one recording in its windows (N,) [N m], above the residual (N,) of each model."""
     x, (measured, *left) = insert_gaps(time, thin(residuals[0]), torque, *residuals)
     modelled = [measured - residual for residual in left]
     label = f"Measured and modelled torque over time, and their difference, {of}"
@@ -60,12 +60,12 @@ def plot_torque(
 
 
 def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure:
-    """Plot the position of one recording and free-running simulations, each window started from the measured state.
+    """Plot the position of one recording and free-running simulations from measured states.
 
-    `each` are segments of the recording as each of the case's models starts them.
+    `each`: the segments of the recording for each model of the case, with its initial states.
     """
     segments = each[0]
-    # of each simulated window, fewer where there are many
+    # plotted points of each window
     seconds = (len(segments.position) - 1) / segments.windows.recording.rate
     points = int(np.clip(2 * POINTS // len(segments.first), 10, 80 * max(1.0, seconds)))
     step = max(1, (len(segments.position) - 1) // points)
@@ -91,7 +91,7 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure
 
 
 def make_loop(case: ReportData, headline: str) -> Section:
-    """Make the section on models in the loop: errors and simulated motion, held-out recordings first."""
+    """Make the section on simulations in the loop: errors and motion, held-out recordings first."""
     loops = [case.data.simulate_in_loop(step.model) for step in case.ends]
     fitted, (factor, unit) = len(case.data.recordings), case.angle
     rows, figures = [], list[Figure]()
@@ -122,7 +122,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
 
 
 def make_loop_diagnosis(case: ReportData) -> Section:
-    """Make the section on the models of a diagnosis in the loop, with its residual and the next step."""
+    """Make the section on a diagnosis in the loop: simulations, residual and next step."""
     found = case.diagnosis
     section = make_loop(case, describe_result(found))
     return replace(section, content=[*section.content, *narrate_unexplained(found), *narrate_next_step(found)])

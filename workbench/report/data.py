@@ -1,4 +1,4 @@
-"""Sections of a report, and their data, computed once."""
+"""Sections of a report, and their data."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +20,7 @@ from workbench.narrator.parts import Content
 
 @dataclass(frozen=True)
 class Section:
-    """Part of the page under one heading."""
+    """Titled part of the page."""
 
     id: str  # anchor on the page
     short: str  # title in the navigation
@@ -30,59 +30,59 @@ class Section:
 
 @dataclass(frozen=True)
 class ReportData:
-    """A diagnosis with the data that it rests on."""
+    """Diagnosis with derived data, each computed once."""
 
-    diagnosis: Diagnosis  # what was found
-    first: str = "base model"  # what the model is called that the diagnosis started from
-    command: str = ""  # lines that do the same, if it came from the command line or the app
-    identified: Identification | None = None  # all schemes with the terms of the final model, if they are known
+    diagnosis: Diagnosis
+    first: str = "base model"  # name of the first model
+    command: str = ""  # equivalent command lines, if known
+    identified: Identification | None = None  # schemes for the final model, if known
 
     @property
     def data(self) -> FitData:
-        """Return the data of the diagnosis; raises ValueError for a diagnosis that was read from a file."""
+        """Return the data of the diagnosis; raises ValueError if it was read from a file."""
         if self.diagnosis.data is None:
             raise ValueError("the diagnosis has no data: give it those of its recordings, see FitData")
         return self.diagnosis.data
 
     @cached_property
     def schemes(self) -> Identification | None:
-        """Return all schemes with the terms of the final model, None where the recordings are too poor for them."""
+        """Return the schemes for the final model; None if the data do not suffice."""
         return self.identified or identify_schemes(self.data.recordings, self.diagnosis.model)
 
     @property
     def ends(self) -> list[Step]:
-        """List the first model with its errors and, where effects were added, the last one: those that are drawn."""
+        """Return the plotted steps: the first and, if effects were added, the last."""
         steps = self.diagnosis.steps
         return [steps[0], steps[-1]][: len(steps)]
 
     @property
     def units(self) -> JointUnits:
-        """Return JointUnits that stands for the torque; of an arm that of a joint that turns."""
+        """Return the units of the model's quantities; for an arm those of a rotating joint."""
         return self.diagnosis.model.units()
 
     @property
     def angle(self) -> tuple[float, str]:
-        """Return the factor from SI to the unit in which positions are shown, and that unit."""
+        """Return the displayed unit of positions: factor from SI, and name."""
         return to_shown_unit(1.0, self.units.unit("rad"))
 
     @property
     def model_labels(self) -> list[tuple[str, str]]:
-        """Label and colour of each model."""
+        """Return the label and colour of each plotted model."""
         return [(self.first, "--base"), ("final model", "--final")][: len(self.ends)]
 
     @cached_property
     def parts(self) -> list[list[RegressionData]]:
-        """Fitted and held-out data for each drawn model, with the states of its link if it has one."""
+        """Return fitted and held-out data for each plotted model, with its link states if it has a link."""
         return [[part.with_link_states(step.model) for step in self.ends] for part in self.data.parts[:2]]
 
     def compute_residuals(self, part: int) -> list[Array]:
-        """Return the measured minus modelled torque (R,) [N m] of each drawn model in a part of the data."""
+        """Return measured minus modelled torque (R,) [N m] of each plotted model; `part`: 0 fitted, 1 held out."""
         pairs = zip(self.parts[part], self.ends, strict=True)
         return [data.residual(step.model.terms, step.model.theta) for data, step in pairs]
 
 
 def identify_schemes(recordings: tuple[Recording, ...], model: Model) -> Identification | None:
-    """Identify a pendulum by all schemes; None where recordings are too poor for them."""
+    """Identify a pendulum by all schemes; None if the data do not suffice."""
     try:
         return identify(recordings, model.terms, SCHEMES)
     except IdentificationError:

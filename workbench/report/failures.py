@@ -1,4 +1,4 @@
-"""Plots of the residual of a model over angle, velocity, torque, time and frequency, and in the phase plane."""
+"""Plots of the residual over angle, velocity, torque, time and frequency, and in the phase plane."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -24,14 +24,14 @@ TITLES = {  # name and symbol of an axis
     "time": ("time", " t"),
     "frequency": ("frequency", ""),
 }
-SHOWN = ("position", "velocity", "time")  # plots of a joint of an arm
+SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
 
 Curve = tuple[str, str]  # label and colour of a model
 
 
 def make_failures(case: ReportData) -> Section:
-    """Make the section on residuals of the base and the final model, on the fitted data, joint by joint."""
+    """Make the section on the residuals of the first and the final model in the fitted data, joint by joint."""
     prepared, curves, body = case.data.parts[0], case.model_labels, case.diagnosis.body
     residuals, axes = case.compute_residuals(0), tuple(SYMBOLS) if body.can_simulate else SHOWN
     strips, stands_out = list[Part](), [False] * len(residuals)
@@ -64,7 +64,7 @@ def make_failures(case: ReportData) -> Section:
 
 
 def draw_phase_plane(case: ReportData, samples: Samples, residuals: Sequence[Array]) -> Part:
-    """Draw the mean residuals (N,) of each model over angle and velocity."""
+    """Make the part with each model's mean residual in the phase plane; residuals: (N,) [N m] for each model."""
     about = "Mean residual torque in the plane of angle and velocity"
     planes = zip(case.model_labels, draw_planes(samples, residuals, case.units), strict=True)
     drawn = [
@@ -76,14 +76,14 @@ def draw_phase_plane(case: ReportData, samples: Samples, residuals: Sequence[Arr
 
 
 def list_regions(curves: Sequence[Curve], found: Sequence[Sequence[Region]]) -> Iterator[str | tuple[str, ...]]:
-    """List the regions in which the residual stands out, for each model."""
+    """Yield a heading and the significant regions of the residual for each model."""
     for (label, _), regions in zip(curves, found, strict=False):
         yield f"Under the {label}{':' if regions else ', the residual is within the noise.'}"
         yield tuple(describe_region(region) for region in regions)
 
 
 def list_key(curves: Sequence[Curve], regions: bool, still: bool) -> Key:
-    """List the kind, colour and meaning of curves, and of stripes under the first and the last of them."""
+    """Make the legend of curves, noise band, and stripes of the first (`regions`) and last model (`still`)."""
     entries = [("stroke", color, label) for label, color in curves]
     entries.append(("patch", "--noise", f"noise (±{REGIONS.stands_out:g}σ)"))
     if regions:
@@ -103,8 +103,7 @@ def plot_profile(
 ) -> Figure:
     """Plot the mean residual of each model over one quantity up to `reach` [N m], with noise band and regions.
 
-    These are `regions` under the first model, and `still` under the last one, if it is another. `name` is before the
-    axis in the figure's id.
+    `regions`: of the first model, `still`: of another last model, `name`: prefix of the figure's id.
     """
     first, unit = drawn[0], drawn[0].units.unit("N m")
     (edges, along), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
@@ -113,7 +112,7 @@ def plot_profile(
     data = [band(middle, REGIONS.stands_out * first.error, f"noise (±{REGIONS.stands_out:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
         data.append(line(middle, profile.mean, label, color, unit, mode="lines" if oscillates else "lines+markers"))
-    half = 0.5 if still else 0.0  # both kinds of stripe share the height
+    half = 0.5 if still else 0.0  # two kinds of stripes share the height
     shapes = [draw_stripe(r, "--region", half, 1.0, factor) for r in regions if r.axis == first.axis]
     shapes += [draw_stripe(r, "--open", 0.0, half, factor) for r in still if r.axis == first.axis]
     quantity, symbol = TITLES[first.axis]
@@ -132,7 +131,7 @@ def plot_profile(
 
 
 def make_angle_axis(units: JointUnits) -> JSON:
-    """Make the axis of an angle within a turn."""
+    """Make the axis of an angle wrapped to one turn."""
     half, unit = to_shown_unit(np.pi, units.unit("rad"))
     ends = {"tickvals": [half * share for share in (-1, -0.5, 0, 0.5, 1)]}
     return axis(
@@ -141,7 +140,7 @@ def make_angle_axis(units: JointUnits) -> JSON:
 
 
 def draw_stripe(region: Region, color: str, low: float, high: float, factor: float = 1.0) -> JSON:
-    """Draw the stripe over a region, times a factor, from `low` to `high` in shares of the plot's height."""
+    """Make the rectangle over a region, from `low` to `high` in shares of the height; `factor` scales the axis."""
     return {
         "type": "rect",
         "layer": "below",
@@ -151,19 +150,19 @@ def draw_stripe(region: Region, color: str, low: float, high: float, factor: flo
         "y0": low,
         "y1": high,
         "fillcolor": color,
-        "line": {"width": 1, "color": "--page"},  # between two neighbours
+        "line": {"width": 1, "color": "--page"},  # separates neighbours
     }
 
 
 def draw_planes(samples: Samples, residuals: Sequence[Array], units: JointUnits) -> list[tuple[JSON, JSON]]:
-    """Draw maps of residuals (N,) over angle and velocity, in one colour scale; return cells and layout."""
+    """Make a heat map of each residual (N,) over angle and velocity on one colour scale; return traces and layouts."""
     position, velocity = wrap_angles(samples.position), samples.velocity
     across = int(np.clip(np.sqrt(len(position)) * 0.8, 10, 40))
     reach = 1.02 * float(np.max(np.abs(velocity)))
     edges = [np.linspace(-np.pi, np.pi, across + 1), np.linspace(-reach, reach, across + 1)]
     number, _, _ = np.histogram2d(position, velocity, edges)
     sums = [np.histogram2d(position, velocity, edges, weights=residual)[0] for residual in residuals]
-    # a cell of the phase plane takes two windows
+    # mean only in cells with at least two windows
     means = [np.where(number >= 2, total / np.maximum(number, 1), np.nan).T for total in sums]
     seen = np.abs(means[0][np.isfinite(means[0])])
     limit = float(np.percentile(seen, 95)) if len(seen) else 1.0
@@ -181,7 +180,7 @@ def draw_planes(samples: Samples, residuals: Sequence[Array], units: JointUnits)
 
 
 def draw_cells(x: Array, y: Array, values: Array, limit: float, units: tuple[str, str, str]) -> JSON:
-    """Draw cells (Y, X) in colours on either side of zero."""
+    """Make the heat map of values (Y, X), with a colour scale from -limit to limit."""
     return {
         "type": "heatmap",
         "x": numbers(x),

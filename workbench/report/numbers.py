@@ -1,4 +1,4 @@
-"""Numbers of models: how their errors fall step by step, their parameters, and what the schemes find side by side."""
+"""Sections on errors of each step, parameters, and estimates of the schemes."""
 
 from textwrap import wrap
 from typing import Any
@@ -19,9 +19,9 @@ from workbench.narrator.tables import tabulate_parameters
 from workbench.report.data import ReportData, Section
 
 PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-out data", "--measured", "circle"))
-SIGMAS = 2.0  # standard errors on either side of a value
-SETTLED = 0.25  # share of a recording from which on estimates decide what is in the picture
-FRAME = 0.6  # share of the picture's height that these take
+SIGMAS = 2.0  # half width of bands [standard errors]
+SETTLED = 0.25  # share of the time after which estimates set the plot's range
+FRAME = 0.6  # share of the plot's height for these estimates
 CORRELATED = 20  # largest number of parameters in a table of correlations
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
@@ -39,7 +39,7 @@ def make_errors(case: ReportData) -> Section:
 
 
 def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
-    """Plot one kind of error over the steps, times a factor, on a logarithmic axis."""
+    """Plot an error over the steps on a logarithmic axis; `factor`: from SI to the displayed unit."""
     steps = case.diagnosis.steps
     labels = ["base model", *(f"+ {name_effect(step.added)}" for step in steps if step.added)]
     data: list[JSON] = []
@@ -59,7 +59,7 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
         "xaxis": axis(
             "",
             tickvals=list(range(len(steps))),
-            ticktext=["<br>".join(wrap(label, 14)) for label in labels],  # characters of a label's line
+            ticktext=["<br>".join(wrap(label, 14)) for label in labels],  # line width [characters]
             ticklabeloverflow="allow",
             range=[-0.3, len(steps) - 0.7],
             showgrid=False,
@@ -75,7 +75,7 @@ def make_parameters(case: ReportData) -> Section:
     steps = case.diagnosis.steps
     labels = [case.first if step.added is None else f"+ {name_effect(step.added)}" for step in steps]
     final = steps[-1].model
-    single = [k for k, label in enumerate(final.estimates) if label in final.readable]  # tables have their figure
+    single = [k for k, label in enumerate(final.estimates) if label in final.readable]  # tables are plotted
     names = list(final.estimates)
     content: list[Any] = [
         "Value ± standard error after every step.",
@@ -101,7 +101,7 @@ def make_parameters(case: ReportData) -> Section:
 
 
 def _plot_table(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
-    """Plot a table as a function, with its band."""
+    """Plot the function of a table with its confidence band."""
     title = f"{capitalise(name_effect(table.id))}, {table.law}"
     quantity, of = ("angle", "rad") if table.axis == "position" else ("speed", "rad/s")
     (x, along), of_torque = to_shown_unit(curve.x, units.unit(of)), units.unit(table.unit)
@@ -114,7 +114,7 @@ def _plot_table(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
 
 
 def make_schemes(case: ReportData) -> Section | None:
-    """Make the section on the schemes and their convergence; None for recordings that are too poor."""
+    """Make the section on the schemes and their convergence; None if the data do not suffice."""
     found = case.schemes
     if found is None:
         return None
@@ -132,7 +132,7 @@ def make_schemes(case: ReportData) -> Section | None:
 
 
 def choose_stroke(place: int, scheme: str) -> JSON:
-    """Choose the line of a scheme: one colour for the plain scheme and its filtered sister, which is dashed."""
+    """Return the line style of a scheme: a filtered scheme is dashed, in the colour of its unfiltered form."""
     families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
     known = (k for k, words in enumerate(families) if any(word in scheme for word in words))
     color = COLORS[next(known, place % len(COLORS))]
@@ -140,7 +140,7 @@ def choose_stroke(place: int, scheme: str) -> JSON:
 
 
 def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
-    """Estimate of one parameter over time, in its unit, every scheme; the wild start is out of the picture."""
+    """Plot the estimates of one parameter over time by all schemes; early outliers are cut off."""
     parameter = next(iter(found.schemes.values())).model.columns[column]
     data, settled = [], []
     for id, result in found.schemes.items():
@@ -153,7 +153,7 @@ def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON
     middle = float(np.median([result[-1] for result in settled]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
     title = f"{parameter.name} [{format_unit(of)}]" if format_unit(of) else parameter.name
-    between = {"color": "--muted", "width": 1, "dash": "dot"}  # recordings
+    between = {"color": "--muted", "width": 1, "dash": "dot"}  # between recordings
     layout = {
         "xaxis": axis("time [s]"),
         "yaxis": axis(title, range=[middle - reach, middle + reach]),

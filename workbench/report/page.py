@@ -1,4 +1,4 @@
-"""Putting the page together: sections, style, script and plotly.js in one file."""
+"""HTML page from sections, style, scripts and plotly.js."""
 
 import base64
 import gzip
@@ -31,22 +31,22 @@ def _load_environment() -> Environment:
 
 @cache
 def pack_plotly() -> str:
-    """Pack plotly.js: a third of the size, and browsers unpack it in a few hundredths of a second."""
+    """Return plotly.js, compressed by gzip and in base64, a third of its size."""
     return base64.b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
 
 
 def render_fragment(content: Content) -> str:
-    """Render some content of a section, for another page in the same style."""
+    """Render content of a section without a page."""
     return _load_environment().get_template("section.html").render(content=content)
 
 
 def read_shared(name: str) -> str:
-    """Read the style or script that all pages have: `style.css`, `theme.js`, `plot.js`."""
+    """Read a file shared by all pages: `style.css`, `theme.js` or `plot.js`."""
     return _load_environment().get_template(name).render()
 
 
 def render_page(sections: Sequence[Section], subject: str) -> str:
-    """Render a page from its sections; the first title is that of the page, `subject` stands above it."""
+    """Render a page from sections; its title is that of the first section, below `subject`."""
     return (
         _load_environment()
         .get_template("page.html")

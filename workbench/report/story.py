@@ -1,4 +1,4 @@
-"""The diagnosis in words: what is missing, what that changes, what stays open, what was considered, and how."""
+"""Sections on the result of a diagnosis, its candidates, next experiment and method."""
 
 from typing import Any
 
@@ -60,7 +60,7 @@ def make_story(case: ReportData) -> Section:
 
 
 def make_joints(case: ReportData) -> Section:
-    """Make the section on an arm: added effects, torque errors of joints, what stays open, and the next step."""
+    """Make the section on an arm: added effects, torque errors of joints, unexplained residual and next step."""
     found = case.diagnosis
     selected = tuple(_describe_law(found.model, term) for term in found.model.terms if term.id in found.selected)
     errors = [step.errors["holdout"] for step in case.ends]
@@ -82,7 +82,7 @@ def _describe_law(model: Model, term: Term) -> str:
 
 
 def list_changes(case: ReportData) -> list[dict[str, Any]]:
-    """List the held-out errors before and after; `share` is after over before, None if nothing was added."""
+    """List the held-out errors before and after; `share`: after over before, None if no effect was added."""
     diagnosis, (factor, angle) = case.diagnosis, case.angle
     first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
     over = f"on held-out data, over {HORIZON:g} s"
@@ -98,9 +98,9 @@ def list_changes(case: ReportData) -> list[dict[str, Any]]:
 
 
 def list_misled(diagnosis: Diagnosis) -> list[str]:
-    """List the parameters that the missing effects biased by more than a per cent and three standard errors.
+    """List the parameters that missing effects biased by more than 1 % and three standard errors.
 
-    None where something is left unexplained: then those of the final model may be wrong as well.
+    The list is empty with an unexplained residual, because the final parameters may be biased, too.
     """
     wrong_by: list[str] = []
     if diagnosis.unexplained:
@@ -110,8 +110,8 @@ def list_misled(diagnosis: Diagnosis) -> list[str]:
         if right is None or right.value == 0:
             continue
         share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
-        # an error is worth a word from one per cent of the parameter and three standard errors on
-        if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(wrong.std, right.std)):  # standard errors
+
+        if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(wrong.std, right.std)):
             wrong_by.append(
                 f"{name_effect(parameter)} {format_number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}"
             )
@@ -124,7 +124,7 @@ def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
     names = [column.name for column in term.columns] + [f"{term.id}.{parameter.name}" for parameter in term.free]
     named = {**diagnosis.model.estimates, **diagnosis.model.derived}
     names += [name for name in diagnosis.model.derived if name.startswith(f"{effect}.")]
-    about = (type(term).__doc__ or "").split("\n")[0].split(":")[0]  # its first sentence, without the formula
+    about = (type(term).__doc__ or "").split("\n")[0].split(":")[0]  # first line, without the formula
     return {
         "effect": effect,
         "law": term.law,
@@ -135,14 +135,14 @@ def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
 
 
 def describe_held_out(case: ReportData) -> str:
-    """Name the data that the errors are from."""
+    """Name the held-out data."""
     if not case.data.holdout:
         return "the last 30 % of each recording, which no parameter was fitted to"
     return f"held-out data that no parameter was fitted to ({join_words([r.name for r in case.data.holdout])})"
 
 
 def make_candidates(case: ReportData) -> Section:
-    """Make the section with the verdict, score, error ratio and reason of every effect."""
+    """Make the section with the verdict, score and reason for every effect, and its gates."""
     found = case.diagnosis
     content = [*narrate_candidates(found.candidates, most=None).content]
     if any(candidate.gates for candidate in found.candidates):
@@ -171,7 +171,7 @@ def make_next_experiment(case: ReportData) -> Section | None:
 
 
 def make_method(case: ReportData) -> Section:
-    """Describe the method of the result."""
+    """Make the section on the method."""
     terms = join_words([term.id for term in case.diagnosis.steps[0].model.terms])
     split = "" if case.data.holdout else " Held out is the last 30 % of each recording."
     recordings = case.data.all_recordings

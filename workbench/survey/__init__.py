@@ -1,1 +1,1 @@
-"""A survey: a diagnosis of each recording in a folder, one table, and the trends of machines."""
+"""Diagnosis of each recording in a folder, with one table and the trends of parameters."""

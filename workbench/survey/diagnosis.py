@@ -1,4 +1,4 @@
-"""Diagnosis of one recording of a survey: settings, the diagnosis itself, its rows, and the file that keeps them."""
+"""Diagnosis of one recording of a survey: settings, rows of the table, and the result file."""
 
 import hashlib
 import json
@@ -21,13 +21,13 @@ from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import open_sources
 from workbench.terminal import Terminal
 
-ASKED = ("only", "without", "fixed", "bounds")  # of a diagnosis, as it is
+ASKED = ("only", "without", "fixed", "bounds")  # options passed on to `diagnose`
 READING = ("columns", "unwrap", "drive", "joints", "rotors", "no_gravity")
-NAMED = ("robot", "model")  # files
+NAMED = ("robot", "model")  # options that name files
 
 
 def read_result(file: Path) -> JSON | None:
-    """Read a result as `diagnose_source` returns it; None if there is none, or it is damaged."""
+    """Read a result of `diagnose_source` from a file; None if it is missing or damaged."""
     try:
         result = json.loads(file.read_bytes())
         return result if result["rows"] else None
@@ -39,13 +39,13 @@ def read_result(file: Path) -> JSON | None:
 class Settings:
     """Settings of the diagnoses of a survey."""
 
-    options: Namespace  # those of `diagnose`
-    plugins: tuple[str, ...]  # files with effects of the user's own
-    mark: str  # hash of all of it, of the content of its files, and of the version
+    options: Namespace  # options of `diagnose`
+    plugins: tuple[str, ...]  # files with the user's effects
+    mark: str  # hash of options, file contents and version
 
     @classmethod
     def from_arguments(cls, arguments: Namespace) -> "Settings":
-        """Take over the options of a command."""
+        """Create the settings from the options of `survey`."""
         options = {name: getattr(arguments, name) for name in (*ASKED, *READING)}
         files = {name: os.path.abspath(path) if (path := getattr(arguments, name)) else None for name in NAMED}
         plugins = tuple(os.path.abspath(path) for path in arguments.plugin or ())
@@ -54,14 +54,14 @@ class Settings:
         return cls(Namespace(**options, **files, recordings=[]), plugins, mark)
 
     def make_key(self, source: Source, content: str | None) -> str:
-        """Hash everything that decides on a diagnosis: settings, content of the file, and how it is read."""
+        """Hash the settings, the content of the file, and its reading options."""
         how = repr((self.mark, content, replace(source, file=Path())))
         return hashlib.sha256(how.encode()).hexdigest()[:32]
 
 
 def hash_content(file: Path) -> str | None:
-    """Hash the content of a file; None if it cannot be read, which reading reports."""
-    if not file.is_file():  # a pipe would have to be waited for
+    """Hash the content of a file; None if it cannot be read."""
+    if not file.is_file():  # reading a pipe would block
         return None
     try:
         with file.open("rb") as stream:
@@ -71,23 +71,23 @@ def hash_content(file: Path) -> str | None:
 
 
 def diagnose_source(source: Source, settings: Settings) -> JSON:
-    """Diagnose a recording as `diagnose` does, alone and whatever its role in a study.
+    """Diagnose one recording, fitted whatever its role in a study.
 
-    The result has `start`, the time of the first sample [s since 1970] if the clock tells it, and `rows`, see
-    `make_rows`; or `error`, a sentence on why there is no diagnosis.
+    The result has `start`, the absolute time of the first sample [s since 1970] or None, and `rows`, see `make_rows`;
+    or only `error`, the reason why there is no diagnosis.
     """
     try:
         for path in settings.plugins:
             load_plugin(Path(path))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # the result says what matters
+            warnings.simplefilter("ignore")
             return _diagnose(source, settings.options)
-    except Exception as error:  # a fault of the program in one recording must not cost the others
+    except Exception as error:  # a bug met in one recording must not stop the survey
         return {"error": describe_error(error, source)}
 
 
 def describe_error(error: Exception, source: Source) -> str:
-    """Make one sentence of an error, without the name of the file."""
+    """Format an error as one sentence without the name of the file."""
     error = error if isinstance(error, USER_ERRORS) else describe_fault(error) or InputError(format_error(error))
     return format_mistake(error).removeprefix(f"{source.file}: ")
 
@@ -107,7 +107,7 @@ def _diagnose(source: Source, options: Namespace) -> JSON:
 
 
 def make_rows(found: Diagnosis) -> list[JSON]:
-    """Make a row for each joint of a diagnosis; a pendulum has one, without a name."""
+    """Make a row for each joint of a diagnosis; a pendulum has one unnamed joint."""
     first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
     joints, rows = tuple(found.floors), []
     estimates = [(*_split_joint(name, joints), estimate) for name, estimate in found.model.readable.items()]
@@ -146,7 +146,7 @@ def make_rows(found: Diagnosis) -> list[JSON]:
 
 
 def _split_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:
-    """Split `stribeck@elbow.velocity` into joint and `stribeck.velocity`; of two joints, the first one counts."""
+    """Split `stribeck@elbow.velocity` into joint and `stribeck.velocity`; use the first of two joints."""
     _, _, place = name.partition("@")
     matching = [joint for joint in joints if place == joint or place.startswith((f"{joint}.", f"{joint},"))]
     joint = max(matching, key=len, default=joints[0])

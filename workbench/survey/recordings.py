@@ -1,7 +1,6 @@
-"""Recordings below a folder, with the machine and the date that their paths give.
+"""Recordings below a folder, with machine and date from their paths.
 
-`arm3/2026-03-01/run.csv` is a recording of the machine arm3: the recordings of one folder are of one machine, and
-folders whose names are dates do not count.
+Each folder is one machine, without folders named by a date: `arm3/2026-03-01/run.csv` is a recording of arm3.
 """
 
 import os
@@ -20,37 +19,36 @@ from workbench.errors import InputError, escape_controls
 from workbench.reading import read_source_names
 
 STUDY = "study.toml"
-TABLES = ("survey.parquet", "survey.csv")  # that a survey writes
-ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # text is often prose
+TABLES = ("survey.parquet", "survey.csv")  # output of a survey
+ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # text files are often notes
 SIXTY = r"[0-5]\d"
 TIME = rf"(?:[01]\d|2[0-3])([-:]?){SIXTY}(?:\2{SIXTY})?(?!\d|-\d\d-\d\d|k?Hz)"  # 2000Hz is a rate
 DATE = re.compile(rf"(?<!\d)\d{{4}}(-?)\d\d\1\d\d(?:[T_ -]{TIME})?(?!\d)")
-FUTURE = timedelta(days=1)  # no recording has a later date than that from now: clocks differ, and time zones
+FUTURE = timedelta(days=1)  # largest difference of clocks and time zones
 
 
 @dataclass(frozen=True)
 class SurveyedRecording:
-    """A recording to diagnose."""
+    """Source, machine and date of a recording to diagnose."""
 
-    name: str  # path below the folder, and the range of time if that is not all
-    machine: str  # path of its folder, without dates
+    name: str  # path below the folder, with the time range if it is a part
+    machine: str  # path of its folder without dates
     date: datetime  # UTC
-    dated_by: str  # "name" or "file": the date stands in the path, or is that of the file's last change
+    dated_by: str  # "name": date in the path; "file": last change of the file
     source: Source
 
 
 def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]:
     """List the recordings below a folder, sorted by name.
 
-    Hidden files, text files and the tables of surveys are no recordings. The options `reading` tell how files are read,
-    and a `study.toml` those of the recordings that it names. Raises InputError if there are none, and StudyError if a
-    study makes no sense.
+    Hidden files, text files and tables of surveys are ignored. `reading` holds the reading options; a `study.toml`
+    sets those of its recordings. Raises InputError if there are no recordings, and StudyError if a study is invalid.
     """
     if folder.is_file():
         raise InputError(f"{folder}: is a file: name a folder, or use diagnose for one recording")
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: check the path")
-    folder = Path(os.path.abspath(folder))  # the workers of a cluster look for the same path
+    folder = Path(os.path.abspath(folder))  # absolute for workers of a cluster
     found = [_label_source(source, folder) for source in _find_sources(folder, reading)]
     if not found:
         raise InputError(f"{folder}: holds no recording: their names end in {', '.join(ENDINGS)}")
@@ -58,7 +56,7 @@ def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]
 
 
 def _find_sources(folder: Path, reading: Namespace) -> Iterator[Source]:
-    named: set[str] = set()  # by studies
+    named: set[str] = set()  # files named by studies
     files: list[Path] = []
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
@@ -86,12 +84,12 @@ def _label_source(source: Source, folder: Path) -> SurveyedRecording:
 
 
 def is_future(date: datetime) -> bool:
-    """Return whether a date is later than any recording can have."""
+    """Return whether a date is more than `FUTURE` from now."""
     return date > datetime.now(UTC) + FUTURE
 
 
 def parse_date(text: str) -> datetime | None:
-    """Read a date such as `2026-03-01`, `20260301T1405` or `2026-03-01_14-05-30` as UTC; None if the text is none."""
+    """Parse a date such as `2026-03-01`, `20260301T1405` or `2026-03-01_14-05-30` as UTC; None for other texts."""
     if not DATE.fullmatch(text):
         return None
     try:
@@ -101,7 +99,7 @@ def parse_date(text: str) -> datetime | None:
 
 
 def _read_change_time(file: Path) -> datetime:
-    """Return the time of a file's last change; 1970 if there is no file, which reading reports."""
+    """Return the time of a file's last change; 1970 if there is no such file."""
     try:
         return datetime.fromtimestamp(file.stat().st_mtime, UTC)
     except (OSError, ValueError, OverflowError):

@@ -1,7 +1,7 @@
-"""Run of a survey: recordings go to worker processes, and results are kept as they come.
+"""Run of a survey in worker processes, with a cache of results.
 
-A result is kept in a file under a hash of the recording's content and of the settings. A later run reads it instead of
-diagnosing the recording again, wherever the recording lies by then. What failed is not kept, and is tried again.
+The file name of a result is a hash of the recording's content and the settings, so that a later run reuses it, even
+if the recording was moved. Failed recordings are not cached.
 """
 
 import json
@@ -25,8 +25,8 @@ from workbench.survey.table import label_rows
 RESULTS = "recordings"  # folder of the results
 DIED = "its worker process was killed: memory may be too small, give fewer --workers or a shorter recording"
 
-Task = Callable[[Source, Settings], JSON]  # as `diagnose_source`; it travels to other processes
-Start = Callable[[int], AbstractContextManager[Executor]]  # starts that many workers
+Task = Callable[[Source, Settings], JSON]  # as `diagnose_source`, picklable
+Start = Callable[[int], AbstractContextManager[Executor]]  # starts a number of workers
 
 
 def run_survey(
@@ -38,17 +38,16 @@ def run_survey(
     tell: Callable[[int, int], None] = lambda done, total: None,
     task: Task = diagnose_source,
 ) -> list[JSON]:
-    """Diagnose every recording that has no result yet, and return the rows of all, see `label_rows`.
+    """Diagnose every recording without a result, and return the rows of all recordings, see `label_rows`.
 
-    Results in the folder `output` stay, however this ends. `tell` is called with the number of recordings that have a
-    result, and of all, first before the work begins. Raises OSError if a result cannot be written, and InputError if
-    the cluster is lost.
+    Results stay in the folder `output`, also after an error. `tell` is called with the numbers of finished and of all
+    recordings. Raises OSError if a result cannot be written, and InputError if the cluster is lost.
     """
     (output / RESULTS).mkdir(parents=True, exist_ok=True)
     hashes = [hash_content(recording.source.file) for recording in found]
     keys = [settings.make_key(recording.source, content) for recording, content in zip(found, hashes, strict=True)]
     files = [output / RESULTS / f"{key}.json" for key in keys]
-    # by index in `found`: several recordings may have the same name, or be of the same file
+    # by index in `found`, as names are not unique
     results: dict[int, JSON] = {k: kept for k, file in enumerate(files) if (kept := read_result(file)) is not None}
     tell(len(results), len(found))
 
@@ -71,17 +70,17 @@ def _diagnose_all(
     task: Task,
     keep: Callable[[int, JSON], None],
 ) -> None:
-    """Diagnose recordings, and keep each result as it comes.
+    """Diagnose recordings, and pass each result to `keep`.
 
-    A worker that is killed ends the work of all. The recordings without a result then go to one worker, which is
-    killed by the first of them that gets no result there; the others go on.
+    A killed worker ends the whole pool. The unfinished recordings then run one by one: the first without a result is
+    the cause and gets an error; the others run in parallel again.
     """
     count = workers
     while todo:
         done = set()
         with start(count) as executor:
             futures = {}
-            with suppress(BrokenExecutor):  # a worker was killed while tasks are submitted
+            with suppress(BrokenExecutor):  # a worker was killed during submission
                 for k, source in todo.items():
                     futures[executor.submit(task, source, settings)] = k
             for future in as_completed(futures):
@@ -92,7 +91,7 @@ def _diagnose_all(
                     continue
                 except CancelledError:
                     raise InputError("the Dask cluster is lost: results are kept, run again to continue") from None
-                except Exception as error:  # Dask says in its own way that a worker was killed
+                except Exception as error:  # Dask raises its own error for a killed worker
                     result = {"error": describe_error(error, todo[k])}
                 keep(k, result)
                 done.add(k)
@@ -107,20 +106,19 @@ def _diagnose_all(
 
 @contextmanager
 def open_cluster(address: str) -> Iterator[Executor]:
-    """Use the workers of the Dask cluster whose scheduler is at an address; they see files under the same paths.
+    """Connect to the Dask scheduler at an address; its workers need the files under the same paths.
 
-    Raises:
-        InputError: if Dask is not installed, or there is no such cluster.
+    Raises InputError if Dask is not installed, or the scheduler cannot be reached.
     """
     if find_spec("distributed") is None:
         raise InputError("--scheduler needs Dask, of the extra fleet: pip install 'pendulum-ident[fleet]'")
-    distributed: Any = import_module("distributed")  # it takes a while
+    distributed: Any = import_module("distributed")  # slow to import
     try:
         client = distributed.Client(address, timeout=10)
     except (OSError, ValueError) as error:
         raise InputError(f"there is no Dask cluster at {address}: {error}") from None
     with client:
-        client.run(use_writer, write_option)  # messages name options, as in processes of this computer
+        client.run(use_writer, write_option)  # messages name options
         executor = client.get_executor(pure=False)
         try:
             yield executor

@@ -1,4 +1,4 @@
-"""Table of a survey: a row for each joint of each recording, with the changes of parameters over time."""
+"""Table of a survey with a row for each joint of each recording, and the trends of parameters."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -20,22 +20,22 @@ from workbench.cli import find_version
 from workbench.survey.recordings import TABLES, SurveyedRecording, is_future
 
 WEEK = 7 * 86400.0  # [s]
-LEVEL = 0.01  # false discovery rate of the changes that are named
+LEVEL = 0.01  # false discovery rate of reported changes
 TEXT, NUMBER, DATE = pa.string(), pa.float64(), pa.timestamp("s", "UTC")
-SURVEY = {  # columns; those of the parameters follow
+SURVEY = {  # fixed columns; columns of parameters follow
     **dict(recording=TEXT, machine=TEXT, joint=TEXT, date=DATE, dated_by=TEXT),
     **dict(effects=TEXT, small_effects=TEXT, unexplained=pa.bool_(), biased=pa.bool_()),
     **dict(error_before=NUMBER, error_after=NUMBER, noise_floor=NUMBER, error_unit=TEXT),
     **dict(position_rms_before=NUMBER, position_rms_after=NUMBER, error=TEXT, hash=TEXT, version=TEXT),
 }
-# Columns of each parameter, after its name; the last three are of all its recordings with the same effects
+# Column suffixes of a parameter; the last three belong to its series
 PARAMETER = {"": "value", "_std": "std", "_drift_per_week": "drift", "_jump": "jump", "_p_value": "p_value"}
 
 
 def label_rows(recording: SurveyedRecording, result: JSON, content: str | None) -> list[JSON]:
-    """Add what is known of the recording to the rows of a result; make one row where there is no diagnosis.
+    """Add name, machine, date, content hash and version to the rows of a result; a failed recording has one row.
 
-    A date of the recording's clock that lies in the future is not believed.
+    A clock that is in the future is ignored.
     """
     start = result.get("start")
     date = None if start is None else find_date(start)
@@ -55,20 +55,20 @@ def label_rows(recording: SurveyedRecording, result: JSON, content: str | None) 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A parameter of a joint over time, in models with the same effects."""
+    """Parameter of a joint over time, in models with the same effects."""
 
     machine: str
     joint: str
     parameter: str
     unit: str
-    effects: str  # that were added to the model, sorted, with commas between them
-    rows: tuple[JSON, ...]  # of the recordings, by date
-    trend: Trend  # per week
-    change: str = ""  # "drift" or "jump" if the trend is significant among all of the survey
+    effects: str  # added effects, sorted and comma-separated
+    rows: tuple[JSON, ...]  # rows of the recordings, by date
+    trend: Trend  # time in weeks
+    change: str = ""  # "drift" or "jump" if significant, else empty
 
     @property
     def estimates(self) -> list[JSON]:
-        """Return the estimates by date."""
+        """Return the estimates in the order of `rows`."""
         return [row["parameters"][self.parameter] for row in self.rows]
 
     @property
@@ -78,7 +78,7 @@ class Series:
         return None if jump is None else self.rows[jump.first]["date"]
 
     def mark_changes(self) -> None:
-        """Write a change into the estimates: a drift into all, a jump into the first one after it."""
+        """Write p-value and change into the estimates: a drift into all, a jump into the first after it."""
         for k, estimate in enumerate(self.estimates):
             if np.isfinite(self.trend.p_value):
                 estimate["p_value"] = self.trend.p_value
@@ -89,13 +89,11 @@ class Series:
 
 
 def find_series(rows: Iterable[JSON]) -> list[Series]:
-    """Collect the parameters of every joint over time, and name those that change.
+    """Collect the parameters of every joint over time, and find those that change.
 
-    A parameter means something else in a model with other effects: each selection of effects makes a series of its
-    own. Biased estimates are left out, and estimates without a standard error, such as known values.
-
-    A change is named if its p-value is significant among those of all parameters, at a false discovery rate of at most
-    1 % where the tests are independent (Benjamini and Hochberg).
+    A parameter depends on the other effects in the model, so each set of effects has a separate series. Biased
+    estimates and those without a standard error, such as known values, are left out. Changes are significant at a
+    false discovery rate of 1 % for independent tests (Benjamini and Hochberg).
     """
     points: dict[tuple[str, str, str, str, str], list[JSON]] = {}
     for row in sorted((row for row in rows if not row.get("biased")), key=lambda row: row["date"]):
@@ -117,7 +115,7 @@ def find_series(rows: Iterable[JSON]) -> list[Series]:
 
 
 def write_table(folder: Path, rows: Sequence[JSON]) -> None:
-    """Write the table as Parquet and CSV, each file whole or not at all; raises OSError if it cannot be written."""
+    """Write the table as Parquet and CSV, each file atomically; raises OSError if it cannot be written."""
     names = dict.fromkeys(name for row in rows for name in row["parameters"])
     columns = SURVEY | {f"{name}{ending}": NUMBER for name in names for ending in PARAMETER}
     flat = [row.copy() for row in rows]
@@ -131,7 +129,7 @@ def write_table(folder: Path, rows: Sequence[JSON]) -> None:
 
 
 def tabulate_recordings(rows: Sequence[JSON]) -> TextTable:
-    """Make the table of recordings for a reader: failed ones first, then those with an effect or a residual."""
+    """Make the printed table of recordings: failed ones first, then those with an effect or a residual."""
     joint = ["joint"] * any(row["joint"] for row in rows)
 
     def order(row: JSON) -> tuple[bool, bool, str]:
@@ -155,7 +153,7 @@ def _format_result(row: JSON) -> str:
 
 
 def tabulate_changes(series: Sequence[Series]) -> TextTable:
-    """Make the table of the parameters that change, for a reader."""
+    """Make the printed table of changing parameters."""
     rows = []
     for changed in (item for item in series if item.change):
         jump, low, high = changed.trend.jump, *changed.trend.interval

@@ -1,1 +1,1 @@
-"""The page of the app and the server that hands it out."""
+"""Page and server of the app."""

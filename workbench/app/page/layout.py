@@ -1,4 +1,4 @@
-"""The page around the stages: navigation, the story so far, what is running, and what went wrong."""
+"""Page around the stages: navigation, headline, progress, error messages, and callbacks."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -23,7 +23,7 @@ VERSION = Output("version", "data", allow_duplicate=True)
 
 
 def write_index() -> str:
-    """Write the document with the style and the scripts of the report."""
+    """Return the HTML document with the style and scripts of the report."""
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -48,7 +48,7 @@ def write_index() -> str:
 
 
 def make_page() -> Component:
-    """Lay out what every visitor gets; the rest follows from the session."""
+    """Make the initial page; callbacks fill it from the session."""
     brand = html.Span("pendulum-ident", className="brand")
     stages = html.Nav(make_navigation(STAGES[0], NO_RECORDING), id="nav", **make_aria(label="Stages"))
     switch = make_aria(label="Switch between light and dark")
@@ -58,11 +58,11 @@ def make_page() -> Component:
     return html.Div(
         [
             dcc.Location(id="url", refresh=False),
-            dcc.Store(id="session"),  # the id, kept by the tab
-            dcc.Store(id="version", data=0),  # of the session's state; 0 until something changes
+            dcc.Store(id="session"),  # session id of the tab
+            dcc.Store(id="version", data=0),  # version of the session that is drawn; 0 after loading
             dcc.Store(id="theme-now"),
             dcc.Download(id="download"),
-            dcc.Interval(id="poll", interval=300),  # [ms] between two looks at the session
+            dcc.Interval(id="poll", interval=300),  # [ms]
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
             html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
@@ -74,7 +74,7 @@ def make_page() -> Component:
 
 
 def show_upload() -> Component:
-    """Show the upload of files, which stays while stages come and go, so that no file is lost on its way."""
+    """Render the upload; it stays on the page when the stage changes, so that a running upload is not lost."""
     choose = html.Button([html.Strong("Choose recordings"), " or drop them here"], type="button", className="drop")
     about = (
         f"{FORMATS} with time, position and torque; 0 hangs down. The page asks for the meaning of columns with other "
@@ -89,7 +89,7 @@ def show_upload() -> Component:
 
 
 def make_navigation(here: Stage, trouble: str) -> list[Component]:
-    """Make the links to the stages that can be entered; `trouble`: why there is no model."""
+    """Make the links to the stages; `here`: current stage, `trouble`: why there is no model, or empty."""
 
     def link(stage: Stage) -> Component:
         now = make_aria(current="page") if stage is here else {}
@@ -103,7 +103,7 @@ def make_navigation(here: Stage, trouble: str) -> list[Component]:
 
 
 def show(session: Session, stage: Stage) -> list[Component]:
-    """Show a stage, or the way to it."""
+    """Render a stage, or the reason why there is no model if it needs one."""
     if stage.needs_model and session.state.failure_reason:
         why = html.P(f"{capitalise(session.state.failure_reason)}.")
         return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]
@@ -111,7 +111,7 @@ def show(session: Session, stage: Stage) -> list[Component]:
 
 
 def connect(app: Dash, sessions: Sessions) -> None:
-    """Wire the page and all stages."""
+    """Register the callbacks of the page and of all stages."""
     _connect_page(app, sessions)
     _connect_actions(app, sessions)
     _connect_scripts(app)
@@ -121,8 +121,8 @@ def connect(app: Dash, sessions: Sessions) -> None:
 
 
 def _connect_page(app: Dash, sessions: Sessions) -> None:
-    """Wire what is drawn anew when the session or the address changes, and the progress of jobs."""
-    # who leaves a stage at once takes the button away that would have told of its job
+    """Register the callbacks that draw the page and the progress of jobs."""
+    # redraw on each change of stage, too: the button that started a job may be gone
     inputs = Input("session", "data"), Input("url", "hash"), Input("version", "data")
 
     @app.callback(
@@ -135,9 +135,9 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
             raise PreventUpdate
         session = sessions.find_session(id)
         stage = next((stage for stage in STAGES if f"#{stage.id}" == hash), STAGES[0])
-        with session.lock:  # what is being done to it is waited for, but nothing waits for what is fitted below
+        with session.lock:  # wait for running actions; the drawing below is outside the lock
             if ctx.triggered_id == "url":
-                session.notice = ""  # it was about another stage
+                session.notice = ""  # the message belongs to another stage
         return (
             make_navigation(stage, session.state.failure_reason),
             [*show_state(session.state), *show_undo(session)],
@@ -154,28 +154,28 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
         prevent_initial_call="initial_duplicate",
     )
     def watch(id: str | None, _: str | None, version: int, __: int) -> tuple[Any, ...]:
-        """Draw the progress bar, and tell the page of changes that no other answer told it."""
+        """Draw the progress bar, and send the version if the session has changed."""
         if id is None:
             raise PreventUpdate
         session = sessions.find_session(id)
         with session.lock:
             runs = session.job is not None and session.job.running
-            # a page that has just been loaded is drawn already: it only has to learn when its job is over
+            # a page just loaded (version 0) is up to date: it needs the version only after its job has ended
             changed = session.version != version if version else ctx.triggered_id == "poll" and not runs
             return show_job(session), session.version if changed else no_update
 
 
 def _connect_actions(app: Dash, sessions: Sessions) -> None:
-    """Wire what buttons, files and choices of columns do to the session; the page follows by its version."""
+    """Register the callbacks of buttons, uploads and column choices; a new version redraws the page."""
     actions = {name: do for stage in STAGES for name, do in stage.actions.items()}
     actions["back"] = lambda session, *_: session.undo()
     fields = State({"field": ALL}, "value"), State({"field": ALL, "of": ALL}, "value")
 
     def act(session: Session, do: Callable[[], object]) -> int:
-        """Do it under the session's lock, not while a job does; a user's mistake becomes the notice on the page."""
+        """Run an action by `Session.act`, and return the new version."""
         session.act(do)
         if (job := session.job) is not None:
-            job.over.wait(0.4)  # [s] that an answer waits for a job, so that short ones need no progress bar
+            job.over.wait(0.4)  # [s]: short jobs need no progress bar
         return session.version
 
     @app.callback(
@@ -187,10 +187,10 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
     )
     def press(*values: Any) -> int:
         session, clicks = sessions.find_session(values[-1]), ctx.triggered[0]["value"]
-        if not clicks:  # buttons that have just appeared; Dash would not draw again for an answer to its own drawing
+        if not clicks:  # new buttons trigger the callback, too
             raise PreventUpdate
         asked = ctx.triggered_id
-        if asked["do"] == "cancel":  # at once, whatever goes on
+        if asked["do"] == "cancel":  # also during a job
             session.cancel()
             return session.version
         form = collect_form(ctx.states_list)
@@ -209,7 +209,8 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         if not contents:
             raise PreventUpdate
         session, files = sessions.find_session(id), list(zip(names, contents, strict=True))
-        return act(session, lambda: session.receive(files, bool(unwrap))), None  # so that it may come again
+        # None: the same file can be uploaded again
+        return act(session, lambda: session.receive(files, bool(unwrap))), None
 
     @app.callback(
         VERSION,
@@ -224,19 +225,19 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         with session.lock:
             form, card = collect_form(ctx.states_list), next(iter(session.cards), None)
             if card is None or len(values[0]) != len(card.choices) or card.is_as(asked := card.fill_form(form)):
-                raise PreventUpdate  # controls that have just appeared
+                raise PreventUpdate  # new controls trigger the callback, too
             session.act(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
             return session.version
 
 
 def collect_form(groups: Sequence[Any]) -> dict[str, Any]:
-    """Collect the values of the controls on the page by name: `field`, or `field:k` of one of several."""
+    """Return the values of the page's controls by name, `field` or `field:k`."""
     controls = [one for group in groups if isinstance(group, list) for one in group]
     return {":".join(str(part) for part in one["id"].values()): one.get("value") for one in controls}
 
 
 def _connect_scripts(app: Dash) -> None:
-    """Wire what assets/app.js does in the page."""
+    """Register the callbacks in assets/app.js."""
 
     def in_the_page(function: str, output: Output, *given: Input | State) -> None:
         app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""Serving the app to this computer alone."""
+"""Server of the app, reachable from this computer only."""
 
 import logging
 import socket
@@ -23,25 +23,25 @@ from workbench.robot import RobotFile
 
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
-NAMES = (HOST, "localhost")  # by which a browser may call it; another name is a trick of a foreign page
-LARGEST = 4 * uploads.LARGEST // 3 + 1_000_000  # bytes of a request: files in base64, and what goes with them
-POLICY = (  # nothing comes from elsewhere, and nothing goes there
+NAMES = (HOST, "localhost")  # accepted host names: others indicate DNS rebinding
+LARGEST = 4 * uploads.LARGEST // 3 + 1_000_000  # largest request [bytes]: files in base64, and form data
+POLICY = (  # no requests to other hosts
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; connect-src 'self'; frame-ancestors 'none'; form-action 'none'; base-uri 'none'"
 )
 
 
 def make_app(recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> tuple[Dash, Sessions]:
-    """Make the app, and its sessions, which begin with the recordings; close them in the end."""
+    """Make the app and its sessions, which start with the recordings and the robot; the caller closes them."""
     app = Dash(
         "pendulum-ident",
         assets_folder=str(Path(__file__).parents[1] / "assets"),
         index_string=layout.write_index(),
         title="pendulum-ident",
         update_title="",
-        suppress_callback_exceptions=True,  # stages come and go
+        suppress_callback_exceptions=True,  # components of other stages are missing
         serve_locally=True,
-        eager_loading=True,  # of plotly.js, while the user reads the first stage
+        eager_loading=True,  # of plotly.js
         compress=False,
         enable_mcp=False,
         add_log_handler=False,
@@ -55,7 +55,7 @@ def make_app(recordings: Sequence[Source] = (), robot: RobotFile | None = None) 
 
 
 def _report_error(error: Exception) -> None:
-    """Show in the page why an action failed: a file is missing, or the app has a fault."""
+    """Show the error of a failed callback on the page; log it unless the user caused it."""
     if isinstance(error, USER_ERRORS):
         text = format_mistake(error)
     else:
@@ -67,7 +67,7 @@ def _report_error(error: Exception) -> None:
 
 
 def _guard(server: flask.Flask) -> None:
-    """Bound what comes in, and tell the browser to stay here."""
+    """Limit the size and origin of requests, and set the security headers of responses."""
     server.config["MAX_CONTENT_LENGTH"] = LARGEST
 
     @server.errorhandler(Exception)
@@ -94,24 +94,24 @@ def _guard(server: flask.Flask) -> None:
 
 
 def _describe_error(error: Exception) -> str:
-    """Describe a failed request in one line."""
+    """Format an exception as one printable line."""
     return format_mistake(InputError(repr(error)))
 
 
 class _SilentHandler(WSGIRequestHandler):
-    """Says nothing about requests, and ends those that do not go on."""
+    """Request handler without log, and with a time limit."""
 
-    timeout = 60.0  # [s] in the middle of a request, after which it is not waited for
+    timeout = 60.0  # [s] without data in the middle of a request
 
     def log(self, type: str, message: str, *args: object) -> None:
-        """Say nothing."""
+        """Suppress the message."""
 
 
 class Server:
-    """The app behind a port of this computer: `serve`, then `close`."""
+    """Server of the app on a local port: call `serve`, then `close`."""
 
     def __init__(self, port: int = 0, recordings: Sequence[Source] = (), robot: RobotFile | None = None) -> None:
-        """Bind the port, 0 being any that is free; raises InputError if it is taken."""
+        """Bind the port, or any free port for 0; raises InputError if the port is taken."""
         try:
             listening = socket.create_server((HOST, port))
         except OSError:
@@ -125,12 +125,12 @@ class Server:
         self.address = f"http://{HOST}:{number}/"
 
     def serve(self) -> None:
-        """Answer until an interrupt comes."""
+        """Serve requests until an interrupt."""
         self.sessions.workers.warm()
-        Thread(target=pack_plotly, daemon=True).start()  # packing it takes a moment, and is done once
+        Thread(target=pack_plotly, daemon=True).start()  # cached for the first report
         self._server.serve_forever()
 
     def close(self) -> None:
-        """End everything, once it does not serve any more."""
+        """Close the port and all sessions, after `serve` has returned."""
         self._server.server_close()
         self.sessions.close()

@@ -1,4 +1,4 @@
-"""Stages in the order of the work; a new one joins by its module and a line here."""
+"""Stages in their order on the page; to add one, write its module and extend `STAGES`."""
 
 from workbench.app.parts import Stage
 from workbench.app.stages import add, data, diagnose, export, model

@@ -1,4 +1,4 @@
-"""Add: one effect more, and the errors before and after."""
+"""Add one effect to the model, and show the errors before and after."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -30,7 +30,7 @@ from workbench.report.numbers import make_errors
 
 
 def show(session: Session) -> list[Component]:
-    """Render possible effects, the added steps, and their errors."""
+    """Render the effects to add, the added steps, and their errors."""
     state, busy = session.state, session.is_busy()
     offer = show_choice(state, busy, list_choices(state.body, tables=True))
     if state.robot is not None:
@@ -45,9 +45,9 @@ def show(session: Session) -> list[Component]:
 
 
 def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
-    """Render the choice between selected effects and any effect of the library."""
+    """Render buttons for the selected effects and a list of all others."""
     others = {id: label for id, label in known.items() if id not in state.model.effects}
-    kept = f"beyond {' '.join(state.model.effects)}"  # a model with an effect more asks anew
+    kept = f"beyond {' '.join(state.model.effects)}"  # another model empties the list's choice
     more: dict[str, Any] = {"placeholder": "choose", "persistence": kept, "persistence_type": "session"}
     library = label_control(
         "Any effect of the library, or a table", dcc.Dropdown(others, None, id={"field": "any"}, **more)
@@ -57,9 +57,9 @@ def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
 
 
 def start(session: Session, id: str | None) -> None:
-    """Add an effect to the ladder's last model, in the background.
+    """Add an effect to the last model in the background.
 
-    Raises UserError if it is none, or in the model already.
+    Raises UserError if there is no such effect, or the model has it already.
     """
     if not id:
         raise InputError("choose an effect to add")

@@ -1,4 +1,4 @@
-"""Data: recordings come in, are checked, and say what they can and cannot tell."""
+"""Load recordings, plot them, and show which parameters they determine."""
 
 from typing import Any
 
@@ -31,11 +31,11 @@ from workbench.narrator.notes import describe_note
 from workbench.robot import describe_held
 
 NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "Turns", "Peak torque [N m]")
-HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # are they numbers?
+HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # True: numeric column
 
 
 def show(session: Session) -> list[Component]:
-    """Show the ways to get recordings, then the recordings."""
+    """Render column forms, the demo, and the loaded recordings with plots."""
     state = session.state
     parts: list[Component] = [card_form.show(card) for card in session.cards[:1]]
     if isinstance(state.body, Body):
@@ -56,7 +56,7 @@ def show(session: Session) -> list[Component]:
 
 
 def _show_robot(state: State, body: Body) -> Component:
-    """Show the robot that the recordings are of."""
+    """Render the robot, its held joints and its errors."""
     texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
         *(text for text in (describe_held(body), *state.doubts_about_recordings, state.failure_reason) if text),
@@ -67,7 +67,7 @@ def _show_robot(state: State, body: Body) -> Component:
 
 
 def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure]:
-    """Plot the position and torque of the k-th recording over time, of an arm joint by joint."""
+    """Plot the position and torque of the k-th recording over time, one figure for each joint."""
     figures, height = [], 340 if len(recording.joints) == 1 else 260
     for n, (joint, series_of_joint) in enumerate(zip(recording.names, recording.joints, strict=True)):
         title, units = f"{joint}, {recording.name}" if joint else recording.name, body.units(joint, recording.units)
@@ -88,7 +88,7 @@ def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure
 
 
 def show_recordings(state: State) -> Component:
-    """Render the table of recordings; for an arm, turns and torque are the largest of its joints."""
+    """Render the table of recordings; for an arm, turns and torque are the largest among the joints."""
     rows = [_show_row(item, recording) for item, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     note = [] if any(item.held_out for item in state.loaded) else [html.P(split, className="note")]
@@ -98,7 +98,7 @@ def show_recordings(state: State) -> Component:
 
 
 def _show_row(one: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
-    """Render a recording and its actions."""
+    """Render a recording's row with its buttons."""
     label = recording.name
     columns = make_button("Columns", "columns", one.id, className="link", **make_aria(label=f"Columns of {label}"))
     roles = [

@@ -1,4 +1,4 @@
-"""Diagnose: which effects the model lacks, why, and what to record next."""
+"""Find the missing effects, and show the evidence and the next experiment."""
 
 from dataclasses import replace
 from functools import partial
@@ -28,7 +28,7 @@ from workbench.report.story import make_candidates, make_joints, make_story
 
 
 def show(session: Session) -> list[Component]:
-    """Show the search, then its result."""
+    """Render the options of the search, and its result if there is one."""
     state, busy = session.state, session.is_busy()
     found = state.diagnosis
     search = make_panel(
@@ -61,7 +61,7 @@ def show(session: Session) -> list[Component]:
 
 
 def show_choices(state: Work, is_open: bool) -> Component:
-    """Show the fields for effects to look for and, of a pendulum, for known values; a mistake keeps its text."""
+    """Render the fields for effects to look for and, for a pendulum, known values; invalid text stays."""
     asked, library, has_limits = state.asked, list_choices(state.body), state.body.can_limit
 
     def several(label: str, id: str, empty: str) -> Component:
@@ -95,18 +95,15 @@ def show_choices(state: Work, is_open: bool) -> Component:
 
 
 def choose_search(session: Session, asked: SearchChoices) -> None:
-    """Look for some effects, or with some values known, from now on.
-
-    Raises ValueError if that makes no sense, in the words of the command line.
-    """
+    """Set the options of the search; raises ValueError if they are invalid."""
     asked.check(session.state.base_terms)
-    if asked != (state := session.state).asked:  # where other values are known, the ladder begins anew with them
+    if asked != (state := session.state).asked:  # other known values need new fits
         change = replace(state, asked=asked) if asked.limits == state.asked.limits else state.restart(asked=asked)
         session.change("choose what is looked for", change)
 
 
 def start(session: Session, asked: SearchChoices) -> None:
-    """Search for the effects that the ladder's last model lacks, in the background."""
+    """Diagnose the last model in the background, after the fit of the base model if needed."""
     choose_search(session, asked)
     state = session.state
 

@@ -1,4 +1,4 @@
-"""Export: the report, the model, and how to do the same without a browser."""
+"""Download the report, the model and other files, and show the equivalent command lines."""
 
 from base64 import b64encode
 from typing import Any
@@ -23,7 +23,7 @@ BESIDE = f"The recordings are read as {STUDY} says: save it beside them."
 
 
 def show(session: Session) -> list[Component]:
-    """Render the downloads, and the equivalent commands."""
+    """Render the downloads and the command lines."""
     state = session.state
     fits_more = not (state.added or state.holdout or state.model_file)  # `add` would hold the last 30 % out as well
     notes = [BESIDE] * is_study_needed(state) + [WHOLE] * fits_more
@@ -36,7 +36,7 @@ def show(session: Session) -> list[Component]:
 
 
 def show_downloads(state: State) -> Component:
-    """Render the downloads."""
+    """Render a save button with a description for each file."""
     saved = {
         "report": (REPORT, "one file to share: story, plots and tables; it needs no network and prints"),
         "model": (MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
@@ -54,13 +54,13 @@ def show_downloads(state: State) -> Component:
 
 
 def show_code(text: str, id: str) -> Component:
-    """Show the lines to copy."""
+    """Render lines with a button to copy them."""
     copy = dcc.Clipboard(target_id=id, title="copy", className="copy")
     return html.Div([html.Pre(text, id=id, tabIndex=0), copy], className="code")
 
 
 def connect(app: Dash, sessions: Sessions) -> None:
-    """Wire the files."""
+    """Register the callback that sends a file."""
 
     @app.callback(
         Output("download", "data"),

@@ -1,4 +1,4 @@
-"""Model: its terms, parameters with their uncertainty, and the schemes; Compare: where it fails."""
+"""Two stages: Model with terms, parameters and schemes, and Compare with residuals and simulations."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -17,11 +17,11 @@ from workbench.report.data import Section
 from workbench.report.failures import make_failures
 from workbench.report.numbers import make_parameters, make_schemes
 
-GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # `make pages` draws it
+GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # drawn by `make pages`
 
 
 def show_model(session: Session) -> list[Component]:
-    """Show the terms, parameters, schemes."""
+    """Render the terms, the parameters with standard errors, and the schemes."""
     state = session.state
     terms = [
         html.Li([html.Strong(capitalise(name_effect(term.id))), " ", html.Span(term.law, className="law")])
@@ -36,7 +36,7 @@ def show_model(session: Session) -> list[Component]:
 
 
 def _show_schemes(state: State) -> list[Component]:
-    """Show the estimates of each scheme; of an arm without their convergence."""
+    """Render the estimates of each scheme; for an arm without their convergence."""
     if state.schemes is not None and not state.body.can_simulate:
         return show_section(Section("schemes", "Schemes", "Schemes", [tabulate_schemes(state.schemes), f"{TRUST}."]))
     section = make_schemes(state.report_data) if state.schemes is not None else None
@@ -44,20 +44,20 @@ def _show_schemes(state: State) -> list[Component]:
 
 
 def show_comparison(session: Session) -> list[Component]:
-    """Show where the base model and the last one fail, and measured against modelled motion."""
+    """Render the residuals of the base and the last model; for a pendulum also measured and modelled motion."""
     state = session.state
     shown = [make_panel(section.title, *show_section(section)) for section in _make_sections(state)]
     return [*shown, _show_gallery(state)] if state.robot is None else shown
 
 
-@lru_cache(maxsize=4)  # while the page shows one
+@lru_cache(maxsize=4)  # slow to draw
 def _make_sections(state: State) -> tuple[Section, ...]:
     failures = make_failures(state.report_data)
     return (failures, make_comparison(state.report_data)) if state.robot is None else (failures,)
 
 
 def _show_gallery(state: State) -> Component:
-    """Show the residuals that single effects leave, the likeliest first after a diagnosis."""
+    """Render pictures of the residual of each effect, in the order of the diagnosis if there is one."""
     names = list_choices()
     found = [candidate.effect for candidate in state.diagnosis.candidates] if state.diagnosis is not None else []
     rows = []
