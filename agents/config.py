@@ -41,7 +41,7 @@ class Config:
         levels: of the torque, as shares of the peak; or of the speed of each joint, as shares of the largest.
         price_rate: rate of the price of torque per relative excess of the budget and decision; for "rms".
         head_start: decisions added to t in the weight of a reward, so that early rewards count.
-        checkpoint: decisions between two policies that are kept on the way.
+        checkpoint: decisions between two intermediate policies.
     """
 
     constraint: str = "peak"

@@ -101,7 +101,7 @@ class Network:
         for name in [*names, "levels", "constraint"]:
             if name not in arrays:
                 raise ValueError(f"it lacks {name}")
-        with np.errstate(over="ignore"):  # what is larger than a float is refused below
+        with np.errstate(over="ignore"):  # overflowing values are refused below
             *parameters, levels = (np.asarray(arrays[name], dtype=float) for name in [*names, "levels"])
         if not all((np.abs(array) <= MAX_WEIGHT).all() for array in parameters) or not (np.abs(levels) <= 1.0).all():
             raise ValueError(f"it holds weights beyond {MAX_WEIGHT:g}, or levels beyond 1, the peak")

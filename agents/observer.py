@@ -100,7 +100,7 @@ def log_det(information: Array) -> Array:
 def mirror_observation(observation: Any) -> tuple[Array, Array]:
     """Mirror observations (B, N) to positive velocity, and return the sign (B,) that restores their torques.
 
-    The pendulum is symmetric, so a policy has to learn one direction only.
+    By symmetry, a policy learns one direction only.
     """
     mirrored = np.array(observation, dtype=float)
     sign = np.where(mirrored[..., 2] < 0, -1.0, 1.0)
@@ -251,7 +251,7 @@ class Pilot:
 
     @property
     def amplitude(self) -> float:
-        """Bound of |torque| [N m]."""
+        """Return the bound of |torque| [N m]."""
         return self.constraint.peak
 
     def torque(self, info: Mapping[str, Any]) -> float:

@@ -45,7 +45,7 @@ class TrainingTask(DiscreteActions):
 
     The weight of a reward grows with t: log det grows like log t, so a weighted row is worth its share of the final log
     det. With a torque budget, the square of the command has a price, which rises until the mean command keeps the
-    budget. The environment enforces the budget anyway; the price keeps an agent from spending it at once.
+    budget. The environment enforces the budget anyway; the price prevents spending it in the first steps.
     """
 
     env: ExcitationDesignVector
@@ -84,11 +84,11 @@ class TrainingTask(DiscreteActions):
 def train(config: Config, tell: Progress | None = None, folder: Path | None = None) -> Network:
     """Train a policy; the same configuration gives the same policy on the same machine.
 
-    `tell` is called with the progress, as text and as a share. A folder gets policies `steps-N.npz` on the way, and a
-    log for TensorBoard if that is installed. An interrupted training goes on from the model in its folder, with new
-    plants. Raises OSError if the folder is not writable, and UserError if it holds a training with other settings.
+    `tell` is called with the progress as text and share. A folder gets intermediate policies `steps-N.npz` and, if
+    TensorBoard is installed, its log. An interrupted training continues from the model in its folder with new plants.
+    Raises OSError if the folder is not writable, and UserError if it holds a training with other settings.
     """
-    torch.set_num_threads(1)  # one thread: results repeat, and small networks gain nothing from more
+    torch.set_num_threads(1)  # reproducible, and fast enough for small networks
     model = make_model(config)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -123,7 +123,7 @@ def make_model(config: Config) -> PPO:
 
 
 def _read_checkpoint(folder: Path, config: Config) -> PPO:
-    """Read the model in a folder, and draw other plants than at first."""
+    """Read the model in a folder, and seed it for new plants."""
     found = PPO.load(folder / CHECKPOINT, device="cpu")
     if getattr(found, "settings", None) != repr(config):
         raise UserError(f"{folder}: holds a training with other settings: choose another folder")
@@ -151,7 +151,7 @@ def export_network(model: PPO, config: Config) -> Network:
 
 
 class _TrainingCallback(BaseCallback):
-    """Callback that reports progress and writes policies on the way."""
+    """Callback that reports progress and writes intermediate policies."""
 
     def __init__(self, config: Config, tell: Progress | None, folder: Path | None) -> None:
         super().__init__()

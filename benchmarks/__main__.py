@@ -7,7 +7,7 @@ import sys
 
 from workbench.terminal import Terminal
 
-SHORT = (  # about two minutes on two cores
+SHORT = (  # two minutes on two cores
     ("environments", ()),
     ("hidden_effects", ("--n", "24")),
 )

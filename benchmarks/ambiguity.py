@@ -1,11 +1,10 @@
-"""Whether the experiment that a diagnosis suggests settles what it left open, against experiments not chosen for it.
+"""Success of suggested experiments at resolving ambiguous diagnoses, compared with other experiments.
 
 python -m benchmarks.ambiguity --n 120
 
-Random plants, each with one effect of the library or none, are recorded briefly and poorly: weakly, in small swings, or
-turning one way only, so that diagnoses of them are often ambiguous. Those that are get a second recording of 20 s: more
-of the same, a signal drawn from the family from which suggestions are chosen, or the suggested one. Both recordings
-together are then diagnosed anew.
+Random plants, each with one effect of the library or none, are recorded for 8 s with weak torque, small swings or one
+direction of rotation, which makes many diagnoses ambiguous. Ambiguous plants get a second recording of 20 s: the same
+signal, a random signal of the family of suggestions, or the suggested signal. Both recordings are diagnosed together.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from pendulum_env.excitation import draw_family
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
 
-BRIEF = 8.0  # [s]
+BRIEF = 8.0  # duration of the first recording [s]
 RATES = (500.0, 1000.0)  # [Hz]
 SUGGESTED = "suggested"
 ARMS = ("more of the same", "drawn from the family", SUGGESTED)
@@ -36,18 +35,18 @@ Pair = frozenset[str]
 
 
 def weak(rng: np.random.Generator, time: Array) -> Array:
-    """Return noise that just moves the arm [N m]."""
+    """Return weak filtered noise, barely above the dry friction [N m]."""
     return filtered_noise(rng, time, float(rng.uniform(0.2, 0.4)))
 
 
 def small_swings(rng: np.random.Generator, time: Array) -> Array:
-    """Return two fast tones: angles within some 0.3 rad [N m]."""
+    """Return two fast tones, for angles within about 0.3 rad [N m]."""
     fast, slow = rng.uniform(11, 15), rng.uniform(8, 11)  # [rad/s]
     return np.asarray(np.sin(fast * time) + 0.6 * np.sin(slow * time + rng.uniform(0, 2 * np.pi)))
 
 
 def one_way(rng: np.random.Generator, time: Array) -> Array:
-    """Return two tones on a torque that never lets the arm turn round [N m]."""
+    """Return two tones on a constant torque, for rotation in one direction [N m]."""
     fast, slow = rng.uniform(7, 11), rng.uniform(4, 6)  # [rad/s]
     return np.asarray(4.6 + 0.6 * np.sin(fast * time + rng.uniform(0, 2 * np.pi)) + np.sin(slow * time))
 
@@ -57,7 +56,7 @@ POOR = (weak, small_swings, one_way)
 
 @dataclass(frozen=True)
 class Study:
-    """A plant, how it is recorded first, and the seed of both recordings."""
+    """Plant, signal of its first recording, and seed of both recordings."""
 
     case: Case
     poor: Callable[[np.random.Generator, Array], Array]
@@ -66,14 +65,14 @@ class Study:
 
 @dataclass(frozen=True)
 class Row:
-    """What came of one plant.
+    """Result of one plant.
 
     Attributes:
-        hidden: effects.
-        open: pairs of effects that the first recording leaves open.
-        right: whether it already names what is hidden and nothing else.
-        left: pairs open after the second recording, by arm.
-        settled: whether both recordings name what is hidden and nothing else, by arm.
+        hidden: hidden effects.
+        open: pairs of effects that the first recording does not distinguish.
+        right: whether its diagnosis names exactly the hidden effects.
+        left: pairs not distinguished after the second recording, by arm of the study.
+        settled: whether both recordings name exactly the hidden effects, by arm of the study.
     """
 
     hidden: tuple[str, ...]
@@ -112,7 +111,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def poor_study(seed: int, k: int) -> Study:
-    """Return the k-th plant, every effect in turn and every tenth with none, of little friction."""
+    """Return the k-th plant, with low friction; effects in turn, none in every tenth plant."""
     hidden = () if k % 10 == 9 else (LIBRARY[k % len(LIBRARY)],)
     rng = make_generator(seed, k if k % 10 == 9 else k // len(LIBRARY), *hidden)
     case = random_case(rng, hidden, rate=float(rng.choice(RATES)), coulomb=float(rng.uniform(0.2, 0.5)))
@@ -120,7 +119,7 @@ def poor_study(seed: int, k: int) -> Study:
 
 
 def examine(study: Study) -> Row:
-    """Diagnose a first recording and, if that leaves something open, each second one with it."""
+    """Diagnose a first recording and, if it is ambiguous, again with each second recording."""
     hidden = tuple(study.case.plant.effects)
     try:
         first = record(study, BRIEF, study.poor, 0)
@@ -129,7 +128,7 @@ def examine(study: Study) -> Row:
         right = is_right(hidden, found)
         if not open_pairs:
             return Row(hidden, open_pairs, right, {}, {})
-        # where nothing is suggested, that arm has no second recording, and settles nothing
+        # without a suggestion, its arm has no second recording
         left, settled = {SUGGESTED: open_pairs}, {SUGGESTED: right}
 
         def drawn(rng: np.random.Generator, time: Array) -> Array:
@@ -144,14 +143,14 @@ def examine(study: Study) -> Row:
             both = diagnose([first, record(study, DESIGN.seconds, command, 1)], max_angle=np.inf, max_speed=np.inf)
             left[arm], settled[arm] = undecided(both), is_right(hidden, both)
         return Row(hidden, open_pairs, right, left, settled)
-    except Exception as error:  # the other cases still count
+    except Exception as error:  # keep the other cases
         return Row(hidden, frozenset(), False, {}, {}, f"{type(error).__name__}: {error}")
 
 
 def record(
     study: Study, seconds: float, command: Callable[[np.random.Generator, Array], Array], number: int
 ) -> Recording:
-    """Record the plant under a command, the first time or the second."""
+    """Record the plant under a command; `number`: 0 for the first recording, 1 for the second."""
     rate = study.case.train.rate
     experiment = replace(study.case.train, seconds=seconds, seed=study.seed + number)
     torque = command(np.random.default_rng([study.seed, number]), np.arange(round(seconds * rate)) / rate)
@@ -160,7 +159,7 @@ def record(
 
 
 def undecided(found: Diagnosis) -> frozenset[Pair]:
-    """Return the pairs that a diagnosis cannot tell apart though some torque could."""
+    """Return the pairs that a diagnosis does not distinguish, but another torque would."""
     pairs = {frozenset((first, other)) for first, *others in found.ambiguous for other in others}
     if found.suggestion is not None:
         pairs |= {frozenset((aim.effect, aim.instead)) for aim in found.suggestion.settles if aim.instead}
@@ -168,12 +167,12 @@ def undecided(found: Diagnosis) -> frozenset[Pair]:
 
 
 def is_right(hidden: tuple[str, ...], found: Diagnosis) -> bool:
-    """Return whether the hidden effect is named, or an effect that no torque distinguishes from it."""
+    """Return whether the hidden effect, or one inseparable from it, is named."""
     return compare(hidden, found.selected, found.inseparable, bool(found.unexplained)) is not Exact.NO
 
 
 def tell(rows: Sequence[Row], terminal: Terminal) -> None:
-    """Print the table."""
+    """Print the table of results."""
     failed = [row for row in rows if row.failure]
     ambiguous = [row for row in rows if row.open]
     terminal.heading(f"{len(rows)} plants, {len(ambiguous)} ambiguous after the first recording, {len(failed)} failed")

@@ -1,8 +1,8 @@
-"""How soon motions make an arm known, at equal limits: python -m benchmarks.arm_excitation two-link | robots FOLDER.
+"""Accuracy of arm parameters by motion, at equal limits: python -m benchmarks.arm_excitation two-link | robots FOLDER.
 
-Two links, of fresh bodies within 30 % of the file, are simulated by pymunk, which shares nothing with what chose the
-motions; their parameters are estimated online, and what counts is the real error of all of them, relative to their
-size. Published robots are read from a folder, that of the package example-robot-data; what counts is the information.
+Two-link arms within 30 % of the file are simulated by pymunk, which shares no code with the design of the motions.
+The result is the relative error of all parameters, estimated online. Published robots are read from a folder of the
+package example-robot-data; their result is the information of the motion.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.planar import TWO_LINK, Link
 
 RATE = 1000.0  # [Hz]
-NOISE = 0.1  # [N m] of each torque sample: some percent, as currents tell it
-MOMENTS = (2.0, 5.0)  # [s]
+NOISE = 0.1  # of each torque sample [N m], some per cent as from currents
+MOMENTS = (2.0, 5.0)  # times of the comparison [s]
 SPREAD = 0.3
 TRIES = 600
 BASE = "fourier, random"
@@ -58,7 +58,7 @@ ROBOTS = {
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A Fourier series of n joints: where its middle is (n,), its sines and cosines (K, n) and its period [s]."""
+    """Fourier series of n joints: middle (n,) [rad], sines and cosines (K, n) [rad], and period [s]."""
 
     body: Body
     middle: Array
@@ -75,15 +75,14 @@ class Series:
 
 
 def torque_of(motion: Any, time: Array) -> Array:
-    """Return the torque that the body needs by its file, without friction (N, n) [N m]."""
+    """Return the torque of the file's body along a motion, without friction (N, n) [N m]."""
     return np.asarray(motion.body.torque(*motion(time)) @ motion.body.values)
 
 
 def scaled(body: Body, period: float, waves: Array, share: float = 0.9, **limits: float) -> Series | None:
-    """Return a Fourier series about the middle angles, sines and cosines (2, K, n), as large as limits allow.
+    """Return a Fourier series about the middle angles, with waves (2, K, n) scaled to a share of the limits.
 
-    It has a share of their angles and speeds; five waves in 5 s at 4 rad/s never take more than 25 rad/s^2. None where
-    that takes more torque than there is.
+    Accelerations stay below 25 rad/s^2 for five waves in 5 s at 4 rad/s. Return None if the torque limit is exceeded.
     """
     low, high, speed, torque, _ = find_limits(body, **limits)
     time, middle = np.linspace(0, period, 200, endpoint=False), 0.5 * (low + high)
@@ -94,8 +93,8 @@ def scaled(body: Body, period: float, waves: Array, share: float = 0.9, **limits
 
 
 def sinusoids(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """Return the paper's two tones at each joint, of random phases, as a reference."""
-    period = 2 * np.pi / 2.25  # [s], of the slow one; the fast one, at 12.07 rad/s, is within 7 % its fifth harmonic
+    """Return the paper's two tones with random phases at each joint."""
+    period = 2 * np.pi / 2.25  # of the slow tone [s]; the fast tone, 12.07 rad/s, is near its fifth harmonic
     for _ in range(100):
         phases = rng.uniform(0, 2 * np.pi, (2, len(body.joints)))
         waves = np.zeros((2, 5, len(body.joints)))
@@ -116,7 +115,7 @@ def random_fourier(body: Body, seconds: float, rng: np.random.Generator, **limit
 
 
 def cma_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """Search series by CMA-ES, with ten times as many series."""
+    """Optimise a series by CMA-ES, with ten times as many series."""
     import cma
 
     shape = (2, 5, len(body.joints))
@@ -133,7 +132,7 @@ def cma_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: 
 
 
 def information(body: Body, motion: Motion, seconds: float) -> Array:
-    """Return the information on parameters as shares of their sizes (P, P), in units of a tick's noise."""
+    """Return the information on relative parameters (P, P), for unit noise of a tick."""
     q, v, a = motion(np.arange(TICK / 2, seconds, TICK))
     own = compute_parameter_scales(body)
     rows = make_information_rows(body, own, q, v, a).reshape(-1, len(own))
@@ -141,17 +140,17 @@ def information(body: Body, motion: Motion, seconds: float) -> Array:
 
 
 def log_det(motion: Any, seconds: float) -> float:
-    """Return the logarithm of the determinant of the information [nat]."""
+    """Return log det of the information [nat]."""
     return float(np.linalg.slogdet(information(motion.body, motion, seconds)).logabsdet)
 
 
 def deviation(motion: Any, seconds: float) -> float:
-    """Return the root mean square of the standard errors, as shares of the parameters and for a tick's noise of one."""
+    """Return the RMS of the relative standard errors, for unit noise of a tick."""
     return float(np.sqrt(np.linalg.inv(information(motion.body, motion, seconds)).diagonal().mean()))
 
 
 def agent(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
-    """Return the policy that ships."""
+    """Plan the motion by the shipped policy."""
     return plan_motion(load("arm"), body, find_limits(body, **limits), seconds)
 
 
@@ -171,7 +170,7 @@ CONTENDERS: dict[str, Callable[..., Motion]] = {
 
 
 def fresh(rng: np.random.Generator) -> tuple[Link, ...]:
-    """Return the links within 30 % of the usual ones, whose lengths are known."""
+    """Draw links within 30 % of the default ones, with equal lengths."""
     names = ("mass", "center", "inertia", "viscous", "coulomb")
     return tuple(
         replace(link, **{name: getattr(link, name) * rng.uniform(1 - SPREAD, 1 + SPREAD) for name in names})
@@ -180,7 +179,7 @@ def fresh(rng: np.random.Generator) -> tuple[Link, ...]:
 
 
 def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Generator) -> tuple[list[float], Array]:
-    """Return RMS relative error of all parameters at `MOMENTS`, and the largest angles and speeds (2, n)."""
+    """Return the RMS relative error of all parameters at `MOMENTS`, and the largest angles and speeds (2, n)."""
     arm = PlanarArm(links, rate=RATE, torque_noise=NOISE, max_torque=TORQUE)
     truth = find_body(arm)
     recording = follow(arm, motion, round(MOMENTS[-1] * RATE), TORQUE, rng=rng)
@@ -198,7 +197,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
 
 
 def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
-    """Return the real errors of every contender on the same bodies, beside the first."""
+    """Print the errors of every contender on the same bodies, also relative to the first contender."""
     file, told = find_body(PlanarArm()), {}
     print(f"{bodies} bodies within 30 %, noise {NOISE:g} N m, limits {limits}")
     for name, contender in CONTENDERS.items():
@@ -231,7 +230,7 @@ def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
 
 
 def robots(folder: Path, seconds: float = 10.0) -> None:
-    """Return the standard errors and condition numbers of motions of published robots."""
+    """Print the standard errors and condition numbers of motions of published robots."""
     print("robot, motion: RMS standard error as a share of random Fourier series, geometric mean, condition")
     for name, file in ROBOTS.items():
         motions = [f"panda_joint{k}" for k in range(1, 8)] if name == "Panda" else None

@@ -2,12 +2,11 @@
 
 python -m benchmarks.cramer_rao
 
-Noise model of the bound: the recorded position is the true one plus white noise of the variance of the encoder's
-quantisation (count^2 / 12), the recorded torque is the one that acts plus white noise; both are Gaussian and
-independent, the plant itself is undisturbed, and its state at the start is not known. So the torque that acts is known
-only through the record: its error drives the motion away from what the record predicts, which makes the innovations of
-an extended Kalman filter the sufficient statistics. Their sensitivities give Fisher's information; the one-sample steps
-that they need are differences of the independent simulation, stick included.
+Noise model of the bound: position has white noise of the variance of the encoder's quantisation (count^2 / 12), and
+the recorded torque is the acting torque plus white noise. Both are Gaussian and independent. The initial state is
+unknown, and the plant has no disturbance. Because the acting torque is known only with noise, the sufficient statistics
+are the innovations of an extended Kalman filter. Their sensitivities give the Fisher information; the one-sample steps
+are differences of the independent simulation, stick included.
 
 Source: Ljung, System Identification, 2nd edition, sections 7.4 and 10.3.
 """
@@ -39,13 +38,13 @@ from workbench.terminal import Terminal
 
 Array = NDArray[np.float64]
 
-AIM = 1.2  # times the bound
+AIM = 1.2  # largest accepted error over the bound
 INTERVAL = 1.96  # standard errors, 95 % of a normal distribution
 
 
 @dataclass(frozen=True)
 class Study:
-    """A plant and an experiment of which the bound is worked out; what is estimated, by name of the plant's parameter.
+    """Plant, experiment and estimated parameters of a bound.
 
     Attributes:
         estimated: name of each parameter in the model and, for an effect, in the plant.
@@ -66,7 +65,7 @@ class Study:
         return 2 * np.pi / (self.experiment.counts or np.inf) / np.sqrt(12)
 
     def changed(self, name: str, amount: float) -> tuple[Plant, float]:
-        """Return the plant with one parameter larger by a share, and how much that is."""
+        """Return the plant with one parameter larger by the share `amount`, and the absolute change."""
         for known, id, own in self.estimated:
             if known == name:
                 value = self.plant.effects[id][own]
@@ -112,7 +111,7 @@ class Steps:
 
 
 def linearise(study: Study, run: SimulatedRecording) -> Steps:
-    """Return the differences of the independent simulation, started anew at every sample."""
+    """Compute the steps as differences of the independent simulation, restarted at every sample."""
     q, v, u = run.exact_position, run.velocity, run.command
     perturbations = (1e-6, 1e-5, 1e-4)  # [rad], [rad/s], [N m]
     plain = _steps(study.plant, run, q, v, u)
@@ -129,7 +128,7 @@ def linearise(study: Study, run: SimulatedRecording) -> Steps:
 
 
 def _steps(plant: Plant, run: SimulatedRecording, q: Array, v: Array, u: Array) -> Array:
-    """State (q, v) one sample after each of N states, (N, 2)."""
+    """Return the states (q, v) one sample after each of N states, (N, 2)."""
     hertz = run.experiment.rate
     starts = zip(q.tolist(), v.tolist(), strict=True)
     step = Experiment(rate=hertz, seconds=2 / hertz, counts=None, torque_noise=0.0)
@@ -138,11 +137,11 @@ def _steps(plant: Plant, run: SimulatedRecording, q: Array, v: Array, u: Array) 
 
 
 def bound(steps: Steps, position_noise: float, torque_noise: float) -> Array:
-    """Return Cramer-Rao bound of the standard errors of P parameters, the state at the start being unknown, (P,)."""
+    """Return the Cramer-Rao bound of the standard errors of P parameters (P,), with an unknown initial state."""
     count = steps.theta.shape[2]
-    moved = np.zeros((2, count + 2))  # of the predicted state by the parameters, and by the state at the start
+    moved = np.zeros((2, count + 2))  # sensitivity of the predicted state to parameters and initial state
     moved[:, count:] = np.eye(2)
-    spread, information = np.zeros((2, 2)), np.zeros((count + 2, count + 2))  # of the prediction: covariance
+    spread, information = np.zeros((2, 2)), np.zeros((count + 2, count + 2))  # covariance of the prediction
     for A, B, G in zip(steps.state, steps.torque, steps.theta, strict=True):
         S = spread[0, 0] + position_noise**2
         information += np.outer(moved[0], moved[0]) / S
@@ -159,7 +158,7 @@ def bound(steps: Steps, position_noise: float, torque_noise: float) -> Array:
 
 
 def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
-    """Return the run as it is measured once."""
+    """Return a recording of the run with random measurement noise."""
     rng = np.random.default_rng(seed)
     position = run.exact_position + study.position_noise * rng.standard_normal(len(run.time))
     torque = run.command + run.experiment.torque_noise * rng.standard_normal(len(run.time))
@@ -167,7 +166,7 @@ def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
 
 
 def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
-    """Return the fit over windows of the base terms and some effects, nonlinear parameters searched."""
+    """Fit the base terms and some effects over windows; nonlinear parameters are searched."""
     terms = BASE
     for id in hidden:
         terms = min(refine_variants(prepared, terms, effect(id)), key=lambda trial: trial.fitted_rms).terms
@@ -175,20 +174,20 @@ def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
 
 
 def fit_segments(prepared: RegressionData, start: Model) -> Model:
-    """Fit the same terms, refined by the innovations of short segments."""
+    """Refine a fit by maximum likelihood of the innovations in short segments."""
     segments = [choose_segments(windows, SEGMENT) for windows in prepared.data.windows]
     return output_error.fit_maximum_likelihood(segments, output_error.Point(start.terms, start.theta))
 
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:
-    """Return both estimates of one realisation."""
+    """Return the estimates over windows and over segments of one realisation."""
     prepared = RegressionData.from_recordings([realisation(study, run, seed)])
     windows = fit_windows(prepared, tuple(study.plant.effects))
     return windows, fit_segments(prepared, windows)
 
 
 def tell_bound(study: Study, realisations: int, workers: int, terminal: Terminal) -> None:
-    """Print bound, errors and coverage of one study."""
+    """Print the bound, errors and coverage of one study."""
     (run,) = simulate([(study.plant, study.experiment)])
     least = bound(linearise(study, run), study.position_noise, study.experiment.torque_noise)
     truth = Truth.of(study.name, run.truth).parameters

@@ -1,4 +1,4 @@
-"""Random draws keyed by their subject, so that one more effect in a library changes no draw of the others."""
+"""Random draws keyed by their subject, so that a new effect in the library changes no other draws."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def make_generator(seed: int, *key: str | int) -> np.random.Generator:
-    """Make the generator of random numbers of one subject, such as an effect and the number of its copy."""
+    """Make the random generator of one subject, such as an effect and a number."""
     return np.random.default_rng([seed, *" ".join(map(str, key)).encode()])
 
 
@@ -19,6 +19,6 @@ def shuffle_keys(seed: int, keys: Iterable[tuple[str | int, ...]]) -> list[tuple
 
 
 def choose_pairs(seed: int, effects: Sequence[str], excluded: Collection[frozenset[str]]) -> list[tuple[str, str]]:
-    """List all pairs of effects but the excluded ones in random order; the first ones serve as a sample."""
+    """List all pairs of effects except the excluded ones in random order; the first n are a sample."""
     couples = [couple for couple in combinations(sorted(effects), 2) if frozenset(couple) not in excluded]
     return sorted(couples, key=lambda couple: make_generator(seed, "pair", *couple).random())

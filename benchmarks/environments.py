@@ -1,6 +1,6 @@
-"""Steps per second of environments beside their peers, and times of imports, in one run.
+"""Steps per second of the environments and of similar ones, and times of imports.
 
-CPU time per step, the least of several repetitions, so that other work on the machine does not count.
+The CPU time per step is the least of several repetitions, to exclude other work on the machine.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Torque commands and reference motions for the independent plant, each a plain function of (rng, time, scale)."""
+"""Torque commands and reference motions for the independent plant, as functions of (rng, time, scale)."""
 
 from __future__ import annotations
 
@@ -66,11 +66,11 @@ def smooth_reference(rng: np.random.Generator, time: Array, scale: float = 1.0) 
     """Return a smooth random motion for a position loop to follow, about 1.5 rad RMS below 1.2 Hz [rad]."""
     frequency = rng.uniform(0.5, 7.5, 6)  # rad/s
     wave = np.sin(np.outer(time, frequency) + rng.uniform(0, 2 * np.pi, 6)) @ rng.uniform(0.4, 1.2, 6)
-    return scale * wave * (1 - np.exp(-time / 0.5))  # starts where the arm hangs
+    return scale * wave * (1 - np.exp(-time / 0.5))  # starts at zero
 
 
 def speed_profile(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
-    """Return turns at 1 to 6 rad/s either way, each for a second or two, for a speed loop with an integrator [rad]."""
+    """Return random constant speeds of 1 to 6 rad/s for 1 to 2 s each, integrated, for a speed loop [rad]."""
     edges = np.cumsum(rng.uniform(1.0, 2.0, int(time[-1]) + 2))
     speeds = rng.uniform(1.0, 6.0, len(edges) + 1) * rng.choice([-1.0, 1.0], len(edges) + 1)
     speed = speeds[np.searchsorted(edges, time)]

@@ -1,4 +1,4 @@
-"""Blind benchmark: random hidden effects in random plants, diagnosed, with every rate that matters.
+"""Blind benchmark: diagnoses of random plants with random hidden effects, and their error rates.
 
 python -m benchmarks.hidden_effects --n 200
 """
@@ -67,7 +67,7 @@ def generate(
     options: dict[str, bool],
     terminal: Terminal,
 ) -> list[Truth]:
-    """Simulate the set, or take it from the folder if it is there; `counts` of nulls, pairs and so on."""
+    """Simulate the set, or read it from the folder; `counts`: of nulls, pairs, outside and misfits."""
     if (folder / "truth.json").exists() and len(truths := read_truth(folder)) == n:
         terminal.say(f"recordings taken from {folder}; delete it to simulate them anew")
         return truths
@@ -102,7 +102,7 @@ def tell(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     tell_totals(outcomes, terminal)
     tell_by_effect(outcomes, terminal)
     tell_by_share(outcomes, terminal)
-    for curve in (power(outcomes), reliability(outcomes)):  # well calibrated scores are right as often as they say
+    for curve in (power(outcomes), reliability(outcomes)):
         curve.tell(terminal)
     terminal.heading("Parameters within their 95 % intervals, where one effect is hidden and found")
     terminal.table(("of", "within"), coverage(outcomes), left=("within",))
@@ -112,18 +112,18 @@ def tell(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
 
 
 def size(outcome: Outcome) -> float:
-    """Return RMS torque that the base model misses after its refit, over the noise of one torque sample."""
+    """Return the RMS residual of the refitted base model over the noise of one torque sample."""
     return (outcome.truth.share or 0.0) * outcome.torque / outcome.truth.noise
 
 
 def power(outcomes: Sequence[Outcome]) -> Curve:
-    """Return the share right by the size of the effect relative to the noise."""
+    """Return the share of right diagnoses by the size of the effect relative to the noise."""
     known = [o for o in select_library_cases(outcomes) if not o.failure]
     return Curve.of("effect over noise", "right", SIZES, [(size(o), o.right) for o in known])
 
 
 def reliability(outcomes: Sequence[Outcome]) -> Curve:
-    """Return the share of selected effects that are hidden indeed, they or one of their group, by their score."""
+    """Return the share of selected effects that are hidden, alone or as a group, by their score."""
     claims = [(c.score, o.is_right(c)) for o in outcomes for c in o.claims if c.is_selected]
     return Curve.of("score", "right", SCORES, claims)
 

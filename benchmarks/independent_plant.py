@@ -2,9 +2,9 @@
 
     I q'' + mgl sin q + b q' + fc Sgn q' + effects = tau          q = 0 hangs down, counter-clockwise positive, SI units
 
-While the joint slides one way the right-hand side is smooth and a classical Runge-Kutta step is as good as exact. Where
-the velocity would change sign inside a step, the step is cut at the zero; there the joint sticks if the torques at rest
-are within the dry friction, and otherwise slides on in the direction they push. The steps are machine code (Numba).
+While the joint slides in one direction, the right-hand side is smooth, and a classical Runge-Kutta step is nearly
+exact. Where the velocity would change sign inside a step, the step is cut at the zero. There the joint sticks if the
+torque at rest is within the dry friction; otherwise it slides in the direction of the torque. Numba compiles the steps.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ Array = NDArray[np.float64]
 
 MAX_STEP = 1e-3  # s, inner step of a rigid joint
 STIFF_STEP = 0.5e-3  # s, inner step with walls or presliding
-CONTACT_STEP = 0.2e-3  # s, inner step with two masses: the damper of a contact sets in with a jump of torque
+CONTACT_STEP = 0.2e-3  # s, inner step with two masses: a contact damper starts with a step of torque
 PUSH_RATE = 1000  # Hz, at which random disturbing torques change
-NEVER = 1e9  # a limit that is not reached
+NEVER = 1e9  # inactive limit
 
-# Parameters of each effect with the values that switch it off (or, for shapes, the usual law). Signs: torques of
-# the motor (offset, cogging) and the disturbance add to tau; tilt, spring, walls and friction stand on the left.
+# Parameters of each effect with neutral values (or, for exponents and the like, the default law). Signs: torques of
+# the motor (offset, cogging) and the disturbance add to tau; tilt, spring, walls and friction are on the left.
 EFFECTS: dict[str, dict[str, float]] = {
     "torque_offset": {"offset": 0.0},  # tau + offset
     "gravity_tilt": {"tilt_cos": 0.0},  # tilt_cos cos q
@@ -64,7 +64,7 @@ EFFECTS: dict[str, dict[str, float]] = {
     "encoder_eccentricity": {"ecc_e": 0.0, "ecc_ph": 0.0},  # the encoder reads q + ecc_e sin(q + ecc_ph)
     # Pushes back by wall_k x (1 + wall_c x') + wall_d x' at a depth x beyond either wall, and never pulls.
     "hard_stop": {"wall_lo": -NEVER, "wall_hi": NEVER, "wall_k": 0.0, "wall_c": 0.0, "wall_d": 0.0},
-    # Outside the library: what an honest diagnosis calls unexplained.
+    # Outside the library: a correct diagnosis reports an unexplained residual.
     "cubic_damping": {"cubic": 0.0},  # cubic v^3
     "knocks": {"knock_rate": 0.0, "knock_height": 0.0, "knock_width": 0.03},  # half-sine pulses at random times
     "random_walk_torque": {"walk_rms": 0.0, "walk_T": 4.0},  # wandering torque with correlation time walk_T
@@ -74,7 +74,7 @@ EFFECTS: dict[str, dict[str, float]] = {
 OUTSIDE_LIBRARY = ("cubic_damping", "knocks", "random_walk_torque", "friction_spot", "gain_falls_with_speed")
 LIBRARY = tuple(effect for effect in EFFECTS if effect not in OUTSIDE_LIBRARY)
 _TRANSMISSION = frozenset({"backlash", "joint_flexibility"})
-# pairs that no data tell apart, or that no plant has
+# pairs that no data distinguish, or that no plant has
 INSEPARABLE = {
     frozenset({"torque_offset", "coulomb_asymmetry"}),
     *(frozenset({id, other}) for id in _TRANSMISSION for other in LIBRARY),
@@ -85,7 +85,7 @@ _NEUTRAL = {name: value for parameters in EFFECTS.values() for name, value in pa
 
 @dataclass(frozen=True)
 class Plant:
-    """A pendulum: base parameters and, by effect, the parameters listed in `EFFECTS` (others keep their default)."""
+    """Pendulum: base parameters and, by effect, parameters of `EFFECTS` (others have neutral values)."""
 
     inertia: float = 0.09  # kg m^2, motor and link together
     gravity: float = 2.0  # N m
@@ -93,7 +93,7 @@ class Plant:
     coulomb: float = 0.8  # N m
     effects: dict[str, dict[str, float]] = field(default_factory=dict)
     friction_side: str = "motor"  # where friction acts with backlash or flexibility: motor or link
-    encoder_side: str = "motor"  # what the encoder sees with backlash or flexibility: motor or link
+    encoder_side: str = "motor"  # body of the encoder with backlash or flexibility: motor or link
 
     def __post_init__(self) -> None:
         for effect, parameters in self.effects.items():
@@ -118,7 +118,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is done to a plant and how it is measured. Time-varying effects start anew with each recording."""
+    """Excitation and measurement of a plant. Time-varying effects restart with each recording."""
 
     rate: float = 1000.0  # Hz; the command is held from one sample to the next
     seconds: float = 20.0
@@ -131,7 +131,7 @@ class Experiment:
     position_noise: float = 0.0  # rad RMS, before counting
     torque_noise: float = 0.02  # N m RMS, white, on the recorded torque
     torque_step: float = 0.0  # N m, resolution of the recorded torque
-    noise_in_plant: bool = False  # whether the torque noise is real, not only recorded
+    noise_in_plant: bool = False  # whether the torque noise acts on the plant
     gains: tuple[float, float] = (12.0, 1.2)  # N m/rad, N m s/rad of the closed loop
     torque_limit: float = 8.0  # N m of the closed loop
     control: str = "pd"  # of the closed loop: pd, by the error's rate; servo, by the joint's speed; or speed, with PI
@@ -146,7 +146,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class SimulatedRecording:
-    """A recording as a user would have it, with the truth behind it."""
+    """Recording with its true motion and plant."""
 
     plant: Plant
     experiment: Experiment
@@ -181,7 +181,7 @@ class SimulatedRecording:
 
 
 def _require(name: str, known: Iterable[str], what: str) -> None:
-    """Raise for an unknown name, with the nearest and all known ones."""
+    """Raise ValueError for an unknown name, with the nearest and all known names."""
     known = list(known)
     if name not in known:
         near = difflib.get_close_matches(name, known, 1)
@@ -200,13 +200,13 @@ State = tuple[float, float, float, float, float, float]
 
 
 def _compiled(function: _Function) -> _Function:
-    """Return a function of numbers, arrays and records, as machine code that is kept beside this file."""
+    """Compile a function of numbers, arrays and records by Numba, with a cache on disk."""
     return numba.njit(cache=True, error_model="numpy")(function)  # type: ignore[no-any-return]
 
 
 @_compiled
 def _motor_torque(p: Any, command: float, x: State) -> float:
-    """Return the torque the motor makes of the (delayed) command."""
+    """Return the motor torque for a (delayed) command."""
     tau = x[4] if p.lag_T > 0 else command
     if p.sat < NEVER:
         if p.sat_law == 0:
@@ -232,7 +232,7 @@ def _link_load(p: Any, q: float, v: float) -> float:
 
 @_compiled
 def _friction(p: Any, time: float, q: float, v: float, tau: float) -> tuple[float, float]:  # fluid, dry
-    """Return friction by velocity, and the bound of the dry friction (which may be set-valued)."""
+    """Return the fluid friction, and the bound of the dry friction, which is set-valued at rest."""
     fluid = p.viscous * v + p.asym_v * abs(v) + p.drag * v * abs(v) + p.cubic * v**3
     dry = p.coulomb + p.load_mu * abs(tau + p.load_w * np.sin(q)) + p.load_out * abs(np.sin(q))
     if p.strib_d:
@@ -241,13 +241,13 @@ def _friction(p: Any, time: float, q: float, v: float, tau: float) -> tuple[floa
     if p.spot_f:
         dry += p.spot_f * np.exp(-(((q - p.spot_q) / p.spot_w) ** 2))
     warm = p.drift_a * np.exp(-time / p.drift_T)
-    # [-(fc - a), fc + a] is [-fc, fc] moved by a
+    # asymmetric bounds [-(fc - a), fc + a]: [-fc, fc] shifted by a
     return fluid * (1 + p.drift_b * warm) + p.asym_c * (1 + warm), dry * (1 + warm)
 
 
 @_compiled
 def _balance(p: Any, command: float, push: float, time: float, x: State) -> tuple[float, float, float, float]:
-    """Return torque without dry friction, bound of dry friction, inertia of the rubbing body, the other body's q''."""
+    """Return torque without dry friction, bound of dry friction, inertia of the body with friction, and the other q''."""
     q, v, angle, speed = x[:4]
     tau = _motor_torque(p, command, x)
     load = _link_load(p, q, v) - p.dist_a * np.sin(p.dist_w * time + p.dist_ph) - push
@@ -267,13 +267,13 @@ def _balance(p: Any, command: float, push: float, time: float, x: State) -> tupl
 
 @_compiled
 def _rubbing(p: Any, x: State) -> float:
-    """Return the velocity that friction opposes, of a state; of its derivative, the acceleration."""
+    """Return the velocity of the body with friction from a state, or its acceleration from a derivative."""
     return x[3] if p.motor_friction else x[1]
 
 
 @_compiled
 def _stopped(p: Any, x: State) -> State:
-    """Return the state with the rubbing body at rest."""
+    """Return the state with the body with friction at rest."""
     q, v, angle, speed, lagged, bristle = x
     if p.motor_friction or not p.two_masses:
         speed = 0.0
@@ -284,7 +284,7 @@ def _stopped(p: Any, x: State) -> State:
 
 @_compiled
 def _rate(p: Any, command: float, push: float, time: float, x: State, direction: float) -> State:
-    """Time derivative of the state while `direction` (-1, 0 sticking, 1) does not change."""
+    """Return the derivative of the state for a constant `direction` of sliding (-1, 1, or 0 for stick)."""
     drive, dry, inertia, other = _balance(p, command, push, time, x)
     friction, bristle = direction * dry, 0.0
     if p.dahl_sigma > 0:
@@ -332,7 +332,7 @@ def _direction_from_rest(drive: float, dry: float) -> float:
 
 @_compiled
 def _first_zero(before: float, rate: float, after: float) -> float:
-    """Return the fraction of a step at which the parabola through both velocities and the rate first changes sign."""
+    """Return the share of a step at which the parabola through both velocities and the rate first changes sign."""
     if before == 0:
         return 0.0
     curve = after - before - rate
@@ -346,7 +346,7 @@ def _first_zero(before: float, rate: float, after: float) -> float:
 def _finish(
     p: Any, command: float, push: float, time: float, step: float, x: State, direction: float
 ) -> tuple[State, float]:
-    """State and direction after the rest of a step that changed its direction; a second change in it ends in stick."""
+    """Return state and direction after the remaining step; a second change of direction ends in stick."""
     after = _runge_kutta(p, command, push, time, step, x, direction)
     if direction * _rubbing(p, after) < 0:
         return _stopped(p, after), 0.0
@@ -357,7 +357,7 @@ def _finish(
 def _step(
     p: Any, command: float, push: float, time: float, step: float, x: State, direction: float
 ) -> tuple[State, float]:
-    """State and direction after one inner step, which is cut where the sliding ends or begins."""
+    """Return state and direction after one inner step, which is cut where sliding ends or begins."""
     after = _runge_kutta(p, command, push, time, step, x, direction)
     before, then = _rubbing(p, x), _rubbing(p, after)
     if direction * then < 0 and p.dahl_sigma == 0:  # friction with a state is smooth through zero
@@ -365,7 +365,7 @@ def _step(
         part = step * _first_zero(before, step * _rubbing(p, rate), then)
         stop = _stopped(p, _runge_kutta(p, command, push, time, part, x, direction))
         drive, dry = _balance(p, command, push, time + part, stop)[:2]
-        onward = _direction_from_rest(drive, dry) if before else 0.0  # what only just came free and fell back sticks
+        onward = _direction_from_rest(drive, dry) if before else 0.0  # a joint that slid for less than a step sticks
         return _finish(p, command, push, time + part, step - part, stop, onward)
     if direction == 0:
         drive, dry = _balance(p, command, push, time + step, after)[:2]
@@ -387,7 +387,7 @@ _SENSORS = np.dtype([(name, float) for name in ("rate", "step", "every", "count"
 _NOW = np.dtype([("x", float, 6), *((name, float) for name in ("direction", "speed", "integral"))])
 _SAMPLE = np.dtype(
     [(name, float) for name in ("command", "torque_noise", "position_noise", "reference", "goal", "position")]
-    + [(name, float) for name in ("angle", "rate", "rate_change", "sliding")]  # of the body that the encoder sees
+    + [(name, float) for name in ("angle", "rate", "rate_change", "sliding")]  # of the body with the encoder
 )
 
 
@@ -402,7 +402,7 @@ def _read(p: Any, sensors: Any, angle: float, noise: float) -> float:
 
 @_compiled
 def _controlled(loop: Any, rate: float, now: Any, sample: Any, before: Any) -> float:
-    """Return the torque that a closed loop asks for at a sample."""
+    """Return the torque command of a closed loop at a sample."""
     now.speed += loop.smoothing * ((sample.position - before.position) * rate - now.speed)
     error = sample.reference - sample.position
     if loop.control == _SPEED:
@@ -420,7 +420,7 @@ def _controlled(loop: Any, rate: float, now: Any, sample: Any, before: Any) -> f
 
 @_compiled
 def _advance(p: Any, loop: Any, sensors: Any, now: Any, samples: Any, pushes: Array) -> None:
-    """Simulate all samples: note the motion, decide a closed loop's command, and take the inner steps."""
+    """Simulate all samples: store the motion, compute the command of a closed loop, and take the inner steps."""
     seen, every = 2 * int(p.motor_encoder), int(sensors.every)
     direction = now.direction
     x = (now.x[0], now.x[1], now.x[2], now.x[3], now.x[4], now.x[5])
@@ -441,7 +441,7 @@ def _advance(p: Any, loop: Any, sensors: Any, now: Any, samples: Any, pushes: Ar
             if direction == 0:
                 drive, dry = _balance(p, command, push, time, x)[:2]
                 direction = _direction_from_rest(drive, dry)
-            if i == k * every:  # what is only known once the command is
+            if i == k * every:  # depends on the command
                 sample.rate_change = _rate(p, command, push, time, x, direction)[seen + 1]
                 sample.sliding = abs(direction)
             x, direction = _step(p, command, push, time, sensors.step, x, direction)
@@ -456,10 +456,10 @@ def _record(kind: np.dtype[Any], values: dict[str, Any]) -> Any:
 
 
 class _Run:
-    """A plant in an experiment.
+    """Simulation of a plant in an experiment.
 
     Args:
-        command: torque (N,) [N m] in place of the excitation, where not None.
+        command: torque (N,) [N m] that replaces the excitation; None: excitation.
     """
 
     def __init__(self, plant: Plant, experiment: Experiment, command: Array | None = None) -> None:
@@ -509,7 +509,7 @@ class _Run:
         _advance(self.p, self.loop, self.sensors, self.now, self.samples, self.pushes)
 
     def recording(self) -> SimulatedRecording:
-        """Return the recording that a user would have, with its truth."""
+        """Return the recording with its truth."""
         s, experiment = self.samples, self.experiment
         q, v, e, phase = s.angle, s.rate, self.p.ecc_e, self.p.ecc_ph
         exact, turned = q + e * np.sin(q + phase), 1 + e * np.cos(q + phase)
@@ -533,7 +533,7 @@ class _Run:
 
 
 def _pushes(plant: Plant, experiment: Experiment) -> Array:
-    """Return random disturbing torque at PUSH_RATE [N m]: knocks and wandering; empty where there is neither."""
+    """Return the random disturbance torque at PUSH_RATE [N m], knocks and random walk; empty without them."""
     p = plant.parameters
     if not (p["knock_rate"] or p["walk_rms"]):
         return np.zeros(0)
@@ -582,17 +582,17 @@ def simulate(
 
 @dataclass(frozen=True)
 class EffectShare:
-    """How much of the torque a base model of four terms misses, over the samples in motion, relative to RMS torque."""
+    """RMS residual of the base model in motion, relative to the RMS torque."""
 
-    with_true_parameters: float  # the hidden effect itself
-    after_refit: float  # what remains when inertia, gravity, viscous and Coulomb friction are fitted to hide it
+    with_true_parameters: float  # share of the hidden effect
+    after_refit: float  # share of the residual after a refit of the four base parameters
 
 
 def effect_share(recording: SimulatedRecording, slowest: float = 0.02) -> EffectShare:
     """Return the share of the hidden effect in the torque, on exact motion faster than `slowest` [rad/s].
 
-    The commanded torque is compared with I q'' + mgl sin q + b q' + fc sgn q' of the motion the encoder sees; without
-    effects both shares are zero up to rounding.
+    The commanded torque is compared with I q'' + mgl sin q + b q' + fc sgn q' of the body with the encoder. Without
+    effects, both shares are zero up to rounding.
     """
     use = recording.sliding & (np.abs(recording.velocity) > slowest)
     q, v, a = recording.exact_position[use], recording.velocity[use], recording.acceleration[use]
@@ -611,7 +611,7 @@ def effect_share(recording: SimulatedRecording, slowest: float = 0.02) -> Effect
 
 @dataclass(frozen=True)
 class Case:
-    """A random plant with one experiment to learn from and another to be judged on."""
+    """Random plant with one experiment to fit and one held out."""
 
     plant: Plant
     train: Experiment
@@ -619,16 +619,16 @@ class Case:
 
 
 def _around(rng: np.random.Generator, value: float) -> float:
-    """Return half to twice the value, evenly in the logarithm."""
+    """Draw from half to twice the value, uniformly in the logarithm."""
     return float(value * 2 ** rng.uniform(-1, 1))
 
 
 def _random_effect(
     rng: np.random.Generator, effect: str, base: dict[str, float], experiment: Experiment, variants: bool
 ) -> dict[str, float]:
-    """Draw the parameters of one effect: half to twice a typical size, random sign and phase where both make sense."""
+    """Draw the parameters of one effect: half to twice a typical size, with random sign and phase where possible."""
     sign, angle = float(rng.choice([-1, 1])), rng.uniform(0, 2 * np.pi)
-    either = bool(rng.integers(2)) and variants  # whether to take the less usual law
+    either = bool(rng.integers(2)) and variants  # whether to use the variant of the law
 
     def wave(sine: str, cosine: str, size: float) -> dict[str, float]:
         return {sine: float(size * np.sin(angle)), cosine: float(size * np.cos(angle))}
@@ -723,8 +723,8 @@ def random_case(
     """Draw a random plant with the given hidden effects and two experiments on it that differ in their seed.
 
     Args:
-        wide: base parameters half to twice the usual ranges.
-        variants: also laws that differ from the usual ones (Stribeck without the square, clipped torque, ...).
+        wide: whether base parameters are half to twice the default ranges.
+        variants: whether laws may differ from the library's (Stribeck without the square, clipped torque, ...).
         overrides: fields of `Experiment`, for both experiments, or of `Plant`; its `effects` add to the random ones.
     """
     stretch = 2 ** rng.uniform(-1, 1, 4) if wide else np.ones(4)
@@ -737,7 +737,7 @@ def random_case(
     known = {name: value for name, value in overrides.items() if name in Experiment.__dataclass_fields__}
     for name in overrides.keys() - known.keys() - fields.keys():
         _require(name, [*Experiment.__dataclass_fields__, *Plant.__dataclass_fields__], "field")
-    # A small motor cannot be asked to throw a pendulum twice as heavy: torque grows with gravity and friction.
+    # The torque grows with gravity and friction, so that heavy pendulums swing as well.
     strength = 1.0 if not wide else max(1.0, (fields["gravity"] + fields["coulomb"]) / 3.2)
     scale = scale * strength if excitation in OPEN_LOOP and excitation != "two_tone" else strength
     train = Experiment(**({"excitation": excitation, "scale": scale, "seed": seeds[0]} | known))
@@ -753,7 +753,7 @@ def _write_csv(path: Path, recording: SimulatedRecording) -> None:
     columns = zip(recording.time.tolist(), recording.position.tolist(), recording.torque.tolist(), strict=True)
     digits = 4 if (1e4 / recording.experiment.rate).is_integer() else 7
     body = "\n".join(f"{t:.{digits}f},{q:.8g},{u:.5g}" for t, q, u in columns)
-    with path.open("wb") as file, gzip.GzipFile("", "wb", 6, file, mtime=0) as packed:  # the same bytes on every run
+    with path.open("wb") as file, gzip.GzipFile("", "wb", 6, file, mtime=0) as packed:  # mtime=0: reproducible bytes
         packed.write(f"time,position,torque\n{body}\n".encode())
 
 
@@ -782,7 +782,7 @@ def blind_set(
     misfits: int = 0,
     **options: Any,
 ) -> list[Case]:
-    """Return `n` random cases: nothing hidden, pairs, effects outside the library, and every library effect in turn.
+    """Return `n` random cases: without effects, with pairs, with effects outside the library, and with single effects.
 
     Misfits have an effect of the library and one that it lacks. Draws are keyed by effect: see `benchmarks.draws`.
     """

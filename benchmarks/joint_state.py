@@ -1,8 +1,8 @@
-"""Seven online estimators and two recursions: errors, coverage and time a sample, at rates from 25 Hz to 1 kHz.
+"""Errors, coverage and CPU time of seven online estimators and two recursions, from 25 Hz to 1 kHz.
 
 python -m benchmarks.joint_state
 
-Random plants, excitations and closed loops of the independent simulator, ten seconds each, torque noise 0.05 N m RMS.
+Random plants, excitations and closed loops of the independent simulator, 10 s each, torque noise 0.05 N m RMS.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from workbench.terminal import Terminal
 RATES = (25.0, 50.0, 100.0, 200.0, 500.0, 1000.0)  # [Hz]
 COUNTS = (1_024_000, 8192)
 SECONDS = 10.0
-SHOWN = tuple(scheme for scheme in SCHEMES if scheme.id != "filtered_hamiltonian")  # online, it is filtered_dynamic
+SHOWN = tuple(scheme for scheme in SCHEMES if scheme.id != "filtered_hamiltonian")  # online equal to filtered_dynamic
 
 
 @dataclass(frozen=True)
 class Found:
-    """Errors and standard errors of B runs, as shares of the truth (B, P)."""
+    """Relative errors and standard errors of B runs (B, P)."""
 
     errors: np.ndarray
     std: np.ndarray
@@ -47,7 +47,7 @@ class Found:
 
 
 def _two(value: float) -> str:
-    """Return two digits, without an exponent."""
+    """Format a number with two digits, without an exponent."""
     return f"{float(f'{value:.2g}'):g}"
 
 
@@ -58,7 +58,7 @@ def runs_of(rate: float, counts: int, n: int, seed: int) -> list[SimulatedRecord
 
 
 def feed(estimator: OnlineEstimator, runs: Sequence[SimulatedRecording]) -> tuple[Estimates, float]:
-    """Return estimates after the runs, and the CPU time a sample [us]."""
+    """Return the estimates after the runs, and the CPU time of a sample [us]."""
     position, torque = (np.array([getattr(run, name) for run in runs]).T for name in ("position", "torque"))
     torque = np.vstack([np.zeros(len(runs)), torque[:-1]])
     begin = time.process_time()
@@ -100,7 +100,7 @@ def accuracy(n: int, seed: int, terminal: Terminal) -> None:
 
 
 def recursions(seed: int) -> list[tuple[str, ...]]:
-    """Time of a sample by each recursion, for one scheme and for six, and by the joint state beside none."""
+    """Return table rows of the CPU time of a sample by recursion, for one scheme and six, and with the joint state."""
     runs, rows = runs_of(1000.0, COUNTS[0], 1, seed), []
     kinds: tuple[Sequence[Scheme], ...] = (SCHEMES[:1], SCHEMES)
     for name in RECURSIONS:

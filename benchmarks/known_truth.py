@@ -1,4 +1,4 @@
-"""Diagnoses of recordings whose hidden effect is known: one line each, then totals.
+"""Diagnoses of recordings with known hidden effects: one line each, then totals.
 
 python -m benchmarks.known_truth FOLDER        # with NAME.train.csv.gz, NAME.holdout.csv.gz and truth.json
 """

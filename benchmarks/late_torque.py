@@ -1,10 +1,10 @@
-"""Torque that is logged late or filtered: how often that is found, and what is named beside it.
+"""Detection of torque that is logged late or filtered, and effects that are named in such logs.
 
-Nothing is hidden in the plants, or Stribeck friction; the log is late or filtered as real logs are. A late log holds
-the mean of the torque over a sample, some time late: a share of a sample lies between two rows.
+Plants have no hidden effect or Stribeck friction. A late log holds the mean torque of each sample after a delay; a
+fraction of a sample interpolates between two rows.
 
-    python -m benchmarks.late_torque                # what is found, in a minute
-    python -m benchmarks.late_torque --diagnose     # and what `diagnose` names, in five minutes
+    python -m benchmarks.late_torque                # timing, 1 min
+    python -m benchmarks.late_torque --diagnose     # timing and effects, 5 min
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ Array = NDArray[np.float64]
 EXCITATIONS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 RATES = (200.0, 500.0, 1000.0, 2000.0)  # [Hz]
 LOGS = (("delay", 0.5), *(("delay", ms) for ms in (1.0, 3.0, 5.0, 10.0, 30.0)), ("filter", 3.0), ("filter", 10.0))
-SHARE, SAMPLES = 0.1, 0.2  # of the delay, or samples: what an estimate may be off by
+SHARE, SAMPLES = 0.1, 0.2  # largest accepted error: share of the delay, or samples
 
 
 @dataclass(frozen=True)
 class Case:
-    """One log of one recording.
+    """Recording with a late or filtered torque.
 
     Attributes:
         excitation, rate, hidden: of the recording [Hz].
         kind, ms: delay or time constant of a filter [ms].
-        recording: what was logged.
+        recording: the log.
     """
 
     excitation: str
@@ -55,7 +55,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Found:
-    """Result of a case: delay and time constant [ms], the sentence, and the named effects."""
+    """Result of a case: delay and time constant [ms], text of the finding, and named effects."""
 
     case: Case
     delay: float
@@ -65,7 +65,7 @@ class Found:
 
     @property
     def is_right(self) -> bool:
-        """Return whether the delay, or the mean delay of the filter, is right to a tenth or a fifth of a sample."""
+        """Return whether the delay, or the mean delay of the filter, is right to 10 % or 0.2 samples."""
         period = 1e3 / self.case.rate
         true, seen = self.case.ms, self.delay + _mean_delay(self.lag, period)
         if self.case.kind == "filter":
@@ -74,17 +74,17 @@ class Found:
 
     @property
     def is_named_right(self) -> bool:
-        """Return whether exactly the hidden effect was named."""
+        """Return whether exactly the hidden effect is named."""
         return self.named == ((self.case.hidden,) if self.case.hidden else ())
 
 
 def _mean_delay(lag: float, period: float) -> float:
-    """Return the delay of slow torque in a first-order filter, from sample to sample [ms]."""
+    """Return the delay of slow torque by a sampled first-order filter [ms]; arguments in ms."""
     return period / float(np.expm1(period / lag)) if lag > 0 else 0.0
 
 
 def log_torque(run: SimulatedRecording, kind: str, ms: float) -> Array:
-    """Return the torque (N,) of a log that is late or filtered."""
+    """Return the torque (N,) [N m] of a log with a delay or filter time constant `ms`."""
     samples = 1e-3 * ms * run.experiment.rate
     if kind == "filter":
         keep = np.exp(-1 / samples)
@@ -95,7 +95,7 @@ def log_torque(run: SimulatedRecording, kind: str, ms: float) -> Array:
 
 
 def make(hidden: str, seed: int) -> list[Case]:
-    """Make every log under every excitation, at rates in turn."""
+    """Make the logs of every kind for each excitation and rate."""
     rng = np.random.default_rng(seed)
     counts = (65_536, 1_024_000)
     plants = [

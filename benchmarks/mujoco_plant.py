@@ -1,9 +1,9 @@
-"""Recordings of machines of many sizes with hidden effects, simulated by MuJoCo, whose laws are not the library's.
+"""Recordings of machines with hidden effects, simulated by MuJoCo, with laws that differ from the library's.
 
-Friction is MuJoCo's regularised one, stops and play are its soft constraints, a tilted base is a tilted gravity, a link
-behind a spring is a second body. Where the library has a law, the machine here has another form of it: friction that
-falls as 1 / (1 + (v / vs)^2), a cog with an overtone, a spring that hardens, bristles after Canudas de Wit. Sizes go
-from a wheel of 0.5 g m^2 to an arm of 4 kg m^2; torques are random tones, swept, or those of a controller.
+Friction is regularised, stops and play are soft constraints, a tilted base is a tilted gravity, and a link behind a
+spring is a second body. Other laws are variants of the library's: friction that falls as 1 / (1 + (v / vs)^2), cogging
+with an overtone, a hardening spring, bristles after Canudas de Wit. Inertias range from 0.5 g m^2 (a wheel) to
+4 kg m^2 (an arm). Torques are random tones, a chirp, or those of a controller.
 
     python -m benchmarks.mujoco_plant OUT --seed 1         # a blind set: recordings and truth.json
     python -m benchmarks.known_truth OUT
@@ -30,17 +30,17 @@ from benchmarks.independent_plant import LIBRARY
 
 Array = NDArray[np.float64]
 
-STEP = 0.25e-3  # [s], longest of the integrator
+STEP = 0.25e-3  # largest step of the integrator [s]
 GRAVITY = 9.81  # [m/s^2]
-FASTEST = 400.0  # [rad/s], of any machine
-SHARES = (0.03, 0.25)  # of the torque that the base model should miss after its refit: sizes are changed until it does
-TURNS = 6  # of that
-ATTEMPTS = 20  # to draw a machine that does not run away
+FASTEST = 400.0  # largest accepted speed [rad/s]
+SHARES = (0.03, 0.25)  # accepted residual of the refitted base model over the torque; sizes are adapted to it
+TURNS = 6  # largest number of adaptations
+ATTEMPTS = 20  # largest number of drawn machines, if they run away
 
 
 @dataclass(frozen=True)
 class Machine:
-    """A kind of machine: usual values, each of which is drawn from half of it to twice."""
+    """Kind of machine, with typical values; plants have half to twice these values."""
 
     inertia: float  # [kg m^2]
     gravity: float  # [N m]
@@ -49,7 +49,7 @@ class Machine:
     rates: tuple[float, ...]  # [Hz]
     counts: tuple[int, ...]  # per turn
     seconds: float  # of a recording
-    pace: float  # [Hz], of its motion
+    pace: float  # typical frequency of motion [Hz]
 
 
 MACHINES = {
@@ -63,21 +63,21 @@ MACHINES = {
 
 @dataclass
 class Hidden:
-    """How an effect enters the simulation; load, dry and drive are of time, angle, speed and motor torque.
+    """Implementation of an effect; load, dry and drive are functions of time, angle, speed and motor torque.
 
     Attributes:
-        load: what it takes of the motor's torque [N m].
-        dry: dry friction beside the plant's own [N m].
-        drive: motor torque made of what is commanded [N m].
-        motor: share of the inertia that is the motor's, with a link behind a spring or a play; 0 without.
+        load: torque opposed to the motor's [N m].
+        dry: additional dry friction [N m].
+        drive: motor torque for a command [N m].
+        motor: motor's share of the inertia, with a link behind a spring or play; 0 without a link.
         link: attributes of the joint between motor and link.
         stop: attributes of the motor's joint.
         tilt: of gravity [rad].
         late: delay of the command [s]; `lag` its time constant [s].
-        payload: share by which the link's mass changes, and when [share of the recording].
-        bristles: deflection at which friction slides [rad]: its dry friction is of bristles.
-        reads: angle that the encoder reads.
-        relaxes: stiffness of a spring that gives way with time [N m/rad], and how fast [s].
+        payload: relative change of the link's mass, and its time [share of the recording].
+        bristles: deflection of the bristles at which friction slides [rad]; 0: no bristles.
+        reads: reading of the encoder as a function of the angle [rad].
+        relaxes: stiffness [N m/rad] and time constant [s] of a relaxing spring.
     """
 
     load: Callable[[float, float, float, float], float] | None = None
@@ -97,7 +97,7 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Plant:
-    """A machine with its values, and what is hidden in it."""
+    """Machine with its parameters and hidden effects."""
 
     kind: str
     inertia: float
@@ -106,25 +106,25 @@ class Plant:
     coulomb: float
     hidden: tuple[str, ...] = ()
     seed: int = 0
-    sizes: dict[str, float] = field(default_factory=dict)  # of the effects, relative to usual ones
+    sizes: dict[str, float] = field(default_factory=dict)  # sizes of the effects relative to typical ones
 
     @property
     def torque(self) -> float:
-        """Return the torque that its motor is good for [N m]."""
+        """Return the largest torque of the motor [N m]."""
         return 1.6 * (self.gravity + self.coulomb) + 2.0 * self.inertia * (2 * np.pi * MACHINES[self.kind].pace) ** 2
 
     @property
     def speed(self) -> float:
-        """Return the usual speed [rad/s]."""
+        """Return the typical speed [rad/s]."""
         return 2 * np.pi * MACHINES[self.kind].pace
 
     def effect(self, name: str) -> Hidden:
-        """Return one of its hidden effects."""
+        """Return the implementation of a hidden effect."""
         return _effect(name, self, self.sizes.get(name, 1.0), np.random.default_rng([self.seed, *name.encode()]))
 
 
 def _effect(name: str, plant: Plant, size: float, rng: np.random.Generator) -> Hidden:
-    """Return an effect of a size relative to the usual one, which follows the machine's torque and speed."""
+    """Return an effect; `size` is relative to a typical size for the machine's torque and speed."""
     sin, exp, pace = np.sin, np.exp, MACHINES[plant.kind].pace
     sign, torque, fast, dry = float(rng.choice([-1, 1])), 0.1 * plant.torque * size, plant.speed, plant.coulomb
     phase = rng.uniform(0, 2 * np.pi)
@@ -193,7 +193,7 @@ def _effect(name: str, plant: Plant, size: float, rng: np.random.Generator) -> H
         case "hard_stop":
             wall = 0.9 / size**0.5
             return Hidden(stop=f'range="{-wall} {1.2 * wall}" limited="true" solreflimit="0.03 0.4"')
-        case "square_root_friction":  # outside the library from here on
+        case "square_root_friction":  # this and the following: outside the library
             return Hidden(dry=lambda t, q, v, u: 2 * torque * abs(v / fast) ** 0.4)
         case "gain_drift":
             return Hidden(drive=lambda t, q, v, u: u * (1 - min(0.25 * size, 0.7) * (1 - exp(-t / 6.0))))
@@ -213,22 +213,22 @@ INSEPARABLE = [
     frozenset({"joint_flexibility", "backlash"}),
     frozenset({"actuator_lag", "dead_time"}),
 ]
-HANGING = {"gravity_tilt", "payload_change", "hard_stop", "joint_flexibility", "backlash"}  # nothing for a bare wheel
+HANGING = {"gravity_tilt", "payload_change", "hard_stop", "joint_flexibility", "backlash"}  # impossible for a wheel
 
 
 class RunsAway(Exception):
-    """A machine turns faster than any does, or cannot be integrated."""
+    """The machine exceeds `FASTEST`, or the integration fails."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One recording: what was read, what was commanded, and the exact motion."""
+    """Simulated recording with command and exact motion."""
 
     time: Array
     position: Array
     torque: Array
     command: Array
-    exact: Array  # (3, N): angle, speed, acceleration of the motor
+    exact: Array  # (3, N): angle [rad], speed [rad/s], acceleration [rad/s^2] of the motor
 
 
 def _xml(plant: Plant, effects: Sequence[Hidden], step: float) -> str:
@@ -261,10 +261,9 @@ def _xml(plant: Plant, effects: Sequence[Hidden], step: float) -> str:
 
 
 def simulate(plant: Plant, drive: str, rate: float, seconds: float, counts: int, noise: float, seed: int) -> Run:
-    """Run a plant under a torque: "sines", "chirp", or what a controller that follows "track" or "steps" asks for.
+    """Simulate a plant under a torque ("sines", "chirp") or a position controller with a reference ("track", "steps").
 
-    Raises:
-        RunsAway: if it does.
+    Raises RunsAway if the speed exceeds `FASTEST`, or the integration fails.
     """
     effects = [plant.effect(name) for name in plant.hidden]
     inner = max(1, int(np.ceil(1 / (rate * STEP) - 1e-9)))
@@ -314,7 +313,7 @@ def simulate(plant: Plant, drive: str, rate: float, seconds: float, counts: int,
                     spring += model.opt.timestep * (v - spring / effect.relaxes[1])
                     load += effect.relaxes[0] * spring
             dry = max(dry, 0.0)
-            if bent:  # Canudas de Wit et al., 1995, with damping of the bristles; exact while the speed holds
+            if bent:  # Canudas de Wit et al., 1995, with damped bristles; exact for constant speed
                 end = np.sign(v) * bent
                 after = end + (bristle - end) * np.exp(-abs(v) * model.opt.timestep / bent)
                 slope, bristle = (after - bristle) / model.opt.timestep, after
@@ -322,7 +321,7 @@ def simulate(plant: Plant, drive: str, rate: float, seconds: float, counts: int,
             model.dof_frictionloss[0] = dry
             data.qfrc_applied[0] = u - load
             mujoco.mj_step(model, data)
-            if i == 0:  # what it was just after the sample
+            if i == 0:  # just after the sample
                 exact[:, k] = q, v, data.qacc[0]
             if not abs(v) < FASTEST:
                 raise RunsAway(f"{plant} turns at {v:.3g} rad/s")
@@ -349,7 +348,7 @@ def _signal(plant: Plant, drive: str, rng: np.random.Generator, time: Array) -> 
 
 
 def _tones(rng: np.random.Generator, time: Array, frequencies: Array) -> Array:
-    """Return random sinusoids of some frequencies [Hz], one at the most."""
+    """Return a sum of random sinusoids of given frequencies [Hz], with a peak of 1."""
     phases, sizes = rng.uniform(0, 2 * np.pi, len(frequencies)), rng.uniform(0.3, 1, len(frequencies))
     total = np.sin(2 * np.pi * time[:, None] * frequencies + phases) @ sizes
     return np.asarray(total / np.abs(total).max())
@@ -359,7 +358,7 @@ DRIVES = ("sines", "chirp", "track", "steps")
 
 
 def missed(run: Run) -> float:
-    """Return the share of the commanded torque in motion that the base model does not explain."""
+    """Return the residual of the base model over the RMS of the commanded torque, in motion."""
     q, v, a = run.exact
     use = np.abs(v) > 0.02 * np.abs(v).max()
     phi = np.column_stack([a, np.sin(q), v, np.sign(v)])[use]
@@ -368,7 +367,7 @@ def missed(run: Run) -> float:
 
 
 def case(hidden: tuple[str, ...], seed: int) -> tuple[Run, Run, dict[str, Any]]:
-    """Return a random machine, its effects enlarged until they matter, and two runs under different torques."""
+    """Return two runs of a random machine with adapted effects, and its entry of truth.json."""
     for attempt in range(ATTEMPTS):
         try:
             return _case(hidden, seed, np.random.default_rng([seed, attempt]))
@@ -390,7 +389,8 @@ def _case(hidden: tuple[str, ...], seed: int, rng: np.random.Generator) -> tuple
     noise = float(plant.torque * rng.choice([0.002, 0.005, 0.01]))
     one, other = rng.integers(2**31, size=2).tolist()
     run = simulate(plant, first, rate, machine.seconds, counts, noise, one)
-    for _ in range(TURNS if hidden and "encoder_eccentricity" not in hidden else 0):  # that is not in the exact motion
+    # the exact motion does not contain the eccentricity of the encoder
+    for _ in range(TURNS if hidden and "encoder_eccentricity" not in hidden else 0):
         share = missed(run)
         if SHARES[0] <= share <= SHARES[1]:
             break
@@ -413,7 +413,7 @@ def _case(hidden: tuple[str, ...], seed: int, rng: np.random.Generator) -> tuple
 
 
 def write(folder: Path, name: str, run: Run) -> None:
-    """Write one recording as NAME.csv.gz."""
+    """Write a recording as NAME.csv.gz."""
     rows = zip(run.time.tolist(), run.position.tolist(), run.torque.tolist(), strict=True)
     body = "\n".join(f"{t:.6f},{q:.9g},{u:.6g}" for t, q, u in rows)
     with gzip.open(folder / f"{name}.csv.gz", "wb", 6) as file:

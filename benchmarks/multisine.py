@@ -1,4 +1,4 @@
-"""Find the multisines of `agents.baselines` anew, by CMA-ES: python -m benchmarks.multisine.
+"""Optimise the multisines of `agents.baselines` by CMA-ES: python -m benchmarks.multisine.
 
 Source: Hansen, The CMA Evolution Strategy: A Tutorial, arXiv 1604.00772.
 """
@@ -13,16 +13,15 @@ from agents.baselines import FREQUENCIES, WEIGHTS_FILE, multisine_torque, predic
 from agents.observer import CONSTRAINTS, INFORMATION_PRIOR, N_PARAMETERS, NOMINAL, Constraint, log_det
 from pendulum_env._typing import Array
 
-PAPER = (1, 9)  # where the paper's two tones are among the frequencies, about
+PAPER = (1, 9)  # indices of the frequencies nearest to the paper's two tones
 GENERATIONS, PLANTS = 250, 24
-SPREAD = 0.3  # within which plants are drawn
+SPREAD = 0.3  # largest relative deviation of drawn plants
 
 
 def optimise(name: str, constraint: Constraint) -> Array:
-    """Find the weights (2 F,) of the multisine that teaches most, on the average of plants drawn within 30 %.
+    """Find the weights (2 F,) of the multisine with the largest mean information over random plants.
 
-    Raises:
-        ModuleNotFoundError: if cma is not installed; it is of the extra rl.
+    Raises ModuleNotFoundError if cma, of the extra rl, is not installed.
     """
     try:
         import cma
@@ -52,7 +51,7 @@ def taught(weights: Array, theta: Array, constraint: Constraint) -> Array:
 
 
 def main() -> None:
-    """Find those of both constraints anew."""
+    """Optimise and write the weights of both constraints."""
     found = json.loads(WEIGHTS_FILE.read_text())
     for name, constraint in CONSTRAINTS.items():
         weights = optimise(name, constraint)

@@ -1,11 +1,10 @@
-"""Online diagnosis: how soon an effect or a changed parameter is reported, and how often nothing is the matter.
+"""Delay of online alarms after a new effect or a changed parameter, and rate of false alarms.
 
     python -m benchmarks.online_diagnosis [--null-hours 1] [--recordings FILE ...]
 
-Random plants of the independent simulator, at four sensors and under four excitations. At 10 s an effect sets in, whose
-torque is a tenth of the RMS torque, or a parameter changes by 20 %; the simulation goes on from the same state under
-the same torque. Or two parameters change, 5 s apart. Alarms in plants that do not change are counted in hours of
-motion. Recordings of machines are played back again and again.
+Random plants of the independent simulator have four sensors and four excitations. At 10 s an effect of a tenth of the
+RMS torque starts, or a parameter changes by 20 %; state and torque command are continuous. Or two parameters change,
+5 s apart. False alarms are counted per hour of motion of unchanged plants. Recordings of machines are repeated.
 """
 
 from __future__ import annotations
@@ -33,14 +32,14 @@ from pendulum_env.arms.joints import arm_base, find_kinds
 from pendulum_env.recording import read_recording
 from workbench.terminal import Terminal
 
-CHANGE, AFTER = 10.0, 10.0  # [s]
-APART = 5.0  # [s], between two changes
-WITHIN = 5.0  # [s], in which an alarm is to come
-SHARE, FACTOR = 0.1, 0.2  # of the RMS torque, that an effect has; of a parameter, by which it changes
+CHANGE, AFTER = 10.0, 10.0  # time of the change, and time after it [s]
+APART = 5.0  # time between two changes [s]
+WITHIN = 5.0  # longest delay of a timely alarm [s]
+SHARE, FACTOR = 0.1, 0.2  # effect over RMS torque; relative change of a parameter
 SENSORS = ((1000.0, 1_024_000), (500.0, 65_536), (200.0, 65_536), (1000.0, 8192))  # rate [Hz], counts
 EXCITATIONS = ("two_tone", "multisine", "filtered_noise", "steps")
 PARAMETERS = ("inertia", "gravity", "viscous", "coulomb")
-SIZES = {  # of effects, to which their torque is proportional
+SIZES = {  # parameters proportional to the torque of an effect
     "stribeck": ("strib_d",),
     "cogging": ("cog_s", "cog_c"),
     "quadratic_drag": ("drag",),
@@ -75,11 +74,11 @@ ARMS = {
 }
 
 Joined = tuple[np.ndarray, np.ndarray, np.ndarray]  # time, position, torque over the period that ends with the sample
-Verdicts = list[tuple[float, OnlineDiagnosis]]  # since a time [s]
+Verdicts = list[tuple[float, OnlineDiagnosis]]  # each with its time [s]
 
 
 def scale_effect(plant: Plant, experiment: Experiment, effect: str) -> Plant:
-    """Return the plant with an effect of a tenth of the RMS torque."""
+    """Return the plant with the effect scaled to a tenth of the RMS torque."""
     for _ in range(3):
         (run,) = simulate([(plant, replace(experiment, rate=200.0))])
         factor = SHARE / max(effect_share(run).with_true_parameters, 1e-3)
@@ -89,7 +88,7 @@ def scale_effect(plant: Plant, experiment: Experiment, effect: str) -> Plant:
 
 
 def draw_plants(rng: np.random.Generator, what: str, k: int, seconds: float) -> tuple[Plant, Plant, Experiment]:
-    """Draw a plant without and with an effect or a changed parameter, and an experiment on it; the k-th of a series."""
+    """Draw the k-th plant before and after the change `what` (effect or parameter), and its experiment."""
     rate, counts = SENSORS[k // len(EXCITATIONS) % len(SENSORS)]
     hidden = (what,) if what in SIZES else ()
     case = random_case(rng, hidden, seconds=seconds, torque_noise=0.05, rate=rate, counts=counts)
@@ -103,16 +102,16 @@ def draw_plants(rng: np.random.Generator, what: str, k: int, seconds: float) -> 
 
 
 def change_parameter(rng: np.random.Generator, plant: Plant, name: str) -> Plant:
-    """Return a plant with a parameter that is larger or smaller."""
+    """Return the plant with a parameter changed by `FACTOR`, up or down."""
     return replace(plant, **{name: getattr(plant, name) * (1.0 + rng.choice([-1, 1]) * FACTOR)})
 
 
 def simulate_changes(plants: Mapping[float, Plant], experiment: Experiment) -> Joined:
-    """Simulate a plant that becomes another one at given times [s]; each part starts where the last one ended.
+    """Simulate a plant that changes at given times [s] with a continuous state.
 
     Args:
-        plants: by the time from which on they act, the first one at 0.
-        experiment: on the last plant; excitation and sensor are those of the whole run.
+        plants: by start time [s], the first at 0.
+        experiment: of the last plant; excitation and sensor apply to the whole run.
     """
     starts = [round(time * experiment.rate) for time in plants]
     t = np.arange(starts[-1] + experiment.samples) / experiment.rate
@@ -140,30 +139,30 @@ def diagnose_run(run: Joined, diagnoser: Diagnoser) -> Verdicts:
 
 
 def diagnoser_of(experiment: Experiment) -> Diagnoser:
-    """Return a diagnoser of a pendulum with its four terms."""
+    """Return a diagnoser of a pendulum with the four base terms."""
     return Diagnoser(experiment.rate, smoothing=Smoothing.from_encoder(experiment.counts or 0, experiment.rate))
 
 
 def names(verdict: OnlineDiagnosis) -> tuple[str, ...]:
-    """Return the effects or parameters that are reported."""
+    """Return the reported effects or parameters."""
     return verdict.group if verdict.kind == "missing" else tuple(verdict.changed)
 
 
 def describe(verdict: OnlineDiagnosis) -> str:
-    """Return kind and names of a verdict in words."""
+    """Return the kind and names of a verdict as text."""
     return f"{verdict.kind} {' or '.join(verdict.group) or ', '.join(sorted(verdict.changed))}".strip()
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Reports on a plant that changes.
+    """Verdicts on a plant that changes once.
 
     Attributes:
         is_early: whether there was an alarm before the change.
-        alarm: time from the change to the first alarm [s].
-        named: time from the change until the right kind and name were reported [s].
-        last: kind and names that were reported in the end.
-        is_right: whether these are right.
+        alarm: time from the change to the first alarm [s], inf without one.
+        named: time from the change to the first right verdict [s], inf without one.
+        last: kind and names of the last verdict.
+        is_right: whether the last verdict is right.
     """
 
     is_early: bool
@@ -182,7 +181,7 @@ def outcome(case: tuple[str, int, int]) -> Outcome:
 
 
 def score_verdicts(what: str, verdicts: Verdicts) -> Outcome:
-    """Compare what was reported with what changed at 10 s; of several parameters the first has to be right."""
+    """Compare verdicts with the change `what` at 10 s; of several parameters the first must be right."""
     kind = "missing" if what.partition("@")[0] in SIZES else "changed"
 
     def is_right(verdict: OnlineDiagnosis) -> bool:
@@ -199,7 +198,7 @@ def score_verdicts(what: str, verdicts: Verdicts) -> Outcome:
 
 
 def summary(found: Sequence[Outcome]) -> tuple[str, ...]:
-    """Return the cells of a table over several plants."""
+    """Return the table cells for several plants."""
     soon = (np.mean([getattr(one, name) <= WITHIN for one in found]) for name in ("alarm", "named"))
     others = Counter(one.last for one in found).most_common(3)
     return (
@@ -212,7 +211,7 @@ def summary(found: Sequence[Outcome]) -> tuple[str, ...]:
 
 
 def detection(n: int, seed: int, workers: int, terminal: Terminal) -> None:
-    """Diagnose plants that change at 10 s."""
+    """Diagnose n plants of each change, and print a table."""
     rows = []
     for what in (*PARAMETERS, *SIZES):
         found = each(outcome, [(what, k, seed) for k in range(n)], workers=workers, title=what, terminal=terminal)
@@ -228,10 +227,10 @@ class OutcomeOfTwo:
     """Verdicts on a plant whose parameters change twice.
 
     Attributes:
-        has_effect: whether an effect was reported, although none is missing.
-        alarm: time from the second change until it was reported [s].
-        last: kind and names that were reported in the end.
-        is_right: whether these are the second change and its parameter first.
+        has_effect: whether an effect was reported (wrongly).
+        alarm: time from the second change to the next report of a change [s], inf without one.
+        last: kind and names of the last verdict.
+        is_right: whether the last verdict is a change with the second parameter first.
     """
 
     has_effect: bool
@@ -241,7 +240,7 @@ class OutcomeOfTwo:
 
 
 def diagnose_two_changes(case: tuple[int, int]) -> OutcomeOfTwo:
-    """Diagnose a plant with two parameters that change one after the other; the case is a number and a seed."""
+    """Diagnose a plant with two changes of parameters; the case is a number and a seed."""
     k, seed = case
     first, second = PARAMETERS[k % 4], PARAMETERS[(k + 1 + k // 4 % 3) % 4]
     rng = np.random.default_rng([seed, k])
@@ -259,7 +258,7 @@ def diagnose_two_changes(case: tuple[int, int]) -> OutcomeOfTwo:
 
 
 def two_changes(n: int, seed: int, workers: int, terminal: Terminal) -> None:
-    """Diagnose plants with one parameter that changes at 10 s and another one 5 s later."""
+    """Diagnose n plants with one parameter that changes at 10 s and another 5 s later, and print a table."""
     cases = [(k, seed) for k in range(n)]
     found = each(diagnose_two_changes, cases, workers=workers, title="two changes", terminal=terminal)
     others = Counter(one.last for one in found).most_common(3)
@@ -275,7 +274,7 @@ def two_changes(n: int, seed: int, workers: int, terminal: Terminal) -> None:
 
 
 def null(case: tuple[float, int, int]) -> tuple[float, float, list[str]]:
-    """Diagnose a plant that does not change; the case is its time [s], number and seed.
+    """Diagnose an unchanged plant; the case is its duration [s], number and seed.
 
     Returns:
         Motion [s], CPU time [s] and alarms.
@@ -296,7 +295,7 @@ def null(case: tuple[float, int, int]) -> tuple[float, float, list[str]]:
 
 
 def nulls(hours: float, seconds: float, seed: int, workers: int, terminal: Terminal) -> None:
-    """Count alarms of plants that do not change, where one an hour is accepted."""
+    """Count and print the false alarms of unchanged plants; one per hour is accepted."""
     cases = [(seconds, k, seed) for k in range(max(1, round(3600 * hours / seconds)))]
     found = each(null, cases, workers=workers, title="nothing changes", terminal=terminal)
     motion, cost = sum(one[0] for one in found), sum(one[1] for one in found)
@@ -307,7 +306,7 @@ def nulls(hours: float, seconds: float, seed: int, workers: int, terminal: Termi
 
 
 def diagnose_arms(n: int, terminal: Terminal) -> None:
-    """Diagnose an arm of two links that changes."""
+    """Diagnose a two-link arm that changes, and print a table."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "two.urdf"
         path.write_text(TwoLink().urdf())
@@ -332,11 +331,11 @@ def diagnose_arms(n: int, terminal: Terminal) -> None:
 
 
 def replay_recordings(files: Sequence[str], seconds: float, terminal: Terminal) -> None:
-    """Diagnose recordings of machines that do not change, played back again and again."""
+    """Diagnose repeated recordings of unchanged machines, and print a table."""
     rows = []
     for file in files:
         recording = read_recording(file)
-        length = recording.time[-1] - recording.time[0] + 1.0  # a gap before it begins again
+        length = recording.time[-1] - recording.time[0] + 1.0  # with a gap before the repetition
         turns = max(1, round(seconds / length))
         later = np.concatenate([recording.time - recording.time[0] + k * length for k in range(turns)])
         held = np.tile(np.r_[0.0, recording.torque[:-1]], turns)

@@ -1,4 +1,4 @@
-"""The same work on many cases in several processes, with a bar, and an end at any time."""
+"""Parallel work on many cases, with a progress bar and partial results after an interrupt."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def each(
     terminal: Terminal,
     show: Callable[[Result], None] = lambda result: None,
 ) -> list[Result]:
-    """Return the results as they come, each shown; on Ctrl-C, or if a worker dies, those that are done."""
+    """Return the results in order of completion, each passed to `show`; after Ctrl-C or a dead worker, those so far."""
     results: list[Result] = []
     for name in THREADS:
-        os.environ[name] = "1"  # processes are started anew and read it before they load NumPy
+        os.environ[name] = "1"  # read by new processes before they load NumPy
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _quit_quietly)
     try:
         with terminal.progress(title) as progress:
@@ -49,12 +49,12 @@ def each(
 
 
 def _quit_quietly() -> None:
-    """Let Ctrl-C end a worker at once."""
+    """Let Ctrl-C end a worker without a traceback."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def peak_memory() -> float:
-    """Return the most memory that this process has had so far [MB]; NaN where the system does not say."""
+    """Return the peak memory of this process [MB]; NaN if unknown."""
     try:
         status = Path("/proc/self/status").read_text()
     except OSError:

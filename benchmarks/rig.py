@@ -1,4 +1,4 @@
-"""Rate and jitter of the rig's loop over the serial adapter, its drive emulated in another process."""
+"""Rate and jitter of the rig's loop over the serial adapter, with a drive emulated in another process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ RATES = (500.0, 1000.0, 2000.0)  # [Hz]
 def start_emulator(
     config: Path, rate: float, limits: Mapping[str, float], realtime: bool = False
 ) -> subprocess.Popen[str]:
-    """Start a process with an emulated rig, patient towards other programs; it reads `quit`."""
+    """Start a process with an emulated rig and generous time limits; the input `quit` ends it."""
     limits = {"behind": 5.0, "overruns": 1_000_000, **limits}
     code = (
         "from pathlib import Path; from pendulum_env.backends.emulators import emulate, make_serial\n"
@@ -35,13 +35,13 @@ def start_emulator(
 
 
 def row(rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
-    """Rate, cost of an exchange, and how late its samples were."""
+    """Return a table row: rate, duration of an exchange, lateness of samples, and missed ticks."""
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / "rig.toml"
         with start_emulator(config, rate, {"watchdog": 2.0, "gap": 1.5}, realtime) as emulator:
             assert emulator.stdout is not None
             try:
-                emulator.stdout.readline()  # it is ready
+                emulator.stdout.readline()  # "ready"
                 late, cost, missed = measured(config, round(seconds * rate))
             finally:
                 emulator.communicate("quit\n")
@@ -50,7 +50,7 @@ def row(rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
 
 
 def measured(config: Path, steps: int) -> tuple[list[float], list[float], int]:
-    """Measure lateness of samples and length of exchanges [s], and missed ticks."""
+    """Measure lateness of samples [s], durations of exchanges [s], and the number of missed ticks."""
     env = gym.make(PENDULUM, backend="dm1015b", config=config, max_episode_steps=-1)
     guard = env.unwrapped.backend.guard  # type: ignore[attr-defined]
     late, cost = [], []

@@ -1,4 +1,4 @@
-"""Stops of a sound rig by its guard: samples of simulated runs, on plants that differ from the configured model."""
+"""False stops of a sound rig by its guard, in simulations of plants that differ from the configured model."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pendulum_env.physics import BASE, simulate
 from pendulum_env.plant import PAPER
 from workbench.terminal import Terminal
 
-SPREAD = 0.25  # share by which plants differ from what the watch was told
+SPREAD = 0.25  # relative deviation of plants from the configured model
 NOISE = {1000.0: 5e-5, 250.0: 5e-5, 100.0: 3e-4}  # uncertainty of a reading's time [s], by rate [Hz]
 STEP = 2 * np.pi / COUNTS  # [rad]
 
@@ -26,7 +26,7 @@ def false_stops(samples: int, seed: int = 0) -> tuple[int, int]:
     while done < samples:
         for name in EXCITATIONS:
             for rate, noise in NOISE.items():
-                amplitude = float(rng.choice([0.5, 1.0, 1.5, 2.0, 3.5, 5.0, 6.0]))  # the first ones mostly stick
+                amplitude = float(rng.choice([0.5, 1.0, 1.5, 2.0, 3.5, 5.0, 6.0]))  # the small ones mostly stick
                 steps = round(seconds * rate)
                 command = excitation(name, rng, seconds, amplitude).signal(np.arange(steps) / rate)
                 theta = np.array([*PAPER.values()])[:, None] * rng.uniform(1 - SPREAD, 1 + SPREAD, (len(PAPER), batch))
@@ -39,7 +39,7 @@ def false_stops(samples: int, seed: int = 0) -> tuple[int, int]:
 
 
 def sound(position: list[float], command: list[float], rate: float, noise: float) -> bool:
-    """Return whether the watch lets a run pass."""
+    """Return whether the plausibility check passes a run."""
     watch = PlausibilityCheck(PlantRanges(), STEP, noise)
     watch.check_measurement(0.0, position[0])
     for k, torque in enumerate(command):

@@ -1,4 +1,4 @@
-"""Diagnoses against known truth: one case, and totals over many."""
+"""Scores of diagnoses with known truth: single cases and totals."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from estimators.selection.errors import Errors
 from pendulum_env.physics import effects
 from workbench.terminal import Terminal
 
-CLEAR = 0.02  # share of the RMS torque from which an effect should be found
-FALL = 1.5  # ratio by which both held-out errors should fall
+CLEAR = 0.02  # smallest effect that should be found [share of the RMS torque]
+FALL = 1.5  # required ratio of held-out errors before and after
 SHARES = (0.0, 0.01, 0.02, 0.05, 0.1, 1.0)  # bins of the effect's share of the torque
 
 
 class Exact(StrEnum):
-    """Whether a diagnosis names what is hidden."""
+    """Agreement of a diagnosis with the hidden effects."""
 
     YES = "yes"
-    AMBIGUOUS = "ambiguous"  # it does, as one of a group that it cannot tell apart
+    AMBIGUOUS = "ambiguous"  # right within a group of indistinguishable effects
     NO = "no"
 
 
 @dataclass(frozen=True)
 class Claim:
-    """An effect that a diagnosis selects, or names as one that fits as well."""
+    """Effect that a diagnosis selects, or names as equally good."""
 
     effect: str
     score: float
@@ -47,15 +47,15 @@ class Claim:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a diagnosis said of one case.
+    """Diagnosis of one case.
 
     Attributes:
         errors: on the held-out recording, of the base model and after each effect added.
         claims: selected and ambiguous effects with their scores.
-        deviations: estimate minus truth in standard errors, where the model is the true one.
+        deviations: estimate minus truth [standard errors], if the model has the true terms.
         torque: RMS of the recorded torque [N m].
-        memory: most that the process has had so far [MB].
-        failure: what went wrong instead of a diagnosis.
+        memory: peak memory of the process [MB].
+        failure: error message instead of a diagnosis.
     """
 
     truth: Truth
@@ -72,29 +72,29 @@ class Outcome:
 
     @property
     def exact(self) -> Exact:
-        """Return whether exactly the hidden effects are named."""
+        """Return the agreement with the hidden effects."""
         if self.failure:
             return Exact.NO
         return compare(self.truth.hidden, self.selected, self.groups, self.unexplained is not None)
 
     @property
     def right(self) -> bool:
-        """Return whether the verdict is exact, or exact except for a choice within a group."""
+        """Return whether the verdict is right, perhaps within a group."""
         return self.exact is not Exact.NO
 
     @property
     def spurious(self) -> set[str]:
-        """Return the effects selected that are not hidden, unless they stand for one that is."""
+        """Return the selected effects that are not hidden; empty if the verdict is right."""
         return set() if self.right else set(self.selected) - set(self.truth.hidden)
 
     def is_right(self, claim: Claim) -> bool:
-        """Return whether a claimed effect is hidden; a selected effect and its score stand for their group."""
+        """Return whether a claimed effect, or for a selected one its group, is hidden."""
         group = next((g for g in self.groups if g[0] == claim.effect), ()) if claim.is_selected else ()
         return bool({claim.effect, *group} & set(self.truth.hidden))
 
     @property
     def ratios(self) -> list[tuple[float, float]]:
-        """Return the held-out errors in torque and in position after each step over those before it."""
+        """Return the ratios of held-out errors after and before each step, in torque and position."""
         return [
             (new.torque_rms / max(old.torque_rms, 1e-300), new.position_rms / max(old.position_rms, 1e-300))
             for old, new in pairwise(self.errors)
@@ -102,7 +102,7 @@ class Outcome:
 
     @property
     def fall(self) -> tuple[float, float]:
-        """Return base over final held-out errors in torque and position; 1 if the diagnosis failed."""
+        """Return base over final held-out error in torque and position; 1 if the diagnosis failed."""
         if not self.errors:
             return 1.0, 1.0
         first, last = self.errors[0], self.errors[-1]
@@ -132,7 +132,7 @@ class Outcome:
 def compare(
     hidden: Sequence[str], selected: Sequence[str], groups: Sequence[Sequence[str]], unexplained: bool
 ) -> Exact:
-    """Judge a selection: an effect outside the library cannot be selected, but has to be noticed."""
+    """Compare a selection with the hidden effects; those outside the library must leave `unexplained` true."""
     known = set(hidden) & effects().keys()
     if len(known) < len(set(hidden)) and not unexplained:
         return Exact.NO
@@ -144,13 +144,13 @@ def compare(
 
 
 def examine(truth: Truth, folder: Path) -> Outcome:
-    """Diagnose one pair of recordings; an exception is an outcome, too."""
+    """Diagnose one pair of recordings; an exception becomes a failure."""
     try:
         train, holdout = read_pair(folder, truth.name)
         begin = perf_counter()
         found = diagnose([train], [holdout])
         seconds = perf_counter() - begin
-    except Exception as error:  # the other cases still count
+    except Exception as error:  # keep the other cases
         return Outcome(truth, failure=f"{type(error).__name__}: {error}")
     where = found.json()["unexplained"]
     named = (Verdict.SELECTED, Verdict.AMBIGUOUS)
@@ -171,7 +171,7 @@ def examine(truth: Truth, folder: Path) -> Outcome:
 
 
 def deviations(truth: Truth, found: Diagnosis) -> dict[str, float]:
-    """Estimate minus truth in standard errors; none where the model lacks a true effect or has a wrong one."""
+    """Return estimate minus truth [standard errors] by parameter; empty unless the selection is exact."""
     if set(found.selected) != set(truth.hidden):
         return {}
     return {
@@ -182,7 +182,7 @@ def deviations(truth: Truth, found: Diagnosis) -> dict[str, float]:
 
 
 def examine_all(folder: Path, truths: Sequence[Truth], workers: int, terminal: Terminal) -> list[Outcome]:
-    """Diagnose every case and print a line for each; fewer if interrupted."""
+    """Diagnose every case and print a line for each; after an interrupt, return those so far."""
 
     def show(outcome: Outcome) -> None:
         terminal.say(outcome.line)
@@ -214,11 +214,11 @@ def rate(hits: int, count: int) -> str:
 
 @dataclass(frozen=True)
 class Curve:
-    """Share of successes among cases, by bins of some quantity.
+    """Share of successes by bins of a quantity.
 
     Attributes:
-        quantity, success: what the cases are sorted by, and what counts.
-        bins: lower and upper edge, number of successes and of cases, and mean of the quantity, empty bins left out.
+        quantity, success: names of the quantity and of the success.
+        bins: lower and upper edge, numbers of successes and cases, and mean of the quantity, without empty bins.
     """
 
     quantity: str
@@ -250,17 +250,17 @@ class Curve:
 
 
 def select_library_cases(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """Return the cases with hidden effects, if the library has all of these."""
+    """Return the cases with hidden effects that are all in the library."""
     return [o for o in outcomes if o.truth.hidden and set(o.truth.hidden) <= effects().keys()]
 
 
 def right_of(outcomes: Sequence[Outcome]) -> str:
-    """Rate of those that are right."""
+    """Return the rate of right outcomes as text."""
     return rate(sum(outcome.right for outcome in outcomes), len(outcomes))
 
 
 def is_clear(outcome: Outcome) -> bool:
-    """Return whether something is hidden that changes the torque enough to be found."""
+    """Return whether the hidden effects have a share of at least `CLEAR` of the torque."""
     return outcome.truth.share is not None and outcome.truth.share >= CLEAR
 
 
@@ -299,7 +299,7 @@ def tell_totals(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
 
 
 def tell_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
-    """Print for each effect how often it is right alone, found among others, and named wrongly."""
+    """Print for each effect the rates of right cases, alone and in pairs, and the number of wrong ones."""
     rows = []
     for id in dict.fromkeys(["nothing", *effects(), *(id for o in outcomes for id in o.truth.hidden)]):
         alone = [o for o in outcomes if o.truth.label == id]
@@ -314,7 +314,7 @@ def tell_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
 
 
 def tell_by_share(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
-    """Print how often a library effect is right, by the share of the torque that it changes."""
+    """Print the rate of right diagnoses of library effects by their share of the torque."""
     cases = [(o.truth.share, o.right) for o in select_library_cases(outcomes) if o.truth.share is not None]
     Curve.of("share of the torque that the base model misses after its refit", "right", SHARES, cases).tell(terminal)
 

@@ -1,11 +1,11 @@
-"""Servos: the torque constant of benches with known loads, and what is named where a controller makes the torque.
+"""Diagnoses of servos: torque constants from known loads, and effects in closed loops.
 
     python -m benchmarks.servos benches --n 40       # friction-dominated, back-driven, with and without load friction
-    python -m benchmarks.servos loops --n 30         # position and speed loops, most of them with nothing or cogging
-    python -m benchmarks.servos goals --n 50         # known controllers, and no log but of goals and positions
+    python -m benchmarks.servos loops --n 30         # position and speed loops, most without effect or with cogging
+    python -m benchmarks.servos goals --n 50         # known controllers; logs of goals and positions only
 
-A bench is driven as hobby servos are: the log has the voltage of a position loop at 100 Hz and an encoder of 12 bits.
-Each load is another plant to the simulator, which shares no code with the packages under test.
+A bench logs the voltage of a position loop at 100 Hz and an encoder of 12 bits, as hobby servos do. Each load is a
+separate plant of the simulator, which shares no code with the packages under test.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Draw = np.random.Generator
 CONSTANT = "torque constant"
 GRAVITY = 9.81  # [m/s^2]
 SUPPLY = 12.0  # [V]
-FASTEST = 6.0  # [rad/s], of a speed loop
+FASTEST = 6.0  # largest speed of a speed loop [rad/s]
 GAINS = (1.3, 2.6, 5.2)  # share of the supply per radian of error; the last is held out
 WEIGHTS = [(mass, length) for length in (0.1, 0.15) for mass in (0.5, 0.75, 1.0, 1.2)]  # [kg], [m]
 FRICTION = ("none", "output", "none", "output", "motor")
@@ -36,14 +36,14 @@ LOOPS = ("none", "cogging", "none", "cogging", "load_out", "actuator_lag", "torq
 
 
 class Case(NamedTuple):
-    """One servo, with what hides in it and what it is to do; its recordings are made of its runs."""
+    """Servo with hidden effects, its experiments, and the conversion of runs to recordings."""
 
     name: str
     hidden: tuple[str, ...]
     runs: list[tuple[Plant, Experiment]]
-    recorded: Callable[[int, SimulatedRecording], Recording]  # by the number of the run
-    held_out: int  # of the runs, the last ones
-    truth: dict[str, float]  # parameters whose intervals are counted
+    recorded: Callable[[int, SimulatedRecording], Recording]  # from the number of a run, and the run
+    held_out: int  # number of held-out runs, the last ones
+    truth: dict[str, float]  # parameters with counted intervals
 
 
 def bench(seed: int) -> Case:
@@ -51,7 +51,7 @@ def bench(seed: int) -> Case:
     rng = np.random.default_rng([seed, 0])
     law, is_back_driven = FRICTION[seed % len(FRICTION)], seed % 4 == 3
     constant, inertia = float(rng.uniform(0.25, 0.6)), float(rng.uniform(0.005, 0.02))
-    fluid = rng.uniform(0.3, 0.75) * (0.15 if is_back_driven else 1.0)  # back-EMF and all
+    fluid = rng.uniform(0.3, 0.75) * (0.15 if is_back_driven else 1.0)  # back-EMF included
     coulomb, own = rng.uniform(0.08, 0.3) * (0.3 if is_back_driven else 1.0), rng.choice([0.0, rng.uniform(0.05, 0.3)])
     share = {"none": 0.0, "output": rng.uniform(0.15, 0.4), "motor": rng.uniform(0.05, 0.15)}[law]
     stribeck = {"strib_d": rng.uniform(0.0, 0.04), "strib_v": 0.3}
@@ -84,16 +84,16 @@ def bench(seed: int) -> Case:
         load = Load(mass * length**2, GRAVITY * mass * length)
         return Recording(run.time, run.position, run.torque / constant, load=load, torque_unit="V", name=f"{number}")
 
-    is_told = law == "output" or (law == "motor" and is_back_driven)  # else the motor's share is in the constant
+    is_told = law == "output" or (law == "motor" and is_back_driven)  # else the constant includes the motor's share
     hidden = ("load_dependent_friction",) if is_told else ()
     if law == "motor" and not is_back_driven:
-        constant *= 1.0 - share  # where the motor pushes all the time, that is all that anything tells
+        constant *= 1.0 - share  # not separable if the motor always drives
     name = f"{law}{' back-driven' if is_back_driven else ''}"
     return Case(name, hidden, cases, recorded, len(WEIGHTS), {CONSTANT: constant})
 
 
 def loop(seed: int) -> Case:
-    """Make a joint in a position or a speed loop, friction a good part of its torque, with an effect that is drawn."""
+    """Make a joint with large friction and a random effect in a position or speed loop."""
     rng = np.random.default_rng([seed, 2])
     hidden, kind = LOOPS[seed % len(LOOPS)], ("pd_loop", "speed_loop")[seed // len(LOOPS) % 2]
     gravity = float(rng.uniform(0.5, 2.0)) if kind == "pd_loop" or hidden == "load_out" else 0.0
@@ -107,7 +107,7 @@ def loop(seed: int) -> Case:
     }[hidden]
     viscous = float(rng.uniform(0.02, 0.2))
     working = gravity + coulomb
-    if hidden == "torque_saturation":  # a drive that cannot follow is at its end all the time, which tells no law
+    if hidden == "torque_saturation":  # a drive that cannot follow is always saturated, and shows no law
         working += FASTEST * viscous if kind == "speed_loop" else 0.0
         effects[hidden]["sat"] *= working
     plant = Plant(inertia, gravity, viscous, coulomb, effects)
@@ -127,12 +127,12 @@ def loop(seed: int) -> Case:
 
 
 def known_of(plant: Plant) -> dict[str, float]:
-    """Return the counted parameters of a plant: zero has no error in per cent."""
+    """Return the counted parameters of a plant; parameters of zero have no relative error."""
     return {name: value for name in ("inertia", "gravity") if (value := getattr(plant, name))}
 
 
 def logged(number: int, run: SimulatedRecording) -> Recording:
-    """Return a run whose torque is logged as it is."""
+    """Return the recording of a run with its torque."""
     return Recording(run.time, run.position, run.torque, name=f"{number}")
 
 
@@ -152,12 +152,12 @@ CONTROLS = ("servo", "damped", "speed")
 
 
 def goal(seed: int) -> Case:
-    """Return a servo under a known controller with logged goals and positions; every fifth hides nothing."""
+    """Make a servo under a known controller with logged goals and positions; every fifth has no effect."""
     rng = np.random.default_rng([seed, 3])
     hidden = "" if seed % 5 == 4 else list(SHOWN)[(seed - seed // 5) % len(SHOWN)]
     control = CONTROLS[seed % len(CONTROLS)]
     if hidden in ("spring", "stribeck") and control == "speed":
-        control = "servo"  # no spring lets a joint turn on and on, and slow motion is what shows Stribeck friction
+        control = "servo"  # a spring prevents full turns, and Stribeck friction needs slow motion
     gravity, inertia = float(rng.uniform(0.3, 2.0)), float(rng.uniform(0.003, 0.02))
     coulomb, constant = float(rng.uniform(0.05, 0.15)) * gravity, float(rng.uniform(0.2, 0.6))
     effects = {hidden: SHOWN[hidden](rng, gravity, coulomb)} if hidden else {}
@@ -193,12 +193,12 @@ def goal(seed: int) -> Case:
 
 
 class Judged(NamedTuple):
-    """What came out of one case.
+    """Result of one case.
 
     Attributes:
-        line: for people.
-        is_right: whether what hides is named, and nothing else.
-        apart: how many standard errors each parameter is off, where it has one.
+        line: text of the result.
+        is_right: whether exactly the hidden effects are named.
+        apart: estimate minus truth [standard errors] by parameter, without biased ones.
     """
 
     line: str
@@ -229,7 +229,7 @@ def judged(seed: int, case: Case, recordings: Sequence[Recording]) -> Judged:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print a line a case and the sums."""
+    """Print a line for each case, and totals."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.servos")
     parser.add_argument("what", choices=("benches", "loops", "goals"))
     parser.add_argument("--n", type=int, default=30)

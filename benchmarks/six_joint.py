@@ -1,11 +1,10 @@
-"""Six joints, or seven, simulated by MuJoCo, which shares no code with this project: is what hides named?
+"""Diagnoses of arms with two to seven joints and hidden effects, simulated by MuJoCo.
 
     python -m benchmarks.six_joint [RUNS [JOINTS]]
 
-The arm is of our own making: links of plausible size, a rotor, viscous and dry friction at each joint, these drawn in
-each run, angles from encoders of 2^20 counts, torque logged with noise. A position controller follows a multisine. What
-is hidden acts on MuJoCo's own forces: `frictionloss` where friction changes, applied torque otherwise. A verdict is
-right if the effect is the only one named, at its joint.
+The arm is fictitious: links of plausible size, a rotor, and random viscous and dry friction at each joint; encoders of
+2^20 counts; torque with noise. A position controller follows a multisine. Hidden friction changes MuJoCo's
+`frictionloss`, other effects are applied torques. A verdict is right if it names only the effect, at its joint.
 """
 
 from __future__ import annotations
@@ -53,8 +52,8 @@ VISCOUS = np.array([1.2, 1.5, 0.9, 0.3, 0.25, 0.1, 0.12])  # [N m s/rad]
 COULOMB = np.array([2.0, 2.5, 1.6, 0.6, 0.5, 0.2, 0.25])  # [N m]
 ROTORS = np.array([0.4, 0.5, 0.3, 0.08, 0.06, 0.02, 0.02])  # [kg m^2]
 NOISE = np.array([0.05, 0.05, 0.04, 0.02, 0.02, 0.01, 0.01])  # [N m]
-SWEEP = np.array([0.9, 0.5, 0.6, 0.9, 0.8, 1.1, 1.0])  # [rad], of the reference
-MIDDLE = np.array([0.0, -0.6, 0.7, 0.0, 0.4, 0.0, 0.2])  # [rad]
+SWEEP = np.array([0.9, 0.5, 0.6, 0.9, 0.8, 1.1, 1.0])  # amplitude of the reference [rad]
+MIDDLE = np.array([0.0, -0.6, 0.7, 0.0, 0.4, 0.0, 0.2])  # mean of the reference [rad]
 STIFFNESS = np.array([600, 900, 500, 100, 70, 22.0, 22.0])  # [N m/rad], of the controller
 DAMPING = np.array([35, 50, 25, 6, 4, 1.2, 1.2])  # [N m s/rad]
 COUNTS = 2**20
@@ -63,13 +62,13 @@ WARMER, WARM_UP = (
     np.array([18, 14, 16, 12, 15, 10.0, 9]),
     np.array([9, 12, 7, 10, 8, 11.0, 9]),
 )  # [K], [s], of each joint
-VISCOUS_SHARE, COULOMB_SHARE = -0.025, 0.012  # of friction at 25 deg C, by which it changes with each kelvin
+VISCOUS_SHARE, COULOMB_SHARE = -0.025, 0.012  # relative change of friction per kelvin, from 25 deg C
 EFFECTS = ("stribeck", "cogging", "torque_offset", "quadratic_drag", "load_dependent_friction", "spring")
 
 
 @dataclass(frozen=True)
 class Load:
-    """A body at the flange, in its frame."""
+    """Body at the flange, in the frame of the flange."""
 
     mass: float  # [kg]
     center: tuple[float, float, float]  # [m]
@@ -77,7 +76,7 @@ class Load:
 
 
 def urdf(load: Load | None = None, joints: Sequence[str] = JOINTS) -> str:
-    """Return the arm as a file, perhaps with a load at its last link."""
+    """Return the arm as URDF, perhaps with a load at its last link."""
     text = [f'<robot name="{len(joints)}-joint"><link name="ground"/>']
     for k, joint in enumerate(joints):
         a, b, c = INERTIAS[k]
@@ -100,7 +99,7 @@ def urdf(load: Load | None = None, joints: Sequence[str] = JOINTS) -> str:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect at a joint, or a motor that turns with it and the next; its size is a share of the dry friction."""
+    """Effect at a joint, or motor coupled to it and the next joint; `share`: size over the dry friction."""
 
     effect: str
     joint: int
@@ -113,7 +112,7 @@ class Hidden:
         return f"{self.effect}@{','.join(SEVEN[self.joint : self.joint + count])}"
 
     def tie(self, spec: Any) -> None:
-        """Return a motor that turns with two joints: MuJoCo's tendon, of which both angles are the length."""
+        """Add a motor coupled to two joints as a MuJoCo tendon, with the sum of both angles as its length."""
         if self.effect == "coupling":
             motor, j = spec.add_tendon(name="motor"), self.joint
             for joint in SEVEN[j : j + 2]:
@@ -142,7 +141,7 @@ class Hidden:
                     return -VISCOUS_SHARE * viscous * warmer * v, dry * (1.0 + COULOMB_SHARE * warmer)
                 case "spring":
                     return -size * (q - 0.3), dry
-                case "cable":  # that pulls where it is bent, as no effect of the library does
+                case "cable":  # local torque, outside the library
                     return -2.0 * size * float(np.exp(-(((q - MIDDLE[self.joint] - 0.1) / 0.15) ** 2))), dry
                 case "coupling":
                     return 0.0, dry
@@ -154,7 +153,7 @@ class Hidden:
 def drawn_reference(
     rng: np.random.Generator, sweep: np.ndarray, middle: np.ndarray
 ) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
-    """Return angles and speeds of a multisine of six harmonics that sweeps so far (n,) about a middle (n,) [rad]."""
+    """Return a multisine of six harmonics (angles, speeds) with amplitudes `sweep` (n,) about `middle` (n,) [rad]."""
     harmonics = np.arange(1, 7)
     amplitude = rng.normal(size=(len(sweep), 6)) / harmonics**0.5
     amplitude *= (sweep / np.abs(amplitude).sum(axis=1))[:, None]
@@ -177,9 +176,9 @@ def simulate(
     rate: float = RATE,
     noise: Sequence[float] = NOISE,
 ) -> ArmRecording:
-    """Record the arm in MuJoCo, perhaps with temperatures of its joints and scaled friction.
+    """Record the arm in MuJoCo, perhaps with joint temperatures.
 
-    It has as many joints as there are such factors. Rate [Hz] and noise of the torque [N m] are those of the log.
+    `rubs`: factors of the friction, one for each joint; `rate`: of the log [Hz]; `noise`: of the torque [N m].
     """
     import mujoco
 
@@ -225,7 +224,7 @@ def simulate(
 
 
 def body(joints: Sequence[str] = JOINTS) -> Body:
-    """Return the arm's links as the file has them."""
+    """Return the links of the arm's file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf(joints=joints))
@@ -233,7 +232,7 @@ def body(joints: Sequence[str] = JOINTS) -> Body:
 
 
 def drawn(run: int, joints: int = 6) -> list[float]:
-    """Draw factors on the friction of the joints, another arm in each run."""
+    """Draw the factors of friction of each joint for a run."""
     return np.random.default_rng(run).uniform(0.5, 1.6, joints).tolist()
 
 

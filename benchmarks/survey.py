@@ -1,10 +1,10 @@
-"""Drifts and jumps that a survey names, by their size, and what it names where nothing changes.
+"""Rates of drifts and jumps that a survey finds, by size, and of false changes.
 
 python -m benchmarks.survey
 
-Each survey has 20 parameters and a recording a week. One parameter in five drifts, and one in five jumps. Estimates
-scatter by three times their standard errors, as those of real machines do. Sizes are in units of that scatter: the
-change from the first to the last week of a drift, and the step of a jump.
+Each survey has 20 parameters and one recording per week. Four parameters drift, and four jump. Estimates scatter by
+three times their standard errors, as on real machines. Sizes are in units of that scatter: total change of a drift,
+and step of a jump.
 """
 
 import argparse
@@ -21,12 +21,12 @@ from workbench.terminal import Terminal
 
 BEGAN = datetime(2026, 1, 5, tzinfo=UTC)
 PARAMETERS, CHANGING = 20, 4  # of each kind of change
-STD = 0.002  # of a value of about 1
+STD = 0.002  # standard error of values of about 1
 SCATTER = 3 * STD
 
 
 def simulate_rows(size: float, weeks: int, rng: np.random.Generator) -> list[JSON]:
-    """Simulate the rows of a survey of one machine; the name of a parameter tells how it changes."""
+    """Simulate the rows of a survey of one machine; the name of a parameter begins with its change."""
     share = np.arange(weeks) / (weeks - 1)
     shapes = {"drift": share, "jump": share >= 0.5, "": np.zeros(weeks)}
     kinds = ["drift"] * CHANGING + ["jump"] * CHANGING + [""] * (PARAMETERS - 2 * CHANGING)
@@ -47,7 +47,7 @@ def simulate_rows(size: float, weeks: int, rng: np.random.Generator) -> list[JSO
 
 
 def count(size: float, weeks: int, n: int, rng: np.random.Generator) -> tuple[list[str], Counter[tuple[str, str]]]:
-    """Count what n surveys name: a row of shares, and the parameters by how they change and what is named."""
+    """Run n surveys; return a table row of shares, and counts of parameters by true and reported change."""
     named: Counter[tuple[str, str]] = Counter()
     dated = covered = 0
     slope, date = size * SCATTER / (weeks - 1), BEGAN + timedelta(weeks=weeks // 2)

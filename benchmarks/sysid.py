@@ -1,13 +1,12 @@
-"""Beside MuJoCo's own identification toolbox: rotors, viscous and dry friction of six joints from the same recording.
+"""Comparison with MuJoCo's identification toolbox: rotors and friction of six joints from one recording.
 
     pip install 'mujoco[sysid]'
     python -m benchmarks.sysid [SECONDS]
 
-`mujoco.sysid` fits simulations to angles by least squares. It is told the links, and all that the recording was
-simulated with but for what it has to find: time step, integrator and solver, and how torque is held between samples; it
-starts at half of each value. As no arm without its controller keeps to a recording for long, it simulates half a second
-at a time, from angles and velocities as our filter has them. Ours fits the links' base parameters and friction to
-torque, and takes the rotors from them by the links that the file has. Times are of all cores together.
+`mujoco.sysid` fits simulated angles by least squares. It gets the true links, time step, integrator, solver and hold of
+the torque, and starts at half of each unknown value. It simulates pieces of 0.5 s from our filtered angles and
+velocities, because an arm without its controller soon leaves the recording. Our method fits base parameters and
+friction to torque, and computes the rotors by the links of the file. Times are CPU times of all cores.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
 
 TRUTH = {"armature": np.array(ROTORS), "damping": np.array(VISCOUS), "frictionloss": np.array(COULOMB)}
-PIECE = 0.5  # [s] of one simulation
+PIECE = 0.5  # length of one simulation [s]
 
 
 def ours(recording: ArmRecording) -> dict[str, np.ndarray]:
@@ -86,7 +85,7 @@ def theirs(recording: ArmRecording) -> dict[str, np.ndarray]:
 
 
 def _set(spec: Any, parameter: Any) -> None:
-    """Write a parameter, `damping@elbow`, into a model's specification; of damping, higher orders are zero."""
+    """Write a parameter such as `damping@elbow` into a specification; higher orders of damping are zero."""
     quantity, _, joint = parameter.name.partition("@")
     value = np.zeros_like(np.asarray(getattr(spec.joint(joint), quantity), dtype=float))
     value.flat[0] = parameter.value[0]

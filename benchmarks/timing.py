@@ -1,9 +1,9 @@
-"""CPU seconds of `diagnose`, by case, and microseconds of a sample online, each in a process of its own.
+"""CPU time of `diagnose` [s] and of online samples [us], each in a separate process.
 
     python -m benchmarks.timing [--other FOLDER] [NAME ...]
 
 Cases are recordings of the independent plant, 20 s to fit and 20 s held out at 1 kHz, and of the arm of `six_joint`.
-`--other` is a checkout of another version, as `git worktree add` makes it; its seconds come beside.
+`--other` is a checkout of another version (`git worktree add`), measured for comparison.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def make_environment(version: Path) -> dict[str, str]:
 
 
 def measure_online(version: Path, algorithm: str) -> float:
-    """Return the CPU time of a sample [us] of an online algorithm over 20 s, the least of three runs."""
+    """Return the CPU time of a sample [us] of an online algorithm, least of three runs of 20 s."""
     line = [sys.executable, "-P", "-c", FEED.format(algorithm)]
     environment = make_environment(version)
     runs = (subprocess.run(line, capture_output=True, text=True, check=True, env=environment) for _ in "abc")

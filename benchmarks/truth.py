@@ -1,4 +1,4 @@
-"""What is hidden in a recording of known truth, in the names and signs of this project's models."""
+"""Hidden effects and true parameters of recordings, in the names and signs of this project's models."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from pendulum_env.recording import Recording, read_recording
 
 @dataclass(frozen=True)
 class Truth:
-    """One entry of truth.json.
+    """Entry of truth.json.
 
     Attributes:
         name: of the pair of recordings NAME.train.csv.gz and NAME.holdout.csv.gz.
-        hidden: ids of the effects, some perhaps outside the library; empty if nothing is hidden.
-        parameters: true values of a model's parameters by name, for those effects whose law is the library's.
-        rate: of sampling [Hz].
-        counts: of the encoder per turn, None if it reads exactly.
+        hidden: ids of the hidden effects, perhaps outside the library.
+        parameters: true values of model parameters by name, for effects with the library's law.
+        rate: sample rate [Hz].
+        counts: encoder counts per turn; None for an exact encoder.
         noise: RMS of white noise on the torque [N m].
         excitation: its name, "" if unknown.
-        share: of the RMS torque that the base model misses after its refit, None if unknown.
+        share: residual of the refitted base model over the RMS torque; None if unknown.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Truth:
 
     @property
     def label(self) -> str:
-        """Return the hidden effects in words."""
+        """Return the hidden effects as text."""
         return "+".join(self.hidden) or "nothing"
 
 
@@ -73,7 +73,7 @@ def read_truth(folder: str | Path) -> list[Truth]:
 
 
 def paths(folder: str | Path, name: str) -> tuple[Path, Path]:
-    """Return the recording to learn from and recording to be judged on."""
+    """Return the paths of the fitted and the held-out recording."""
     return Path(folder) / f"{name}.train.csv.gz", Path(folder) / f"{name}.holdout.csv.gz"
 
 
@@ -86,9 +86,9 @@ def read_pair(folder: str | Path, name: str) -> tuple[Recording, Recording]:
 def true_parameters(
     hidden: tuple[str, ...], plant: Mapping[str, float], given: Mapping[str, Any], rate: float
 ) -> dict[str, float]:
-    """Return the true values of the model's parameters; effects outside the library, or of another law, have none."""
+    """Return the true values of model parameters, without effects outside the library or of other laws."""
     values = dict(plant)
-    if given:  # the laws of another simulator have none of these parameters
+    if given:  # empty for other simulators
         for id in hidden:
             values |= _effect_parameters(id, plant, given, rate)
     return values
@@ -146,7 +146,7 @@ def _effect_parameters(id: str, plant: Mapping[str, float], p: Mapping[str, Any]
             e, phase = p["ecc"]  # e sin(q + phase)
             return {f"{id}.sin": e * cos(phase), f"{id}.cos": e * sin(phase)}
         case "hard_stop":
-            both = p.get("wall_q")  # at the same angle to either side
+            both = p.get("wall_q")  # symmetric walls
             lower, upper = (-both, both) if both else (p.get("wall_lo"), p.get("wall_hi"))
             stops = {"lower": lower, "upper": upper}
             losses = {"hysteresis": p.get("wall_c"), "damping_time": p.get("wall_d", 0.0) / p["wall_k"]}
@@ -156,7 +156,7 @@ def _effect_parameters(id: str, plant: Mapping[str, float], p: Mapping[str, Any]
 
 
 def _link(id: str, plant: Mapping[str, float], p: Mapping[str, Any]) -> dict[str, float]:
-    inertia = plant["inertia"] - p["Jm"]  # of the link alone
+    inertia = plant["inertia"] - p["Jm"]  # of the link
     return {
         id: inertia,
         f"{id}.resonance": sqrt(p["bl_k"] / inertia),

@@ -1,8 +1,8 @@
-"""A two-link arm by its textbook equations, integrated by SciPy between events: shares no code with what it checks.
+"""Two-link arm by its textbook equations, integrated by SciPy between events; shares no code with the packages.
 
-Joint angles are relative, q = 0 hangs down. Friction of each joint is viscous and set-valued dry friction: a joint
-whose velocity reaches zero sticks as long as its reaction is within +-fc. Torque is a multisine of each joint, so that
-it is smooth between events; recordings hold its mean over each period, as a DAC would.
+Joint angles are relative, q = 0 hangs down. Each joint has viscous and set-valued dry friction: it sticks at zero
+velocity while its reaction is within +-fc. The torque of each joint is a smooth multisine; recordings hold its mean
+over each period, as a DAC would.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81
 
-Signal = Callable[[float], Sequence[float]]  # torque of each joint at a time
+Signal = Callable[[float], Sequence[float]]  # torques [N m] at a time [s]
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class TwoLink:
     inertia: tuple[float, float] = (0.02, 0.008)  # about the centre of mass [kg m^2]
     viscous: tuple[float, float] = (0.3638, 0.3638)  # the paper's Table 2, at each joint
     coulomb: tuple[float, float] = (0.9163, 0.9163)
-    drag: tuple[float, float] = (0.0, 0.0)  # of the air, of the square of the speed [N m s^2/rad^2]
-    cogging: tuple[float, float] = (0.0, 0.0)  # torque that comes twelve times a turn [N m]
+    drag: tuple[float, float] = (0.0, 0.0)  # quadratic air drag [N m s^2/rad^2]
+    cogging: tuple[float, float] = (0.0, 0.0)  # amplitude at twelve periods per turn [N m]
 
     def urdf(self) -> str:
-        """Return the arm as URDF; its axes point so that gravity is the same."""
+        """Return the arm as URDF, with axes for the same gravity torque."""
         links = "".join(
             f'<link name="{name}"><inertial><origin xyz="0 0 {-c}"/><mass value="{m}"/>'
             f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i / 10}"/></inertial></link>'
@@ -123,13 +123,13 @@ class TwoLink:
                 sliding[joint] = 0.0
             else:
                 sliding[joint] = float(np.sign(self.accelerations(x.tolist(), torque(t), sliding)[1][joint]))
-                x[2 + joint] = 1e-12 * sliding[joint]  # [rad/s], so that it is seen to leave
+                x[2 + joint] = 1e-12 * sliding[joint]  # [rad/s], to detect the start of sliding
             sliding = self._directions(t, x, torque, sliding)
         states = np.concatenate(done)
         return states[:, :2], states[:, 2:]
 
     def _stretch(self, torque: Signal, sliding: list[float]) -> tuple[Callable, list[Callable]]:
-        """Return the derivative of the state while friction keeps its directions, and the events that end this."""
+        """Return the derivative of the state for constant directions of friction, and the events that change them."""
 
         def slope(t: float, x: np.ndarray) -> tuple[float, ...]:
             state = x.tolist()
@@ -147,7 +147,7 @@ class TwoLink:
         return slope, [make(joint) for joint in range(2)] if any(self.coulomb) else []
 
     def _directions(self, t: float, x: np.ndarray, torque: Signal, sliding: list[float]) -> list[float]:
-        """Return the directions once joints at rest whose reactions are beyond dry friction have broken loose."""
+        """Return the directions of sliding after stuck joints with reactions beyond the dry friction start to slide."""
         for _ in range(4):
             reaction = self.accelerations(x.tolist(), torque(t), sliding)[1]
             loose = [sliding[k] == 0 and abs(reaction[k]) >= self.coulomb[k] * (1 - 1e-9) for k in range(2)]
@@ -159,7 +159,7 @@ class TwoLink:
 
 @dataclass(frozen=True)
 class Multisine:
-    """A sum of sines of each joint; called with a time it gives their torques, `held` the means over each period."""
+    """Sum of sines for each joint: a call returns torques at a time, `held` their means over periods."""
 
     amplitude: np.ndarray  # (n, K) [N m]
     frequency: np.ndarray  # (n, K) [rad/s]
@@ -179,7 +179,7 @@ class Multisine:
 
     @classmethod
     def paper(cls, seed: int, scale: tuple[float, ...] = (3.0, 1.5)) -> Multisine:
-        """Return the paper's two frequencies at each joint, apart a little so that joints differ, random phases."""
+        """Return the paper's two frequencies and a third, shifted by 13 % from joint to joint, with random phases."""
         rng = np.random.default_rng(seed)
         n = len(scale)
         frequency = np.array([[12.07, 2.25, 5.1]]) * (1 + 0.13 * np.arange(n)[:, None])

@@ -15,7 +15,7 @@ from pendulum_env.policy import OpenLoop, rollout
 
 HIDDEN = ["cogging:order=12,sin=0.2,cos=0.1", "quadratic_drag:quadratic_drag=0.03"]
 SHOWN = 6  # effects in the table
-ADDED_FROM = 0.9  # probability of an effect that is added
+ADDED_FROM = 0.9  # smallest probability of an added effect
 
 
 def table(time: float, said: OnlineDiagnosis) -> Table:

@@ -1,6 +1,6 @@
-"""Run the notebooks of examples/ and store their outputs in them: python tools/execute.py [NOTEBOOK ...].
+"""Run the notebooks of examples/ and store their outputs: python tools/execute.py [NOTEBOOK ...].
 
-Needs nbclient and ipykernel, which are part of the extra dev.
+Needs nbclient and ipykernel of the extra dev.
 """
 
 import os
@@ -12,20 +12,20 @@ import nbformat
 from nbclient import NotebookClient
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-LONGEST = 300  # [s] that a cell may take
+LONGEST = 300  # time limit of a cell [s]
 
 
 def execute(path: Path) -> Any:
-    """Run the notebook with fresh outputs; raises nbclient's CellExecutionError where a cell fails."""
+    """Return the notebook with new outputs; raises nbclient's CellExecutionError if a cell fails."""
     notebook = nbformat.read(path, nbformat.NO_CONVERT)
-    here = str(Path(__file__).parents[1])  # the code beside this file, installed or not
+    here = str(Path(__file__).parents[1])  # use the code of this checkout
     env = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, [here, os.environ.get("PYTHONPATH")]))}
     NotebookClient(notebook, timeout=LONGEST, kernel_name="python3").execute(env=env)
     for cell in notebook.cells:
-        cell.metadata = {}  # when it ran is no result
+        cell.metadata = {}  # without execution times
         for output in cell.get("outputs", []):
             if "text/html" in output.get("data", {}):
-                output.data.pop("text/plain", None)  # says the same, for those who see no HTML
+                output.data.pop("text/plain", None)  # duplicate of the HTML
     notebook.metadata = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
     return notebook
 

@@ -1,4 +1,4 @@
-"""What a model leaves that lacks an effect, in pictures: of every effect of the library, and of two real machines."""
+"""Pictures of the residual of a model that lacks an effect, for every effect and two real machines."""
 
 import html
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording, read_recording
 from pendulum_env.units import TURNING, JointUnits
 
-SECONDS = 20.0  # of motion, under the paper's excitation
+SECONDS = 20.0  # length of a recording [s]
 WIDTH, HEIGHT, MARGIN = 190.0, 110.0, 8.0  # of a panel [px]
-CURVE, GRID, TEXT = "#c2611f", "#8a93a5", "#7c8699"  # seen on white and on black
+CURVE, GRID, TEXT = "#c2611f", "#8a93a5", "#7c8699"  # visible on light and dark backgrounds
 
 
 def gallery(folder: Path) -> None:
-    """Draw every effect of the library into a folder, one picture each."""
+    """Write one picture for each effect of the library to a folder."""
     folder.mkdir(exist_ok=True)
     for id in effects():
         recording = record(make_plant(effects=id), excitation("paper", 1, SECONDS), SECONDS, rng=1)
@@ -30,7 +30,7 @@ def gallery(folder: Path) -> None:
 
 
 def machines(folder: Path, data: Path) -> None:
-    """Draw what rigid models leave of two real recordings, see `docs/machines.md`."""
+    """Write pictures of the residual in two recordings of `docs/machines.md`."""
     folder.mkdir(exist_ok=True)
     emps = read_recording(data / "emps" / "emps.csv.gz", columns={"position": "position:m", "torque": "torque:N"})
     drawn = left(emps, (Inertia(), Viscous(), Coulomb()), JointUnits(slides=True))
@@ -40,7 +40,7 @@ def machines(folder: Path, data: Path) -> None:
 
 
 def left(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits = TURNING) -> list[Profile]:
-    """Return the residual of a model, fitted to a recording, over angle (within a turn), velocity, torque and time."""
+    """Fit a model to a recording; return its residual over angle (within a turn), velocity, torque and time."""
     prepared, _ = split_recordings([recording], [recording])
     model, fit = fit_terms(prepared, terms)
     noise = prepared.data.noise(model.estimates["inertia"].value)
@@ -48,7 +48,7 @@ def left(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits =
 
 
 def picture(title: str, profiles: Sequence[Profile]) -> str:
-    """Return the panels beside each other as SVG, in one scale [N m]."""
+    """Return a row of panels on one scale [N m] as SVG."""
     largest = max(float(np.abs(item.mean).max()) for item in profiles) or 1.0
     panels = "".join(panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
     size = f'width="{len(profiles) * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {len(profiles) * WIDTH:g} {HEIGHT:g}"'
@@ -58,7 +58,7 @@ def picture(title: str, profiles: Sequence[Profile]) -> str:
 
 
 def panel(item: Profile, left: float, largest: float) -> str:
-    """Draw the mean residual over one quantity, with zero as a line and the noise floor as a band."""
+    """Return a panel with the mean residual over one quantity, zero line and noise band, as SVG."""
     middle, reach = 0.5 * (HEIGHT - 14), 0.5 * (HEIGHT - 14) - MARGIN
     inner = WIDTH - 2 * MARGIN
     low, high = float(item.edges[0]), float(item.edges[-1])

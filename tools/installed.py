@@ -1,4 +1,4 @@
-"""What is installed works on its own: `make package` runs this in a fresh environment and an empty folder."""
+"""Test of the installed package: `make package` runs it in a new environment and an empty folder."""
 
 import re
 import subprocess
@@ -12,7 +12,7 @@ PROGRAM = Path(sys.executable).with_name("pendulum-ident")
 
 
 def main() -> None:
-    """Try the command line, the demo, the environment and the app."""
+    """Test the command line, the demo, the environment and the app."""
     print(subprocess.check_output([PROGRAM, "--version"], text=True).strip())
     print(subprocess.check_output([PROGRAM, "demo"], text=True).splitlines()[-1])
     assert Path("pendulum-ident-demo/report.html").stat().st_size > 1e6

@@ -1,6 +1,6 @@
-"""Make the pictures of the pages that no page prints, of a report and of the app: python -m tools.pictures.
+"""Make the pictures of the report and the app for the pages: python -m tools.pictures.
 
-Needs chromium beside the extra dev; without it, pictures stay as they are.
+Needs Chromium and the extra dev; without Chromium, no picture changes.
 """
 
 import io
@@ -27,8 +27,8 @@ from workbench.report import write_report
 HIDDEN = ["spring:stiffness=0.25,preload=0.1", "stribeck:stribeck=0.5,stribeck_velocity=0.8"]
 GALLERY = "workbench/app/assets/gallery"
 MACHINES = "docs/machines"
-SIZE = {"width": 1180, "height": 1470}  # [px] of the top of a report
-WINDOW = {"width": 1240, "height": 900}  # [px]
+SIZE = {"width": 1180, "height": 1470}  # of a picture of the report [px]
+WINDOW = {"width": 1240, "height": 900}  # of the app [px]
 COLOURS = 256
 
 
@@ -44,21 +44,21 @@ def report(path: Path) -> None:
 
 
 def keep(tab: Page, name: str, **options: bool) -> None:
-    """Save the shown page as a picture of the pages."""
-    tab.wait_for_timeout(500)  # for fonts and plots to settle
+    """Save a screenshot of the tab as docs/NAME.png."""
+    tab.wait_for_timeout(500)  # for fonts and plots
     shown = Image.open(io.BytesIO(tab.screenshot(**options)))
     shown.convert("RGB").quantize(COLOURS).save(ROOT / "docs" / f"{name}.png", optimize=True)
     print(f"wrote docs/{name}.png")
 
 
 def tour(tab: Page, folder: Path) -> None:
-    """Save the stages of the app for its page, with Stribeck friction hidden."""
+    """Save pictures of the app's stages with a recording that hides Stribeck friction."""
     write_recording(recorded("swing", 1, 10.0), folder / "swing.csv")
     command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser", str(folder / "swing.csv")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         tab.goto(next(line.split(" is at ")[1].split()[0] for line in server.stdout if " is at " in line))
-        tab.click("#to-compare[href]")  # once the recording is loaded
+        tab.click("#to-compare[href]")  # enabled when the model is fitted
         tab.wait_for_selector(".compare .js-line")
         keep(tab, "app-compare", full_page=True)
         tab.click("#to-diagnose")

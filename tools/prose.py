@@ -1,4 +1,4 @@
-"""Prose with code in it: blocks of a Markdown page, and whether what a program prints is what the page says."""
+"""Code blocks of Markdown pages: run them, and compare the printed with the shown output."""
 
 import contextlib
 import io
@@ -18,7 +18,7 @@ from workbench.cli import main
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
-BY_HAND = {"hardware.md", "app.md"}  # what they show needs a rig, or somebody at a browser
+BY_HAND = {"hardware.md", "app.md"}  # need a rig or a browser
 PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.name not in BY_HAND)
 
 FENCE = re.compile(
@@ -26,15 +26,15 @@ FENCE = re.compile(
 )
 NUMBER = re.compile(r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?", re.I)
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
-STAYS = ("app", "emulate")  # commands that run until somebody stops them
+STAYS = ("app", "emulate")  # commands without an end
 MEASURED = re.compile(rf"(?P<value>{NUMBER.pattern})(?:\s*(?:±|\+-)\s*(?P<error>{NUMBER.pattern}))?", re.I)
-SHARE = 0.01  # of a number, or one unit of its last place: computers differ in rounding
-SURE = 0.1  # of a standard error, as well as some fifty stretches of time tell one
+SHARE = 0.01  # relative tolerance of a number; at least one unit of its last place
+SURE = 0.1  # relative tolerance of a standard error, from about fifty batches
 
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block of a page; `why` it is not run, if so."""
+    """Fenced block of a page; `why`: reason for not running it, or None."""
 
     language: str
     text: str
@@ -45,7 +45,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Output:
-    """What a page shows of an output, and what was printed."""
+    """Shown and printed text of one output."""
 
     where: str
     start: int  # characters of the page before it
@@ -68,9 +68,9 @@ def runnable(path: Path) -> list[Block]:
 
 
 def first_untold(expected: str, printed: str) -> str | None:
-    """Return the first line of `expected` that was not printed after the line before; numbers may differ by rounding.
+    """Return the first line of `expected` that is missing in `printed`, in order; None if all are there.
 
-    Lines may be left out, blanks and where lines break do not matter.
+    Numbers may differ by rounding. Omitted lines, blanks and line breaks are ignored.
     """
     place = 0
     for line in expected.splitlines():
@@ -84,12 +84,12 @@ def first_untold(expected: str, printed: str) -> str | None:
 
 
 def is_left_out(line: str) -> bool:
-    """Return whether a shown line stands for others, or for nothing."""
+    """Return whether a shown line is empty or marks an omission."""
     return line.strip() in ("", "...")
 
 
 def candidates(line: str, printed: str, place: int = 0) -> Iterator[re.Match[str]]:
-    """Find the line in the printed text, except for its numbers and blanks."""
+    """Yield the matches of the line in the printed text from `place` on, with any numbers and blanks."""
     words = [re.escape(part).replace(r"\ ", r"\s+") for part in NUMBER.split(" ".join(line.split()))]
     pattern = re.compile(NUMBER.pattern.join(words), re.I)
     while found := pattern.search(printed, place):
@@ -98,7 +98,7 @@ def candidates(line: str, printed: str, place: int = 0) -> Iterator[re.Match[str
 
 
 def _close(wanted: str, printed: str) -> bool:
-    """Return whether numbers agree within their standard errors, or to rounding without one."""
+    """Return whether numbers agree within their standard errors, or to rounding if they have none."""
     pairs = zip(MEASURED.finditer(wanted), MEASURED.finditer(printed), strict=True)
     return all(_same(a, b) for a, b in pairs)
 
@@ -117,20 +117,20 @@ def _number(text: str) -> float:
 
 
 def _last_place(text: str) -> float:
-    """Return one unit of the last decimal, with a little for rounding; nothing for a number without one."""
+    """Return 1.01 units of the last decimal; 0 for a number without decimals."""
     mantissa, _, exponent = text.lower().partition("e")
     decimals = len(mantissa.partition(".")[2])
     return 1.01 * 10.0 ** (int(exponent or 0) - decimals) if decimals else 0.0
 
 
 def commands(text: str) -> list[tuple[list[str], int, str]]:
-    """Return the commands of a console block, each with its shown output and the characters before that."""
+    """Return the commands of a console block, each with the offset and text of its shown output."""
     found = re.finditer(r"^\$ (?P<command>.*)\n(?P<output>(?:(?!\$ ).*\n)*)", text, re.M)
     return [(shlex.split(one["command"]), one.start("output"), one["output"]) for one in found]
 
 
 def run_command(words: list[str]) -> str:
-    """Return the output of a command of this project or of an example, which has to succeed."""
+    """Run a command of this project or an example; return its output, or raise if it fails."""
     if words[0] == "python" and words[1].startswith("examples/"):
         return subprocess.check_output([sys.executable, str(ROOT / words[1]), *words[2:]], env=ENVIRONMENT, text=True)
     assert words[0] == "pendulum-ident", f"cannot run {words[0]}"
@@ -144,7 +144,7 @@ def run_command(words: list[str]) -> str:
 
 @contextlib.contextmanager
 def own_folder(folder: Path) -> Iterator[None]:
-    """Run in a folder, and forget afterwards the effects that a page adds to the library."""
+    """Run in a folder, and restore the registries of effects and backends afterwards."""
     registries: list[dict[str, Any]] = [library._registered, BACKENDS]
     before = [dict(registry) for registry in registries]
     try:
@@ -157,7 +157,7 @@ def own_folder(folder: Path) -> Iterator[None]:
 
 
 def outputs(path: Path, found: list[Block]) -> Iterator[Output]:
-    """Run blocks in order, Python in one namespace; yields each output that the page shows, once it is printed."""
+    """Run the blocks in order, Python in one namespace; yield each shown output with the printed text."""
     names: dict[str, Any] = {"__name__": "__main__"}
     printed = ""
     for block in found:
@@ -178,7 +178,7 @@ def outputs(path: Path, found: list[Block]) -> Iterator[Output]:
 
 
 def check(path: Path) -> None:
-    """Run a page; what it shows of outputs must come out."""
+    """Run a page, and assert that its shown outputs are printed."""
     for output in outputs(path, runnable(path)):
         line = first_untold(output.shown, output.printed)
         told = f"{output.where}: shows what is not printed, run `make pages`: {line}"

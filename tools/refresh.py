@@ -1,8 +1,8 @@
-"""Put what is printed now into README and the pages of docs/: python -m tools.refresh [PAGE ...].
+"""Update the outputs shown in README and docs/: python -m tools.refresh [PAGE ...].
 
-An output that still comes out is left alone. Of a stale one, each shown line becomes the next printed line that says
-the same with other numbers, or else, of those further on, the one most like it; lines that were left out stay out. A
-line like none is left, and told: somebody has to look. `git diff` shows the rest.
+Outputs that are still printed stay unchanged. In other outputs, each shown line is replaced by the next printed line
+that differs only in numbers, or else by the most similar later line. Omitted lines stay omitted. A line without a
+similar one stays and is reported, for a change by hand.
 """
 
 import difflib
@@ -14,7 +14,7 @@ from tools.prose import PAGES, README, candidates, first_untold, is_left_out, ou
 
 
 def refreshed(shown: str, printed: str) -> tuple[str, list[str]]:
-    """Return the text that a page should show instead, and lines without a successor."""
+    """Return the new text of an output, and its lines without a replacement."""
     if first_untold(shown, printed) is None:
         return shown, []
     lines, gone, place = [], [], 0
@@ -34,7 +34,7 @@ def refreshed(shown: str, printed: str) -> tuple[str, list[str]]:
 
 
 def refresh(path: Path) -> list[str]:
-    """Run a page and rewrite its stale outputs; returns what somebody has to look at."""
+    """Run a page and rewrite its stale outputs; return the lines to change by hand."""
     page, shift, to_do = path.read_text(encoding="utf-8"), 0, []
     for output in outputs(path, runnable(path)):
         new, gone = refreshed(output.shown, output.printed)
