@@ -247,7 +247,7 @@ def _friction(p: Any, time: float, q: float, v: float, tau: float) -> tuple[floa
 
 @_compiled
 def _balance(p: Any, command: float, push: float, time: float, x: State) -> tuple[float, float, float, float]:
-    """Return torque without dry friction, bound of dry friction, inertia of the body with friction, and the other q''."""
+    """Return torque without dry friction, its bound, inertia of the body with friction, and the other body's q''."""
     q, v, angle, speed = x[:4]
     tau = _motor_torque(p, command, x)
     load = _link_load(p, q, v) - p.dist_a * np.sin(p.dist_w * time + p.dist_ph) - push
