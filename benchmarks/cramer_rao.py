@@ -32,6 +32,7 @@ from estimators.data.variants import refine_variants
 from estimators.selection.motion import SEGMENT
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
+from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
@@ -176,7 +177,7 @@ def fit_windows(prepared: RegressionData, hidden: Sequence[str]) -> Model:
 def fit_segments(prepared: RegressionData, start: Model) -> Model:
     """Refine a fit by maximum likelihood of the innovations in short segments."""
     segments = [choose_segments(windows, SEGMENT) for windows in prepared.data.windows]
-    return output_error.fit_maximum_likelihood(segments, output_error.Point(start.terms, start.theta))
+    return output_error.fit_maximum_likelihood(segments, Point(start.terms, start.theta))
 
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:

@@ -182,7 +182,7 @@ class PayloadRows(NamedTuple):
         phi, y, number, recording, clusters = [], [], [], [], []
         body, n_recordings, n_clusters = find_links(terms), 0, 0
         for data in parts:
-            tangent = TorqueRows(data).equations(terms).tangent()
+            tangent = TorqueRows(data).equations(terms).linearise()
             phi.append(tangent.slopes)
             y.append(tangent.error + tangent.slopes @ tangent.theta)
             runs = np.array([w.run for w in data.windows], dtype=np.intp)

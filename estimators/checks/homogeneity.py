@@ -270,7 +270,7 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
     names, fits, number = [column.name for _, column in term_columns], [], 0
     level = 1 - AGREEMENT.alarm_probability / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
     for data in datasets:
-        tangent = TorqueRows(data).equations(terms).tangent()
+        tangent = TorqueRows(data).equations(terms).linearise()
         phi = tangent.slopes[:, fitted]
         y = tangent.error + phi @ tangent.theta[fitted]
         if any(known):

@@ -15,6 +15,7 @@ import numpy as np
 
 from estimators.regression.balance import Balance, Columns
 from estimators.selection.errors import Errors
+from estimators.weak_form.point import Point
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term
 
@@ -69,13 +70,6 @@ class RowLayout:
         return np.asarray(self.blocks(BLOCK)[0] % FOLDS)
 
 
-class FittedTerms(NamedTuple):
-    """Terms with their fitted linear parameters theta (P,); nonlinear parameters that follow these are set."""
-
-    terms: tuple[Term, ...]
-    theta: Array
-
-
 class FoldFits(NamedTuple):
     """Fits of one set of terms for the score of the search.
 
@@ -110,8 +104,11 @@ class RowMaker(Protocol):
         Recordings with larger residuals have smaller weights, unless weights are `by_noise` alone.
         """
 
-    def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
-        """Fit the linear parameters of some terms; `exactly` continues an iterative fit to convergence."""
+    def fit(self, terms: Terms, exactly: bool = False) -> Point:
+        """Fit the linear parameters of some terms, and set nonlinear ones that follow these.
+
+        `exactly` continues an iterative fit to convergence.
+        """
 
     def fit_folds(self, terms: Terms) -> FoldFits:
         """Fit some terms to all rows and without each fold; linearised around the fit without the last, if accurate."""
@@ -119,7 +116,7 @@ class RowMaker(Protocol):
     def columns(self, variants: Terms) -> list[Columns]:
         """Return the columns of each variant of one effect, on the rows of its joint."""
 
-    def frame(self, terms: Terms) -> Array:
+    def make_frame(self, terms: Terms) -> Array:
         """Return an orthonormal basis (R, P) of the weighted columns of some terms, linearised at their fit."""
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
@@ -131,7 +128,7 @@ class RowMaker(Protocol):
     def compare(self, terms: Terms, variants: Terms) -> list[float]:
         """Return the error of the terms with each variant of one further effect; it may be extrapolated."""
 
-    def trial(self, terms: Terms) -> ScoredTerms:
+    def score_terms(self, terms: Terms) -> ScoredTerms:
         """Return a set of terms with the error of its fit."""
 
     def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:

@@ -93,5 +93,5 @@ def compute_unique_share(data: RegressionData, terms: Terms, term: Term) -> floa
     (part,), weights = data.maker.columns([term]), data.equations(terms).weights[:, None]
     of_term = place_columns(len(weights), [(data.locate_rows(term.at), np.column_stack([part.linear, part.fixed]))])
     of_term = of_term[:, np.linalg.norm(of_term, axis=0) > 0] * weights
-    outside = project_out(data.maker.frame(tuple(terms)), of_term)
+    outside = project_out(data.maker.make_frame(tuple(terms)), of_term)
     return float(max(np.linalg.norm(outside, axis=0) / np.linalg.norm(of_term, axis=0), default=0.0))

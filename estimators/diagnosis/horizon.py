@@ -24,7 +24,8 @@ from estimators.selection.physical import find_violations
 from estimators.selection.score import errs_by_more_than_noise
 from estimators.simulation import output_error
 from estimators.simulation.free_running import HORIZON
-from estimators.simulation.output_error import ErrorsOf, Point
+from estimators.simulation.output_error import ErrorsOf
+from estimators.weak_form.point import Point
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 

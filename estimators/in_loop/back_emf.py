@@ -15,7 +15,7 @@ from estimators.in_loop.goals import has_unpowered_motor, select_voltage_drives
 from estimators.in_loop.refit import fit_step, refine_rows
 from estimators.selection.errors import Step
 from estimators.selection.physical import compute_significant_sign
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env.physics import Term, list_ids
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import LoadDependentFriction

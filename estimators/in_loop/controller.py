@@ -54,7 +54,7 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
                     continue
                 rows.set_start(start, tuple(base))
             rows.fit(base, exactly=True)
-            fits[k] = rows.near(base)
+            fits[k] = rows.linearise_at_fit(base)
     blocks, _, of_block = rollouts[0].blocks(BLOCK)
     scores = [
         np.bincount(blocks, compute_log_densities(variant_rollouts, fits[k].error)).astype(float)

@@ -12,16 +12,16 @@ Source: Fischer, Generalized Hyperbolic Secant Distributions, 2014.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.gauss_newton import LocalErrors, Rule, gauss_newton
 from estimators.search_hints import find_hints
-from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters
+from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.term import zero
@@ -256,7 +256,7 @@ def _choose_likeliest_step(
 
 def _bind_terms(point: Point) -> Point:
     """Return the point with nonlinear parameters within bounds that depend on the linear ones."""
-    return replace(point, terms=tuple(term.bind(point.linear_values) for term in point.terms))
+    return point._replace(terms=tuple(term.bind(point.linear_values) for term in point.terms))
 
 
 def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:

@@ -15,7 +15,7 @@ from estimators.in_loop.refit import refine_rows
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, drop_effect
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 
 
 def reread_goals(trial: Trial) -> FitData | None:

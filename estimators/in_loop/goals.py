@@ -65,7 +65,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
         blocks, _, of_block = rows.rollouts.blocks(BLOCK)
         for added in dict.fromkeys([(), *added_effects]):
             terms = rows.with_nonlinear((*base_terms, *added)) if added else base_terms
-            density = compute_log_densities(rows.rollouts, rows.near(terms).error)
+            density = compute_log_densities(rows.rollouts, rows.linearise_at_fit(terms).error)
             readings.append(GoalReading(is_held, terms, np.bincount(blocks, density).astype(float)))
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
     best = max(readings, key=lambda r: r.density.sum())

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.selection.errors import Errors
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording

@@ -23,8 +23,8 @@ from estimators.in_loop.fit import LOOP, LinearErrors, compute_log_likelihood, f
 from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.search_hints import find_hints
-from estimators.simulation.output_error import Point
 from estimators.weak_form.nonlinear import list_continuous_parameters
+from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics.limits import limit_term
 

@@ -15,7 +15,7 @@ from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env.physics import SIGNIFICANT, Model, Term, list_ids
 from pendulum_env.recording import Recording
 from pendulum_env.units import is_of_torque
@@ -97,7 +97,7 @@ def fit_step(evaluator: ModelEvaluator, added: str | None, terms: Sequence[Term]
     """
     train, held_out = refine_rows(evaluator)
     terms = train.fit(terms).terms
-    profile = train.scan(terms)
+    profile = train.fit_by_profile(terms)
     terms = terms if profile is None else profile.point.terms
     model = widen_errors(fit_terms(train.data, terms)[0], train, profile)
     model = _convert_to_torque_unit(model, train.rollouts.recordings[0])
@@ -123,7 +123,7 @@ def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | N
     The change of the parameters with delayed goals and controllers is added to their covariance.
     """
     point = Point.from_model(model)
-    near, rollouts = rows.near(model.terms), rows.rollouts
+    near, rollouts = rows.linearise_at_fit(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
     delayed_errors = np.column_stack([delayed.compute_position_errors([point])[:, 0] for delayed in rollouts.mistimed])

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
+from estimators.data.rows import FOLDS, FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.in_loop.fit import (
     LOOP,
     LinearErrors,
@@ -27,9 +27,9 @@ from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.search_hints import find_hints
-from estimators.simulation.output_error import Point
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_nonlinear_names, set_values
+from estimators.weak_form.point import Point
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, find_link, has_link
@@ -87,7 +87,7 @@ class RolloutRows:
         """The rows with shorter steps of the integrator."""
         return self.with_steps(FINE, self.guide and self.guide.fine)
 
-    def near(self, terms: Terms) -> LinearErrors:
+    def linearise_at_fit(self, terms: Terms) -> LinearErrors:
         """Return the errors around the fit of the terms, memoised.
 
         Held-out rows are linearised at the fit of their guide.
@@ -96,11 +96,13 @@ class RolloutRows:
         if key not in self._linear:
             if self.guide is not None:
                 self._linear[key] = linearise_errors(
-                    self.rollouts, self.guide.near(key).point, self.typical(key), False
+                    self.rollouts, self.guide.linearise_at_fit(key).point, self.list_typical_sizes(key), False
                 )
             else:
                 share = 1.0 if self._is_hopeless(key) else LOOP.roughly
-                self._keep(key, fit_rollouts(self.rollouts, self._begin(key), self.typical(key), share=share))
+                self._store_fit(
+                    key, fit_rollouts(self.rollouts, self._choose_start(key), self.list_typical_sizes(key), share=share)
+                )
         return self._linear[key]
 
     def _is_hopeless(self, terms: Key) -> bool:
@@ -110,11 +112,11 @@ class RolloutRows:
             return False
         best = self._least_errors[others, last.id]
         gain = len(self.rollouts.position) * np.log(
-            compute_likelihood_scale(self.rollouts, self.near(others).error) / best
+            compute_likelihood_scale(self.rollouts, self.linearise_at_fit(others).error) / best
         )
         return bool(gain < LOOP.hopeless)
 
-    def _keep(self, terms: Key, linear: LinearErrors) -> None:
+    def _store_fit(self, terms: Key, linear: LinearErrors) -> None:
         """Store a fit by `terms`, and by its own terms, in which nonlinear parameters may follow linear ones."""
         self._linear[terms] = self._linear[linear.point.terms] = linear
 
@@ -122,14 +124,16 @@ class RolloutRows:
         """Set the start of the fit of some terms, by default those of the point."""
         self._starts[terms or point.terms] = point
 
-    def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
+    def fit(self, terms: Terms, exactly: bool = False) -> Point:
         """Fit some terms, `exactly` to convergence; nonlinear parameters that follow others are as fitted."""
         key = tuple(terms)
         if exactly and self.guide is None and key not in self._converged:
-            self._keep(key, fit_rollouts(self.rollouts, self.near(key).point, self.typical(key), share=0.0))
-            self._converged |= {key, self.near(key).point.terms}
-        point = self.near(key).point
-        return FittedTerms(point.terms, point.theta)
+            self._store_fit(
+                key,
+                fit_rollouts(self.rollouts, self.linearise_at_fit(key).point, self.list_typical_sizes(key), share=0.0),
+            )
+            self._converged |= {key, self.linearise_at_fit(key).point.terms}
+        return self.linearise_at_fit(key).point
 
     def fit_folds(self, terms: Terms) -> FoldFits:
         """Fit some terms without each fold, to first order around their fit."""
@@ -138,19 +142,19 @@ class RolloutRows:
 
     def with_nonlinear(self, terms: Terms) -> Key:
         """Return the terms with all continuous nonlinear parameters fitted from their values."""
-        point = self.near(terms).point
+        point = self.linearise_at_fit(terms).point
         if len(point.values) == len(point.theta):
             return point.terms
-        linear = fit_rollouts(self.rollouts, point, self.typical(terms), nonlinear=True)
-        self._keep(linear.point.terms, linear)
+        linear = fit_rollouts(self.rollouts, point, self.list_typical_sizes(terms), nonlinear=True)
+        self._store_fit(linear.point.terms, linear)
         return linear.point.terms
 
-    def scan(self, terms: Terms) -> LikelihoodProfile | None:
+    def fit_by_profile(self, terms: Terms) -> LikelihoodProfile | None:
         """Refit some terms by the profile of a parameter with many local minima, and keep the fit; None without."""
-        typical = self.typical(terms)
-        profile = scan_profile(self.rollouts, self.near(terms).point, typical)
+        typical = self.list_typical_sizes(terms)
+        profile = scan_profile(self.rollouts, self.linearise_at_fit(terms).point, typical)
         if profile is not None:
-            self._keep(profile.point.terms, linearise_errors(self.rollouts, profile.point, typical, True))
+            self._store_fit(profile.point.terms, linearise_errors(self.rollouts, profile.point, typical, True))
             self._converged.add(profile.point.terms)
         return profile
 
@@ -161,9 +165,11 @@ class RolloutRows:
         fitted with longer secants, and the best of these fits to the end. A link that explains next to nothing from the
         likeliest of all starts is fitted from no other.
         """
-        point, name = self.near(terms).point, find_hints(type(variants[0])).profiled
+        point, name = self.linearise_at_fit(terms).point, find_hints(type(variants[0])).profiled
         if not name:
-            return min((self.trial((*terms, variant)) for variant in variants), key=lambda trial: trial.fitted_rms)
+            return min(
+                (self.score_terms((*terms, variant)) for variant in variants), key=lambda trial: trial.fitted_rms
+            )
         theta = point.linear_values
         inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
         points: dict[tuple[Term, float], Point] = {}  # variants that differ by their weight alone are the same
@@ -173,7 +179,7 @@ class RolloutRows:
             link_values["gravity"] = weight / max(share * inertia, 1e-9)
             term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
             points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
-        points_list, typical = [*points.values()], self.typical(next(iter(points.values())).terms)
+        points_list, typical = [*points.values()], self.list_typical_sizes(next(iter(points.values())).terms)
         likelihood = compute_likelihood(self.rollouts, self.rollouts.compute_position_errors(points_list))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
@@ -190,31 +196,31 @@ class RolloutRows:
 
         first, *others = [*starts.values()][: LOOP.starts]
         linear_fit = min(fit_roughly(first), key=size)
-        if size(linear_fit) ** 2 < (1.0 - LOOP.promising) * size(self.near(terms)) ** 2:
+        if size(linear_fit) ** 2 < (1.0 - LOOP.promising) * size(self.linearise_at_fit(terms)) ** 2:
             best = min([linear_fit, *(linear for start in others for linear in fit_roughly(start))], key=size)
             linear_fit = fit_rollouts(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
-        self._keep(linear_fit.point.terms, linear_fit)
-        return self.trial(linear_fit.point.terms)
+        self._store_fit(linear_fit.point.terms, linear_fit)
+        return self.score_terms(linear_fit.point.terms)
 
-    def typical(self, terms: Terms) -> Array:
-        """Return the size of each linear parameter that matters (P,), see `LOOP.typical`."""
-        return np.concatenate([np.empty(0), *(self._typical_of(term) for term in terms)])
+    def list_typical_sizes(self, terms: Terms) -> Array:
+        """Return the size of each linear parameter that matters (P,), see `LOOP.list_typical_sizes`."""
+        return np.concatenate([np.empty(0), *(self._compute_typical_sizes(term) for term in terms)])
 
     @memoized
-    def _typical_of(self, term: Term) -> Array:
+    def _compute_typical_sizes(self, term: Term) -> Array:
         """Return the size of each linear parameter of a term that matters (P,), by the recorded torque.
 
-        Its torque is `LOOP.typical` of the RMS torque.
+        Its torque is `LOOP.list_typical_sizes` of the RMS torque.
         """
         if self.guide is not None:
-            return self.guide._typical_of(term)
+            return self.guide._compute_typical_sizes(term)
         rms = np.sqrt(np.mean(self.torque.data.torque() ** 2))
         column_rms = np.sqrt(np.mean(self.torque.data.columns([term])[0][0] ** 2, axis=0))
         (x,) = self.torque.data.trace([term])  # windows omit slow motion, in which friction may be largest
         peaks = [np.max(np.abs(column.force(x) + column.dry(x) * np.sign(x.velocity))) for column in term.columns]
         return np.asarray(LOOP.typical * rms / np.maximum(np.maximum(column_rms, peaks), 1e-9))
 
-    def _begin(self, terms: Key) -> Point:
+    def _choose_start(self, terms: Key) -> Point:
         """Return the start of a fit: the likeliest of starts from the most similar fitted model, and from a linear fit.
 
         Parameters that the similar model lacks are 0, or their typical size times 1 or 3. A link also starts from the
@@ -225,23 +231,23 @@ class RolloutRows:
             self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
         if not parents:
-            return self._starts.get(terms) or choose_likeliest_point(self.rollouts, self._first(terms))[0]
+            return self._starts.get(terms) or choose_likeliest_point(self.rollouts, self._list_first_starts(terms))[0]
         parent = self._linear[parents[0]].point
         values = parent.linear_values
         names = [column.name for term in terms for column in term.columns]
-        sizes = list(zip(names, self.typical(terms), strict=True))
+        sizes = list(zip(names, self.list_typical_sizes(terms), strict=True))
         starts = [
             Point.from_parameters(terms, np.array([values.get(name, share * size) for name, size in sizes]))
             for share in (0.0, 1.0, 3.0)
         ]
         if all(name in values for name in names):
             del starts[1:]
-        starts += self._exchange_link(terms)
+        starts += self._start_from_other_link(terms)
         if terms in self._starts:
             starts.append(self._starts[terms])
         return starts[0] if len(starts) == 1 else choose_likeliest_point(self.rollouts, starts)[0]
 
-    def _exchange_link(self, terms: Key) -> list[Point]:
+    def _start_from_other_link(self, terms: Key) -> list[Point]:
         """Return the likeliest fit that differs from some terms in the kind of its link, with their link, if any."""
         if not has_link(terms):
             return []
@@ -256,20 +262,20 @@ class RolloutRows:
         likeliest = min(similar, key=lambda linear: compute_likelihood_scale(self.rollouts, linear.error))
         return [Point.from_parameters(terms, likeliest.point.theta)]
 
-    def _first(self, terms: Key) -> list[Point]:
+    def _list_first_starts(self, terms: Key) -> list[Point]:
         """Return starts of the first fit: the parameters fitted to torque, with several least sizes."""
-        theta, typical = self.torque.solve(terms), self.typical(terms)
+        theta, typical = self.torque.solve(terms), self.list_typical_sizes(terms)
         sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
         return [Point.from_parameters(terms, values) for values in sizes]
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows around the fit of some terms, weighted by the size of each error, also `by_noise`."""
-        near = self.near(terms)
+        near = self.linearise_at_fit(terms)
         theta = near.point.theta
         phi = near.slopes[:, : len(theta)]
         return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), *list_bounds(terms), near.weights)
 
-    def frame(self, terms: Terms) -> Array:
+    def make_frame(self, terms: Terms) -> Array:
         """Return an orthonormal basis (R, P) of the weighted columns of some terms, linearised at their fit."""
         balance = self.equations(terms)
         return np.linalg.qr(balance.phi * balance.weights[:, None])[0]
@@ -278,20 +284,20 @@ class RolloutRows:
         """Return the measured minus the simulated positions (R,) [rad]."""
         return -self.rollouts.compute_position_errors([Point(tuple(terms), theta)])[:, 0]
 
-    def trial(self, terms: Terms) -> ScoredTerms:
+    def score_terms(self, terms: Terms) -> ScoredTerms:
         """Fit one set of terms; its error is the scale of its errors [rad]."""
-        return ScoredTerms(tuple(terms), compute_likelihood_scale(self.rollouts, self.near(terms).error))
+        return ScoredTerms(tuple(terms), compute_likelihood_scale(self.rollouts, self.linearise_at_fit(terms).error))
 
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
         """Fit all continuous nonlinear parameters of a trial from their values."""
-        return self.trial(self.with_nonlinear(trial.terms))
+        return self.score_terms(self.with_nonlinear(trial.terms))
 
     def compare(self, terms: Terms, variants: Terms) -> list[float]:
         """Return the scale of the errors with each variant of one effect, extrapolated from the fit of the terms [rad].
 
         Later fits of the terms and a variant begin at its linear fit.
         """
-        linear, terms = self.near(terms), tuple(terms)
+        linear, terms = self.linearise_at_fit(terms), tuple(terms)
         key = terms, variants[0].id
         slopes = linear.slopes[:, : len(linear.point.theta)]
         others = slice(None), Columns(slopes, np.zeros(len(slopes)), np.zeros_like(slopes))
@@ -319,12 +325,12 @@ class RolloutRows:
         if variants[0].id in others:
             point = Point(
                 tuple(term for term in point.terms if term.id != variants[0].id),
-                self._without(point, others.index(variants[0].id)),
+                self._drop_parameters(point, others.index(variants[0].id)),
             )
         points = [point]
         slices = []
         for variant in variants:
-            size = self._typical_of(variant)
+            size = self._compute_typical_sizes(variant)
             shifts = np.diag(size) if len(size) else np.zeros((1, 0))
             if self._acts_without_size(variant) and len(size):
                 shifts = np.vstack([np.zeros(len(size)), shifts])
@@ -334,7 +340,7 @@ class RolloutRows:
         errors = np.column_stack([base, self.rollouts.compute_position_errors(points[1:])])
         columns = []
         for variant, (first, last) in zip(variants, slices, strict=True):
-            shifted, size = errors[:, first:last], self._typical_of(variant)
+            shifted, size = errors[:, first:last], self._compute_typical_sizes(variant)
             fixed = shifted[:, :1] - base if self._acts_without_size(variant) else np.zeros_like(base)
             linear = (
                 shifted[:, len(shifted[0]) - len(size) :] - base - fixed if len(size) else np.empty((len(shifted), 0))
@@ -347,7 +353,7 @@ class RolloutRows:
         return bool(variant.fixed) or (variant.link and self.rollouts.servos.at_output)
 
     @staticmethod
-    def _without(point: Point, place: int) -> Array:
+    def _drop_parameters(point: Point, place: int) -> Array:
         """Return theta of a point without the parameters of the term at an index."""
         first = sum(len(term.columns) for term in point.terms[:place])
         return np.delete(point.theta, np.s_[first : first + len(point.terms[place].columns)])
@@ -357,9 +363,10 @@ class RolloutRows:
         names = list_nonlinear_names(terms)
         if not names:
             return np.empty((len(self.rollouts.position), 0)), names
-        return linearise_errors(self.rollouts, self.near(terms).point, self.typical(terms), True).slopes[
-            :, -len(names) :
-        ], names
+        slopes = linearise_errors(
+            self.rollouts, self.linearise_at_fit(terms).point, self.list_typical_sizes(terms), True
+        ).slopes
+        return slopes[:, -len(names) :], names
 
 
 def _list_columns_without_link(terms: Key) -> list[list[str]]:
@@ -377,4 +384,4 @@ def _release_link_friction(point: Point, share: float) -> Point:
     parameters = [parameter for parameter in link.nonlinear_parameters if parameter.name in joint_names]
     of_inertia = share / max(point.theta[-1], 1e-9)
     term = set_values(link, parameters, [of_inertia * joint.get(joint_names[p.name], 0.0) for p in parameters])
-    return replace(point, terms=(*point.terms[:-1], term))
+    return point._replace(terms=(*point.terms[:-1], term))

@@ -15,7 +15,7 @@ from estimators.data.split import HELD_OUT
 from estimators.selection.errors import Errors
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.motion import get_known_load, get_temperature
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link

@@ -92,7 +92,7 @@ class Balance:
 
     def error(self, theta: Array) -> Array:
         """Return the measured minus the predicted torque (R,) [N m] at parameters (P,)."""
-        return self._error(theta)[0]
+        return self._compute_error(theta)[0]
 
     def residual(self, theta: Array) -> tuple[Array, Array]:
         """Return y - phi theta at K sets of parameters (K, P), and its derivative by the torque, (K, R) each.
@@ -140,7 +140,7 @@ class Balance:
         curved, steps, response_slopes = self._response_slopes
         return _integrate_slopes(steps, response_slopes, np.zeros(len(curved)))
 
-    def _error(self, theta: Array) -> tuple[Array, Array]:
+    def _compute_error(self, theta: Array) -> tuple[Array, Array]:
         """Return the errors (R,) and the slopes of the equations by the torque (R,)."""
         residual = (self.y - self.phi @ theta) / self.torque_share
         if self.is_linear:
@@ -172,7 +172,7 @@ class Balance:
         """Return the equations with other bounds of the parameters (P,)."""
         return replace(self, least=least, most=most)
 
-    def least_squared(self) -> float:
+    def compute_least_square(self) -> float:
         """Return the sum of the squared weighted errors at the solution [(N m)^2]."""
         condensed = _condense_linear_rows(self)
         return float(np.sum((condensed.weights * condensed.error(condensed.solve())) ** 2))
@@ -226,7 +226,7 @@ class Balance:
         The fit without a fold is one step from the fit to all, by normal equations. It is iterated where the squared
         error differs from that of the step. `theta` (P,) is the fit to all equations, solved unless given.
         """
-        tangent = self.tangent(theta)
+        tangent = self.linearise(theta)
         rows = np.column_stack([tangent.error, tangent.slopes]) * self.weights[:, None]
         grams = np.array([fold_rows.T @ fold_rows for fold_rows in (rows[fold == k] for k in range(count))])
         parameters = np.empty((count, len(tangent.theta)))
@@ -275,11 +275,11 @@ class Balance:
 
         With `jacobian` (R, S), derivatives of phi theta by nonlinear parameters, those by these follow (R, P + S).
         """
-        return self._linear(theta, jacobian)[1]
+        return self._linearise_errors(theta, jacobian)[1]
 
-    def _linear(self, theta: Array, jacobian: Array | None = None) -> tuple[Array, Array]:
+    def _linearise_errors(self, theta: Array, jacobian: Array | None = None) -> tuple[Array, Array]:
         """Return the errors (R,) and `slopes`, (R, P) or (R, P + S)."""
-        error, slope = self._error(theta)
+        error, slope = self._compute_error(theta)
         torque_share = np.broadcast_to(self.torque_share, slope.shape)[:, None]
         if self.is_linear and jacobian is None:
             return error, self.phi / torque_share
@@ -287,13 +287,13 @@ class Balance:
         derivatives = linear if jacobian is None else np.column_stack([linear, jacobian / torque_share])
         return error, derivatives / slope[:, None]
 
-    def tangent(self, theta: Array | None = None) -> Tangent:
+    def linearise(self, theta: Array | None = None) -> Tangent:
         """Linearise the errors around parameters (P,): those given, else the fit; always zero for linear errors."""
         if self.is_linear:
             theta = np.zeros(self.phi.shape[1])
         elif theta is None:
             theta = self.solve()
-        error, slope = self._error(theta)
+        error, slope = self._compute_error(theta)
         return Tangent(theta, error, self.slopes(theta), 1.0 / (slope * self.torque_share))
 
     def _solve(self, theta: Array, free: Mask) -> Array:
@@ -311,7 +311,7 @@ class Balance:
             return theta
 
         def linearise(theta: Array) -> LocalErrors[Array]:  # slopes of the free parameters alone
-            errors, slopes = self._linear(theta)
+            errors, slopes = self._linearise_errors(theta)
             error = w * errors
             return LocalErrors(theta, float(error @ error), error, -w[:, None] * slopes[:, free])
 

@@ -191,7 +191,7 @@ def release_parameters(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
 def refine_parameters(evaluator: ModelEvaluator, terms: Terms, id: str) -> Terms:
     """Return the terms with optimised continuous nonlinear parameters of the term `id`."""
     maker = evaluator.train.maker
-    return maker.refine(maker.trial(terms), id).terms
+    return maker.refine(maker.score_terms(terms), id).terms
 
 
 def refit_nonlinear(evaluator: ModelEvaluator, terms: Terms) -> Terms:
@@ -200,7 +200,7 @@ def refit_nonlinear(evaluator: ModelEvaluator, terms: Terms) -> Terms:
     A link with estimated states keeps its parameters.
     """
     maker = evaluator.train.maker
-    trial = maker.trial(terms)
+    trial = maker.score_terms(terms)
     for term in terms:
         if any(not parameter.integer for parameter in term.free) and term.id not in evaluator.train.data.link_states:
             trial = maker.refine(trial, term.id)

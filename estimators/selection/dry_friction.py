@@ -12,7 +12,7 @@ from estimators.search_hints import is_possible, make_grid
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import output_error
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Samples, Term, is_dry, list_ids
 

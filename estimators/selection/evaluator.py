@@ -32,6 +32,7 @@ from estimators.selection.score import (
     predict_density,
 )
 from estimators.simulation import output_error
+from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import make_arm_model
 from pendulum_env.physics import (
@@ -266,7 +267,7 @@ class ModelEvaluator:
             return False
         if not errs_by_more_than_noise(segments, step.model, criterion):
             return False
-        point = output_error.Point.from_model(step.model)
+        point = Point.from_model(step.model)
         noise = compute_motion_noise(segments, point, criterion.accuracy)
         return bool(np.mean(output_error.compute_segment_rms(segments, point) ** 2 / noise) > criterion.misfit**2)
 
@@ -410,10 +411,10 @@ class ModelEvaluator:
         if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
             return step
         if step.model.terms not in self._in_motion:
-            self._in_motion[step.model.terms] = self.fit_to_motion(output_error.Point.from_model(step.model))
+            self._in_motion[step.model.terms] = self.fit_to_motion(Point.from_model(step.model))
         return replace(self._in_motion[step.model.terms], added=step.added)
 
-    def fit_to_motion(self, start: output_error.Point, added: str | None = None) -> Step:
+    def fit_to_motion(self, start: Point, added: str | None = None) -> Step:
         """Return the step of adding the effect `added`, fitted to free-running simulation from a point.
 
         It is stored for `refit_to_motion` of the fitted terms.

@@ -10,7 +10,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env.physics import Model, has_link
 from pendulum_env.physics.terms import has_bristles
 

@@ -31,6 +31,7 @@ from estimators.selection.criterion import Criterion
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation import output_error
 from estimators.simulation.free_running import Segments, simulate_errors
+from estimators.weak_form.point import Point
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.physics import Model
 
@@ -250,14 +251,14 @@ def errs_by_more_than_noise(segments: Sequence[Segments], model: Model, criterio
 
     Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
     """
-    point = output_error.Point.from_model(model)
+    point = Point.from_model(model)
     noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
     errors = [simulate_errors(segment, model.terms, point.theta)[1:] for segment in segments]
     squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
     return bool(np.mean(squares / noise) > criterion.misfit**2)
 
 
-def compute_motion_noise(segments: Sequence[Segments], point: output_error.Point, accuracy: float) -> Array:
+def compute_motion_noise(segments: Sequence[Segments], point: Point, accuracy: float) -> Array:
     """Return the mean square error of each segment by torque noise and its floor (B,) [rad^2], see `compute_floor`."""
     return output_error.compute_torque_noise(segments, point) + compute_floor(segments, accuracy)
 
@@ -271,7 +272,7 @@ def compute_motion_gain(
     gain is that of Student's t, whose scale in each part is at least the noise. Noise is subtracted from the shares. It
     has no error of the simulation, which is that of both models. `penalty` is that of `Bootstrap.gain`.
     """
-    points = [output_error.Point.from_model(model) for model in (after, before)]
+    points = [Point.from_model(model) for model in (after, before)]
     owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
     noise = np.concatenate([compute_motion_noise(part, points[1], 0.0) for part in parts])
     new, old = (

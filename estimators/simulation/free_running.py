@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 
 from estimators.regression.least_squares import IdentificationError
+from estimators.weak_form.point import Point
 from estimators.weak_form.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
@@ -123,14 +124,11 @@ def cut_segments(windows: Windows, first: Index, length: int) -> Segments:
 
 def simulate_errors(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
     """Return simulated minus measured position in every segment, (N + 1, B) [rad]."""
-    return simulate_all([segments], [(terms, theta)])[0][:, 0] - segments.position
-
-
-Parametrised = tuple[Sequence[Term], Array]  # terms and their linear parameters (P,)
+    return simulate_all([segments], [Point(tuple(terms), theta)])[0][:, 0] - segments.position
 
 
 def simulate_all(
-    segments: Sequence[Segments], models: Sequence[Parametrised], perturbations: Array | None = None
+    segments: Sequence[Segments], models: Sequence[Point], perturbations: Array | None = None
 ) -> list[Array]:
     """Simulate positions of V models with terms of equal classes, for each recording (N + 1, V, B) [rad].
 
@@ -160,7 +158,7 @@ def simulate_all(
 
 def simulate_segments(
     segments: Sequence[Segments],
-    models: Sequence[Parametrised],
+    models: Sequence[Point],
     position: Array,
     velocity: Array,
     hidden: Mapping[str, Memory] | None = None,
@@ -213,7 +211,7 @@ def simulate_segments(
     )
 
 
-def _stack_models(models: Sequence[Parametrised], count: int) -> tuple[list[Term], Array]:
+def _stack_models(models: Sequence[Point], count: int) -> tuple[list[Term], Array]:
     """Stack terms and theta (P, V count) to simulate `count` pendulums of each of V models in one batch.
 
     Terms that delay the command are left out: `Segments.command` does that.
@@ -252,7 +250,7 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
 
 def compute_position_rms(segments: Sequence[Segments], terms: Sequence[Term], theta: Array) -> float:
     """Return the RMS of the position error over all segments [rad]."""
-    paths = simulate_all(segments, [(terms, theta)])
+    paths = simulate_all(segments, [Point(tuple(terms), theta)])
     errors = [(path[:, 0] - segment.position)[1:].ravel() for path, segment in zip(paths, segments, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
@@ -267,7 +265,7 @@ def compute_growth(segments: Segments, terms: Sequence[Term], theta: Array) -> A
 
     Near the upright equilibrium the error grows exponentially, so a free-running error tells nothing about the model.
     """
-    paths = simulate_all([segments], [(terms, theta)] * 2, np.array([[0.0, 0.0], [PERTURBATION, 0.0]]))[0]
+    paths = simulate_all([segments], [Point(tuple(terms), theta)] * 2, np.array([[0.0, 0.0], [PERTURBATION, 0.0]]))[0]
     return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / PERTURBATION)
 
 

@@ -28,12 +28,12 @@ from estimators.simulation.free_running import (
 )
 from estimators.simulation.output_error import (
     OUTPUT_ERROR,
-    Point,
     choose_grain,
     make_model_with_covariance,
     weigh_segments,
 )
 from estimators.weak_form.nonlinear import set_values
+from estimators.weak_form.point import Point
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory, find_link
@@ -95,9 +95,8 @@ class Shooting:
     ) -> Trajectory:
         """Simulate segments of V points from states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
         q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
-        models = [(point.terms, point.theta) for point in points]
         link = {find_link(points[0].terms).id: tuple(hidden)}
-        return simulate_segments([self.segments], models, q, v, link, self.step, observe)
+        return simulate_segments([self.segments], points, q, v, link, self.step, observe)
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
         """Return position errors of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
@@ -456,7 +455,7 @@ def change_point(point: Point, factors: Mapping[str, float]) -> Point:
             else term
         )
 
-    return replace(point, terms=tuple(change_term(term) for term in point.terms))
+    return point._replace(terms=tuple(change_term(term) for term in point.terms))
 
 
 def add_link_gravity(point: Point) -> Point:
@@ -470,4 +469,4 @@ def add_link_gravity(point: Point) -> Point:
         return point
     theta = point.theta.copy()
     theta[names.index("gravity")] = theta[names.index(term.id)] * term.nonlinear_values["gravity"]
-    return replace(point, theta=theta)
+    return point._replace(theta=theta)

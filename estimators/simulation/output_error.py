@@ -21,11 +21,12 @@ from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, 
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
-from estimators.weak_form.columns import list_bounds, mark_bounds
-from estimators.weak_form.nonlinear import list_continuous_parameters, list_nonlinear_names, set_values
+from estimators.weak_form.columns import mark_bounds
+from estimators.weak_form.nonlinear import list_nonlinear_names
+from estimators.weak_form.point import Point
 from estimators.weak_form.windows import compute_jump_errors
 from pendulum_env._typing import Array, Index
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Model
 
 DRAWS = 16  # of noise; the mean of ratios to a mean of few draws would be biased
 
@@ -45,66 +46,6 @@ class OutputErrorSettings:
 OUTPUT_ERROR = OutputErrorSettings()
 
 
-@dataclass(frozen=True)
-class Point:
-    """Terms and linear parameters: a place in the search."""
-
-    terms: tuple[Term, ...]
-    theta: Array  # (P,)
-
-    @property
-    def values(self) -> Array:
-        """Return all free parameters (P + S,): the linear ones, then the continuous nonlinear parameters."""
-        nonlinear = [
-            term.nonlinear_values[parameter.name]
-            for term in self.terms
-            for parameter in list_continuous_parameters(term)
-        ]
-        return np.concatenate([self.theta, nonlinear])
-
-    @property
-    def linear_values(self) -> dict[str, float]:
-        """Return the linear parameters by name."""
-        names = (column.name for term in self.terms for column in term.columns)
-        return dict(zip(names, self.theta.tolist(), strict=True))
-
-    @property
-    def named_values(self) -> dict[str, float]:
-        """Return all free parameters by name."""
-        nonlinear = self.values[len(self.theta) :].tolist()
-        return self.linear_values | dict(zip(list_nonlinear_names(self.terms), nonlinear, strict=True))
-
-    @classmethod
-    def from_model(cls, model: Model) -> Point:
-        """Return the point of a model."""
-        return cls(model.terms, np.asarray(model.theta, dtype=float))
-
-    @classmethod
-    def from_parameters(cls, terms: Sequence[Term], theta: Array) -> Point:
-        """Return the point of terms and parameters (P,), clipped to their bounds."""
-        point = cls(tuple(terms), np.asarray(theta, dtype=float))
-        return point.with_values(point.values)
-
-    def with_values(self, values: Array) -> Point:
-        """Return the point with other values (P + S,), clipped to their bounds.
-
-        Nonlinear parameters that follow a linear one take its value before clipping; without it, 0.
-        """
-        nonlinear = list(values[len(self.theta) :])
-        linear, terms = Point(self.terms, values[: len(self.theta)]).linear_values, []
-        for term in self.terms:
-            parameters = list_continuous_parameters(term)
-            term_values, nonlinear = np.array(nonlinear[: len(parameters)]), nonlinear[len(parameters) :]
-            term = set_values(term, parameters, term_values) if parameters else term
-            following = {
-                parameter.name: linear.get(parameter.follows, 0.0)
-                for parameter in term.nonlinear_parameters
-                if parameter.follows
-            }
-            terms.append(replace(term, **following))
-        return Point(tuple(terms), np.clip(values[: len(self.theta)], *list_bounds(terms)))
-
-
 PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
 Filters = Sequence[Innovations]  # of each recording's segments; none for unfiltered errors
 
@@ -117,7 +58,7 @@ def compute_errors(
     The part of each segment's error in the span of its two initial-state sensitivities is projected out, unless the
     motion starts `from_measured` states. Filters turn the errors [rad] into innovations, in standard deviations.
     """
-    models = [(point.terms, point.theta) for point in (*points, points[0], points[0])]
+    models = [*points, points[0], points[0]]
     perturbations = np.zeros((len(models), 2))
     perturbations[-2:] = np.diag(PERTURBATION)
     paths = simulate_all(segments, models, perturbations)
@@ -149,7 +90,7 @@ def choose_grain(segments: Segments) -> int:
 
 def make_innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]:
     """Make the filters of the errors around a point."""
-    return [Innovations.from_segments(segment, point.terms, point.theta, choose_grain(segment)) for segment in segments]
+    return [Innovations.from_segments(segment, *point, choose_grain(segment)) for segment in segments]
 
 
 def compute_segment_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
@@ -241,7 +182,7 @@ def compute_torque_noise(segments: Sequence[Segments], point: Point) -> Array:
     uncertain where it jumps, and an unstable motion amplifies it.
     """
     rng = np.random.default_rng(0)
-    paths = simulate_all(segments, [(point.terms, point.theta)])
+    paths = simulate_all(segments, [point])
     perturbed = [
         replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0])
         for _ in range(DRAWS)
@@ -263,9 +204,8 @@ def compute_noise(segments: Sequence[Segments], point: Point) -> Array:
         for _ in range(DRAWS)
         for segment in segments
     ]
-    model = [(point.terms, point.theta)]
-    exact = simulate_all(segments, model) * DRAWS
-    pairs = zip(simulate_all(perturbed, model), exact, strict=True)
+    exact = simulate_all(segments, [point]) * DRAWS
+    pairs = zip(simulate_all(perturbed, [point]), exact, strict=True)
     squares = np.concatenate([np.mean((noisy - exact)[1:, 0] ** 2, axis=0) for noisy, exact in pairs])
     return np.asarray(np.mean(squares.reshape(DRAWS, -1), axis=0))
 
@@ -294,5 +234,5 @@ def make_model_with_covariance(point: Point, relative: Array) -> Model:
     """
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
     names, count = list_nonlinear_names(point.terms), len(point.theta)
-    model = Model.build(point.terms, point.theta, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
+    model = Model.build(*point, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
     return mark_bounds(model).with_covariance([*(column.name for column in model.columns), *names], relative)

@@ -12,7 +12,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from estimators.data.rows import FOLDS, FittedTerms, FoldFits, RowLayout, ScoredTerms, Terms
+from estimators.data.rows import FOLDS, FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condense, place_columns
 from estimators.regression.fold_grams import (
@@ -34,6 +34,7 @@ from estimators.weak_form.nonlinear import (
     scan_edges,
     search_by_cross_entropy,
 )
+from estimators.weak_form.point import Point
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, SIGNIFICANT, Term
@@ -251,7 +252,7 @@ class TorqueRows:
         elsewhere = np.ones(len(perturbations), dtype=bool)
         elsewhere[here] = False
         if elsewhere.any():
-            tangent, of_joint = self.tangent(terms), perturbations[here]
+            tangent, of_joint = self.linearise(terms), perturbations[here]
             shared_rows = condense(shared_rows, elsewhere, tangent.slopes[elsewhere], tangent.target[elsewhere])
             largest = np.tile(perturbations.max(axis=0), (len(shared_rows.y) - len(of_joint), 1))
             here, perturbations = slice(0, len(of_joint)), np.concatenate([of_joint, largest])
@@ -355,7 +356,7 @@ class TorqueRows:
         if by_noise and not is_torque_dependent(*terms):
             return self._fold_grams(terms)  # they are the same around any fit
         balance = self.equations(terms, by_noise=True)
-        near = balance.tangent(self._solve_by_noise(terms)) if by_noise else self.tangent(terms)
+        near = balance.linearise(self._solve_by_noise(terms)) if by_noise else self.linearise(terms)
         return FoldGrams.compute(near, self.data.recording_of_window, self.layout.fold, len(self.data.windows), FOLDS)
 
     @cached_property
@@ -376,30 +377,30 @@ class TorqueRows:
         theta = self.equations(BASE).with_bounds(*list_law_bounds(BASE)).solve()
         return abs(float(theta[[term.id for term in BASE].index("inertia")]))
 
-    def fit(self, terms: Terms, exactly: bool = False) -> FittedTerms:
+    def fit(self, terms: Terms, exactly: bool = False) -> Point:
         """Fit the linear parameters of some terms, to convergence also without `exactly`."""
-        return FittedTerms(tuple(terms), self.solve(terms))
+        return Point(tuple(terms), self.solve(terms))
 
     def residual(self, terms: Terms, theta: Array) -> Array:
         """Return the measured minus the predicted torque (R,) at some parameters [N m]."""
         return self.equations(terms, by_noise=True).error(theta)
 
     @memoized
-    def tangent(self, terms: Terms) -> Tangent:
+    def linearise(self, terms: Terms) -> Tangent:
         """Return the errors near the fit of the terms, to first order; around zero where they are linear."""
         balance = self.equations(terms, by_noise=True)
-        return balance.tangent(None if balance.is_linear else self.solve(terms))
+        return balance.linearise(None if balance.is_linear else self.solve(terms))
 
     @memoized
-    def frame(self, terms: Terms) -> Array:
+    def make_frame(self, terms: Terms) -> Array:
         """Return an orthonormal basis (R, P) of the weighted derivatives of the errors by the parameters."""
-        return np.linalg.qr(self.tangent(terms).slopes * self.weights(terms)[:, None])[0]
+        return np.linalg.qr(self.linearise(terms).slopes * self.weights(terms)[:, None])[0]
 
     @memoized
     def _frame_of_unknown(self, terms: Terms) -> Array:
         """Return an orthonormal basis (R, F) of the weighted derivatives of the errors by the F unknown parameters."""
         least, most = list_bounds(terms)
-        return np.linalg.qr(self.tangent(terms).slopes[:, least < most] * self.weights(terms)[:, None])[0]
+        return np.linalg.qr(self.linearise(terms).slopes[:, least < most] * self.weights(terms)[:, None])[0]
 
     def compute_absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
         """Return, per term that filters torque, its rows and the variance of torque noise that it removes [(N m)^2].
@@ -445,7 +446,7 @@ class TorqueRows:
         with_variant = cache(lambda: self.with_variant(terms, here))  # most variants do not need it
 
         def exact(variant: Term, columns: Columns) -> float:
-            return with_variant()(variant, columns).least_squared()
+            return with_variant()(variant, columns).compute_least_square()
 
         if not terms:
             squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
@@ -469,7 +470,7 @@ class TorqueRows:
         absorbed = self.compute_absorbed_noise(terms)
         return sum(float(w[here] @ w[here]) * variance for here, variance in absorbed) / float(w @ w)
 
-    def trial(self, terms: Terms) -> ScoredTerms:
+    def score_terms(self, terms: Terms) -> ScoredTerms:
         """Return a set of terms with the error of its fit, see `compare`."""
         *others, last = terms
         return ScoredTerms(tuple(terms), self.compare(others, [last])[0])
@@ -479,9 +480,9 @@ class TorqueRows:
         residuals, name = self._make_residual_function(terms), find_hints(type(variants[0])).multimodal
         values = {variant.nonlinear_values[name] for variant in variants}
         basins = [[v for v in variants if v.nonlinear_values[name] == value] for value in sorted(values)]
-        trials = [self.trial((*terms, search_by_cross_entropy(basin, residuals))) for basin in basins]
+        trials = [self.score_terms((*terms, search_by_cross_entropy(basin, residuals))) for basin in basins]
         best = min(trials, key=lambda trial: trial.fitted_rms)
-        refined = self.trial((*terms, refine_nonlinear(best.terms[-1], residuals)))
+        refined = self.score_terms((*terms, refine_nonlinear(best.terms[-1], residuals)))
         return min(best, refined, key=lambda trial: trial.fitted_rms)
 
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
@@ -506,7 +507,7 @@ class TorqueRows:
         for _ in range(1 + bool(edges and len(list_continuous_parameters(term)) > 1)):
             refined = refine_nonlinear(refined, residuals, edges, gain, longest)
             refined = scan_edges(refined, residuals, edges, reach)
-        refined_trial = self.trial((*trial.terms[:index], refined, *trial.terms[index + 1 :]))
+        refined_trial = self.score_terms((*trial.terms[:index], refined, *trial.terms[index + 1 :]))
         is_worse = refined_trial.fitted_rms > trial.fitted_rms and not following
         return trial if is_worse or not is_possible(refined, samples) else refined_trial
 
@@ -517,7 +518,7 @@ class TorqueRows:
         whose fit leaves the bounds, has known parameters or depends on the torque is fitted exactly.
         """
         shared, w = self.list_term_columns(terms), self.weights(terms)
-        tangent, frame, (least, most) = self.tangent(terms), self._frame_of_unknown(terms), list_bounds(terms)
+        tangent, frame, (least, most) = self.linearise(terms), self._frame_of_unknown(terms), list_bounds(terms)
         is_free = least < most
         start = np.where(is_free, tangent.theta, least)
         scale, target = w * tangent.scale, w * (tangent.error - tangent.slopes @ (start - tangent.theta))

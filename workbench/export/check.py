@@ -10,7 +10,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.in_loop.rollouts import GRAIN, Rollouts, are_driven
 from estimators.signals.motion import get_load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.backends.constrained_body import import_mujoco
 from pendulum_env.physics import Model
@@ -48,7 +48,7 @@ def _check_free_runs(
 ) -> CheckResult:
     """Compare free motion over windows that start from the measured state."""
     segments = RegressionData.from_recordings(recordings).with_link_states(model).segments
-    simulated = [path[:, 0] for path in simulate_all(segments, [(model.terms, model.theta)])]
+    simulated = [path[:, 0] for path in simulate_all(segments, [Point.from_model(model)])]
     theirs = [_simulate(model, exported, segment) for segment in segments]
     measured = [segment.position for segment in segments]
     errors = {

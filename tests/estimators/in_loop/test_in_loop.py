@@ -26,7 +26,7 @@ from estimators.in_loop.goals import read_goals, with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts, are_driven
 from estimators.selection.search import SearchResult
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE, Estimate, Model, effects
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction

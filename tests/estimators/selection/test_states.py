@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.data.rows import FittedTerms, ScoredTerms
+from estimators.data.rows import ScoredTerms
 from estimators.selection import candidates, evaluator, tables
 from estimators.selection.candidates import screen_library
 from estimators.selection.criterion import Criterion
@@ -22,6 +22,7 @@ from estimators.selection.moves import (
 )
 from estimators.selection.score import Bootstrap
 from estimators.selection.tables import replace_by_table
+from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.physics.table import FrictionBySpeed
 
@@ -58,8 +59,8 @@ class ScoredEvaluator(ModelEvaluator):
             motions={},
             data=SimpleNamespace(link_states={}, contacts=0),
             maker=SimpleNamespace(
-                fit=lambda terms, exactly: FittedTerms(terms, np.empty(0)),
-                trial=lambda terms: ScoredTerms(tuple(terms), 0.0),
+                fit=lambda terms, exactly: Point(terms, np.empty(0)),
+                score_terms=lambda terms: ScoredTerms(tuple(terms), 0.0),
             ),
         )
         self.residuals = SimpleNamespace(

@@ -8,7 +8,7 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE
 from tests.cases import PLANT, TRUTH, recorded
 

@@ -10,7 +10,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood
 from estimators.selection.search import SearchResult
 from estimators.simulation.multiple_shooting import compute_state_slopes, estimate, prepare_segments
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
 from tests.cases import recorded

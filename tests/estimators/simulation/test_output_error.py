@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
 from estimators.simulation import output_error
 from estimators.simulation.free_running import simulate_all
-from estimators.simulation.output_error import Point
+from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE, effect
 from tests.cases import recorded
 

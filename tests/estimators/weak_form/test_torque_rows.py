@@ -147,7 +147,7 @@ def test_beside_a_linear_model_variants_compare_by_their_exact_errors(
     weights = regression.weights(base)
     for variant, error in zip(variants, regression.compare(base, variants), strict=True):
         terms = (*base, variant)
-        exact = regression.assemble(terms, regression.list_term_columns(terms), weights).least_squared()
+        exact = regression.assemble(terms, regression.list_term_columns(terms), weights).compute_least_square()
         assert error == pytest.approx(np.sqrt(exact / (weights @ weights)), rel=1e-9)
 
 
