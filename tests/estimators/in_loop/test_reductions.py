@@ -7,6 +7,7 @@ import pytest
 
 from estimators import diagnose
 from estimators.data.regression_data import RegressionData
+from estimators.in_loop.fit import compute_log_likelihood
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.weak_form.point import Point
