@@ -15,7 +15,7 @@ Source: Ionides et al., Monte Carlo profile confidence intervals for dynamic sys
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -77,79 +77,106 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Likelihood
         return None
     term, parameter = free[is_sought.index(True)]
     name, place = term.get_full_name(parameter.name), len(start.theta) + is_sought.index(True)
-
-    def fit_near(point: Point, value: float | None = None) -> LinearErrors:
-        terms = point.terms if value is None else tuple(limit_term(own, {name: (value, value)}) for own in point.terms)
-        return fit_rollouts(rollouts, Point.from_parameters(terms, point.theta), typical, nonlinear=True, share=0.0)
+    scan = _ProfileScan(rollouts, typical, name, parameter.low, parameter.high)
+    first = _leave_local_minima(rollouts, scan.fit_from(start), typical)
+    scan.store(float(first.point.values[place]), first)
+    near, best_value = scan.choose_values()
 
     def release(point: Point) -> Point:
         """Return the point with the parameter free."""
         pairs = zip(start.terms, point.terms, strict=True)
         return Point(tuple(replace(old, **new.nonlinear_values) for old, new in pairs), point.theta)
 
-    first = _leave_local_minima(rollouts, fit_near(start), typical)
-    fits = {float(first.point.values[place]): first}
-    heights = {value: compute_log_likelihood(rollouts, own.error) for value, own in fits.items()}
-
-    starts: dict[tuple[float, float], LinearErrors] = {}  # of fits by their value and its neighbour
-
-    def extend(value: float, neighbour: float) -> None:
-        """Fit at a value from the fit at a neighbour, and keep the likelier of the fits at the value."""
-        if value == neighbour or starts.get((value, neighbour)) is fits[neighbour]:
-            return
-        starts[value, neighbour] = fits[neighbour]
-        fitted = fit_near(fits[neighbour].point, value)
-        height = compute_log_likelihood(rollouts, fitted.error)
-        if height > heights.get(value, -np.inf):
-            fits[value], heights[value] = fitted, height
-
-    def find_best() -> tuple[list[float], int]:
-        """Return the values in order, and the place of the likeliest one when its neighbours begin from its fit."""
-        while True:
-            values = sorted(fits)
-            k = values.index(max(heights, key=lambda value: heights[value]))
-            for other in values[max(0, k - 1) : k + 2]:
-                extend(other, values[k])
-            if heights[values[k]] == max(heights.values()):
-                return values, k
-
-    while True:
-        values, k = find_best()
-        if len(fits) >= PROFILE.most:
-            break
-        steep_values = [
-            values[j]
-            for j in (k - 1, k + 1)
-            if 0 <= j < len(values) and heights[values[j]] < heights[values[k]] - PROFILE.fall
-        ]
-        lower, upper = values[0] / PROFILE.ratio, values[-1] * PROFILE.ratio
-        if k < PROFILE.beside and values[0] not in steep_values and lower >= parameter.low:
-            extend(lower, values[0])
-        elif len(values) - 1 - k < PROFILE.beside and values[-1] not in steep_values and upper <= parameter.high:
-            extend(upper, values[-1])
-        elif steep_values:
-            extend(float(np.sqrt(steep_values[0] * values[k])), values[k])
-        else:
-            break
-    nearest_values = values[max(0, k - PROFILE.beside) : k + PROFILE.beside + 1]
-    for j, value in enumerate(values):
-        if value in nearest_values and value != values[k]:  # a better fit may come from the side of the best
-            extend(value, values[j + 1 if j < k else j - 1])
-    best = linearise_errors(rollouts, release(fits[values[k]].point), typical, nonlinear=True)  # by the parameter, too
-    widening = _compute_widening(rollouts, best, place)
-    log_value, variance = fit_parabola(
-        np.log(nearest_values), np.array([heights[value] for value in nearest_values]), widening
-    )
+    best = linearise_errors(rollouts, release(scan.fits[best_value].point), typical, nonlinear=True)
+    heights = np.array([scan.heights[value] for value in near])
+    log_value, variance = fit_parabola(np.log(near), heights, _compute_widening(rollouts, best, place))
     estimate = float(np.exp(log_value))
-    closest = min(nearest_values, key=lambda value: abs(np.log(value / estimate)))
-    last = fit_near(fits[closest].point, estimate).point
-    named = [fits[value].point.named_values for value in nearest_values]  # a parameter at zero may be none
-    paths = np.array([[own.get(text, 0.0) for text in last.named_values] for own in named])
-    shifts = np.array(nearest_values) - np.mean(nearest_values)
+    closest = min(near, key=lambda value: abs(np.log(value / estimate)))
+    last = scan.fit_from(scan.fits[closest].point, estimate).point
+    values = [scan.fits[value].point.named_values for value in near]  # a parameter at zero may be none
+    paths = np.array([[by_name.get(text, 0.0) for text in last.named_values] for by_name in values])
+    shifts = np.array(near) - np.mean(near)
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
     # a controller that reads counts at the output does not see the motor move within one
     in_counts = rollouts.resolution if parameter.unit == "rad" and rollouts.servos.at_output else 0.0
     return LikelihoodProfile(name, place, release(last), variance * estimate**2 + in_counts**2, slopes)
+
+
+@dataclass(eq=False)
+class _ProfileScan:
+    """Fits at several values of the parameter `name`, which lies between `low` and `high`.
+
+    Attributes:
+        fits: likeliest fit at each value.
+        heights: log likelihood of this fit [nat].
+    """
+
+    rollouts: Rollouts
+    typical: Array
+    name: str
+    low: float
+    high: float
+    fits: dict[float, LinearErrors] = field(default_factory=dict)
+    heights: dict[float, float] = field(default_factory=dict)
+    _starts: dict[tuple[float, float], LinearErrors] = field(default_factory=dict)  # of fits, by value and neighbour
+
+    def fit_from(self, start: Point, value: float | None = None) -> LinearErrors:
+        """Fit all parameters from a start, with the parameter at a value if given."""
+        limits = {self.name: (value, value)} if value is not None else None
+        terms = start.terms if limits is None else [limit_term(term, limits) for term in start.terms]
+        start = Point.from_parameters(terms, start.theta)
+        return fit_rollouts(self.rollouts, start, self.typical, nonlinear=True, share=0.0)
+
+    def store(self, value: float, fit: LinearErrors) -> None:
+        """Store a fit at a value if it is likelier than the stored one."""
+        height = compute_log_likelihood(self.rollouts, fit.error)
+        if height > self.heights.get(value, -np.inf):
+            self.fits[value], self.heights[value] = fit, height
+
+    def extend(self, value: float, neighbour: float) -> None:
+        """Fit at a value from the fit at a neighbour, unless that was done."""
+        start = self.fits[neighbour]
+        if value != neighbour and self._starts.get((value, neighbour)) is not start:
+            self._starts[value, neighbour] = start
+            self.store(value, self.fit_from(start.point, value))
+
+    def find_best(self) -> tuple[list[float], int]:
+        """Return the values in order, and the place of the likeliest one when its neighbours begin from its fit."""
+        while True:
+            values, best = sorted(self.fits), max(self.heights, key=lambda value: self.heights[value])
+            k = values.index(best)
+            for other in values[max(0, k - 1) : k + 2]:
+                self.extend(other, best)
+            if self.heights[best] == max(self.heights.values()):
+                return values, k
+
+    def choose_values(self) -> tuple[list[float], float]:
+        """Fit at further values; return the likeliest value and its neighbours, through which the parabola passes."""
+        while True:
+            values, k = self.find_best()
+            best, beside, lower, upper = (
+                values[k],
+                PROFILE.beside,
+                values[0] / PROFILE.ratio,
+                values[-1] * PROFILE.ratio,
+            )
+            least = self.heights[best] - PROFILE.fall
+            steep = [value for value in values[max(0, k - 1) : k + 2] if self.heights[value] < least]
+            if len(values) >= PROFILE.most:
+                break
+            if k < beside and values[0] not in steep and lower >= self.low:
+                self.extend(lower, values[0])
+            elif len(values) - 1 - k < beside and values[-1] not in steep and upper <= self.high:
+                self.extend(upper, values[-1])
+            elif steep:
+                self.extend(float(np.sqrt(steep[0] * best)), best)
+            else:
+                break
+        near = values[max(0, k - beside) : k + beside + 1]
+        for j, value in enumerate(values):
+            if value in near and value != best:  # a better fit may come from the side of the best
+                self.extend(value, values[j + 1 if j < k else j - 1])
+        return near, best
 
 
 def _leave_local_minima(rollouts: Rollouts, near: LinearErrors, typical: Array) -> LinearErrors:
