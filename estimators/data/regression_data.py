@@ -26,15 +26,7 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows, prepare_windows
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import arm_base, find_body
-from pendulum_env.physics import (
-    BASE,
-    Model,
-    Samples,
-    Term,
-    find_link,
-    has_link,
-    list_loads,
-)
+from pendulum_env.physics import BASE, Model, Samples, Term, find_link, has_link, list_loads
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 

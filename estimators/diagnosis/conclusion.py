@@ -11,11 +11,7 @@ from estimators.diagnosis.contacts import find_arm_contacts, find_contacts, mark
 from estimators.diagnosis.experiment import suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.unexplained import (
-    find_contradiction,
-    find_holdout_structure,
-    find_joint_residuals,
-)
+from estimators.diagnosis.unexplained import find_contradiction, find_holdout_structure, find_joint_residuals
 from estimators.findings import Finding, Kind
 from estimators.selection.physical import find_driving_friction, find_violations
 from estimators.selection.tables import find_explaining_law

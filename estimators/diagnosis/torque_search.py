@@ -9,11 +9,7 @@ from estimators.data.stop_error import find_stiff_stops
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import find_contradiction, find_unexplained
 from estimators.findings import NOTHING_DETERMINED, Finding, collect_withheld, withhold_everything
-from estimators.schemes.identifiability import (
-    find_undetermined,
-    find_undetermined_parameters,
-    find_unidentifiable,
-)
+from estimators.schemes.identifiability import find_undetermined, find_undetermined_parameters, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
