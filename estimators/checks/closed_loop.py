@@ -51,18 +51,14 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
     tested.
     """
     gains: dict[tuple[Kind, str], dict[str, float]] = {}
-    for recording in (feedback_gains for feedback_gains in recordings if feedback_gains.position.ndim == 1):
+    for recording in (by_name for by_name in recordings if by_name.position.ndim == 1):
         gains_by_stride = (_estimate_feedback_gain(recording, stride) for stride in ANSWER.strides)
         if (gain := next((gain for gain in gains_by_stride if gain is not None), None)) is not None:
             kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
             gains.setdefault((kind, recording.units.unit("N m/rad")), {})[recording.name] = gain
     return [
-        Finding(
-            kind,
-            {"gain": Quantity(float(np.median([*feedback_gains.values()])), unit=unit)},
-            recordings=tuple(feedback_gains),
-        )
-        for (kind, unit), feedback_gains in gains.items()
+        Finding(kind, {"gain": Quantity(float(np.median([*by_name.values()])), unit=unit)}, recordings=tuple(by_name))
+        for (kind, unit), by_name in gains.items()
     ]
 
 

@@ -128,9 +128,8 @@ def _make_remedies(
     distinct = [
         columns
         for k, (columns, _) in enumerate(corrections)
-        if columns not in [known_columns for known_columns, _ in corrections[:k]]
+        if columns not in [earlier for earlier, _ in corrections[:k]]
     ]
     return tuple(
-        Remedy(columns, tuple(name for known_columns, name in corrections if known_columns == columns))
-        for columns in distinct
+        Remedy(columns, tuple(name for earlier, name in corrections if earlier == columns)) for columns in distinct
     )

@@ -296,6 +296,5 @@ class FitData:
         if all(alignment is self.alignments[0] for alignment in self.alignments):
             return tuple(findings)
         return tuple(
-            replace(finding, recordings=tuple(recording_names))
-            for finding, recording_names in zip(findings, names, strict=True)
+            replace(finding, recordings=tuple(own_names)) for finding, own_names in zip(findings, names, strict=True)
         )

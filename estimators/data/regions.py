@@ -42,10 +42,10 @@ def find_failures(
     regions: list[Region] = []
     for joint, error in data.joint_errors(residual).items():
         floor = (floors or data.floors)[joint]
-        regions_at_joint = find_regions_at(data, residual, joint, most=most, floor=floor)
-        if not regions_at_joint and error > Criterion.misfit * max(floor, data.data.compute_negligible_residual(joint)):
-            regions_at_joint = [_make_scattered_region(data, error, floor, joint)]
-        regions += regions_at_joint
+        at_joint = find_regions_at(data, residual, joint, most=most, floor=floor)
+        if not at_joint and error > Criterion.misfit * max(floor, data.data.compute_negligible_residual(joint)):
+            at_joint = [_make_scattered_region(data, error, floor, joint)]
+        regions += at_joint
     return regions
 
 

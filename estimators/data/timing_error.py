@@ -58,10 +58,7 @@ def _list_torques(data: FitData, law: Alignment, later: float, slower: float) ->
     untimed = (data.untimed or data).recordings
     logged = [recording for k, recording in enumerate(untimed) if k not in excluded]
     triples = zip(logged, data.recordings, data.alignments, strict=False)
-    return [
-        law.apply(raw, later, slower).torque if recording_law == law else timed.torque
-        for raw, timed, recording_law in triples
-    ]
+    return [law.apply(raw, later, slower).torque if actual == law else timed.torque for raw, timed, actual in triples]
 
 
 def _change_torque(train: RegressionData, torques: Sequence[Array]) -> RegressionData:

@@ -83,7 +83,7 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
         _compute_residual_squares(curve, base, weights),
         [np.ones_like(curve.x)] * (table.axis == "position"),
     )
-    likenesses = []
+    fits = []
     for family in _list_families(table):
 
         def residual_of(shape: Array, formula: Formula = family.formula) -> float:  # residual sum of squares
@@ -100,18 +100,14 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
                 residual_of, start, method="Nelder-Mead", bounds=family.ends, options={"maxiter": 200}
             ).x
         count = len(constant) + len(family.formula(curve.x[:1], *shape)) + len(shape)
-        likenesses.append(
-            Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - residual_of(shape) / total, count)
-        )
-    likenesses.sort(key=lambda likeness: -likeness.share)
+        fits.append(Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - residual_of(shape) / total, count))
+    fits.sort(key=lambda likeness: -likeness.share)
     similar = [
         likeness
-        for likeness in likenesses
-        if likeness.share > LIKENESS.least and _is_significant(likeness, len(table.columns), len(likenesses))
+        for likeness in fits
+        if likeness.share > LIKENESS.least and _is_significant(likeness, len(table.columns), len(fits))
     ]
-    return [nearest for nearest in similar if not any(_is_enough(other, nearest) for other in likenesses)][
-        : LIKENESS.most
-    ]
+    return [nearest for nearest in similar if not any(_is_enough(other, nearest) for other in fits)][: LIKENESS.most]
 
 
 def _is_significant(likeness: Likeness, freedom: int, families: int) -> bool:

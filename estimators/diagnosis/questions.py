@@ -48,10 +48,8 @@ class Question:
         `equations` are those of `terms` on `data`; known parameters keep their values.
         """
         known = find_known_values(self.terms)
-        known_columns = [
-            k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known
-        ]
-        equations = subtract_known_columns(equations, known_columns, np.array(list(known.values())))
+        indices = [k for k, name in enumerate(c.name for term in self.terms for c in term.columns) if name in known]
+        equations = subtract_known_columns(equations, indices, np.array(list(known.values())))
         phi, y = equations.phi, equations.y
         if self.torque is not None:
             term, theta = self.torque

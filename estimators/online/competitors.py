@@ -213,7 +213,7 @@ class CompetingModels:
         rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
         pairs = zip(zip(*base, strict=True), zip(*rows, strict=True), strict=True)
         densities, errors = zip(
-            *(self._take(ModelRows(*base_row), ModelRows(*effect_rows)) for base_row, effect_rows in pairs), strict=True
+            *(self._take(ModelRows(*of_base), ModelRows(*of_effects)) for of_base, of_effects in pairs), strict=True
         )
         return np.array(densities), np.array(errors) * bins.scale
 

@@ -136,15 +136,10 @@ def withhold_estimates(
     else:
         measurements = [m for (m,) in measured]
         doubts = find_undetermined(measurements, terms, units)
-        findings_by_scheme = {
-            id: find_unidentifiable(result.model, measurements, doubts) for id, result in results.items()
-        }
-        unknown = {id: collect_withheld(findings) for id, findings in findings_by_scheme.items()}
+        by_scheme = {id: find_unidentifiable(result.model, measurements, doubts) for id, result in results.items()}
+        unknown = {id: collect_withheld(findings) for id, findings in by_scheme.items()}
         shared = set.intersection(*unknown.values())
-        doubts = (
-            *doubts,
-            *(doubt for doubt in next(iter(findings_by_scheme.values())) if shared.issuperset(doubt.withheld)),
-        )
+        doubts = (*doubts, *(doubt for doubt in next(iter(by_scheme.values())) if shared.issuperset(doubt.withheld)))
     withheld = collect_withheld(doubts)
     return {
         id: replace(result, model=result.model.withhold(withheld | unknown[id])) for id, result in results.items()

@@ -78,10 +78,10 @@ def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -
         ranked = rank_variants(evaluator.train, terms, effect)
         if not ranked:
             return None
-        have_same_size = (
+        is_uniform = (
             len({len(trial.terms[-1].columns) for trial in ranked}) == 1
         )  # else the one with most columns is first
-        if have_same_size and (
+        if is_uniform and (
             evaluator.gain(ranked[0].terms, terms).p_value > evaluator.criterion.coarse_p_value
             or evaluator.residuals.explained_share(ranked[0].terms, terms) < evaluator.criterion.coarse_share
         ):

@@ -214,7 +214,7 @@ class ModelEvaluator:
         It is at least one.
         """
         known = {other.id: other for other in before}
-        tried_counts = [count_tried(self.train, before, type(term)) for term in after if term.id not in known]
+        counts = [count_tried(self.train, before, type(term)) for term in after if term.id not in known]
         freed = [
             parameter
             for term in after
@@ -223,7 +223,7 @@ class ModelEvaluator:
             if parameter not in known[term.id].free
         ]
         return max(
-            1, sum(tried_counts) + sum(int(parameter.high - parameter.low) for parameter in freed if parameter.integer)
+            1, sum(counts) + sum(int(parameter.high - parameter.low) for parameter in freed if parameter.integer)
         )
 
     def is_significant(self, after: Terms, before: Terms) -> bool:
@@ -293,11 +293,7 @@ class ModelEvaluator:
         explains only other values of them. `least_share` is the limit of the explained share of torque or
         motion, by default `criterion.explained_share`.
         """
-        gain, penalty, criterion = (
-            self.evidence(after, before),
-            self.penalty(after, before),
-            self.criterion,
-        )
+        gain, penalty, criterion = (self.evidence(after, before), self.penalty(after, before), self.criterion)
         least_share = criterion.explained_share if least_share is None else least_share
         std = gain.error if np.isfinite(gain.error) else None
         gates = [

@@ -23,14 +23,14 @@ def get_temperature(recording: Recording) -> Array:
     if recording.temperature is None:
         return np.full(len(recording), ROOM)
     time, steps = recording.time, np.flatnonzero(np.diff(recording.temperature, prepend=np.nan) != 0)
-    shown_values, middles = (
+    values_shown, middles = (
         recording.temperature[steps],
         0.5 * (time[steps] + time[np.append(steps[1:], len(time)) - 1]),
     )
-    turns = 1 + np.flatnonzero(np.diff(shown_values)[:-1] * np.diff(shown_values)[1:] < 0)
+    turns = 1 + np.flatnonzero(np.diff(values_shown)[:-1] * np.diff(values_shown)[1:] < 0)
     changes = 0.5 * (time[steps[1:] - 1] + time[steps[1:]])
     instants = np.concatenate([time[[0, -1]], changes, middles[turns]])
-    values = np.concatenate([shown_values[[0, -1]], 0.5 * (shown_values[1:] + shown_values[:-1]), shown_values[turns]])
+    values = np.concatenate([values_shown[[0, -1]], 0.5 * (values_shown[1:] + values_shown[:-1]), values_shown[turns]])
     order = np.argsort(instants)
     return np.interp(time, instants[order], values[order])
 

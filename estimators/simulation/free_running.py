@@ -235,8 +235,8 @@ def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict
         known = [np.concatenate(series) for series in zip(*(segment.hidden[id] for segment in segments), strict=True)]
         return {id: tuple(np.tile(series, len(variants)) for series in known)}
     distinct = list(dict.fromkeys(variants))
-    traces_by_recording = trace_all([segment.windows for segment in segments], distinct)
-    traces = [dict(zip(distinct, states_of_variant, strict=True)) for states_of_variant in traces_by_recording]
+    traced_samples = trace_all([segment.windows for segment in segments], distinct)
+    traces = [dict(zip(distinct, states_of_variant, strict=True)) for states_of_variant in traced_samples]
     states = {}
     for id in traces[0][distinct[0]].memory:
         rows = [

@@ -43,10 +43,10 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
     for term in terms:
         if term.hides or term.fixed or any(column.of_torque for column in term.columns):
             raise IdentificationError(f"{term.id} depends on more than the motion: instruments cannot estimate it")
-    reference_recordings = [_replace_by_reference(w.recording) for w in data.windows]
+    references = [_replace_by_reference(w.recording) for w in data.windows]
     reference_windows = [
-        replace(cut(reference_recording, (len(w.kernel) // 2) / reference_recording.rate), centers=w.centers)
-        for w, reference_recording in zip(data.windows, reference_recordings, strict=True)
+        replace(cut(reference, (len(w.kernel) // 2) / reference.rate), centers=w.centers)
+        for w, reference in zip(data.windows, references, strict=True)
     ]
     equations, weights = data.equations(terms), data.weights[:, None]
     z = join_windows(reference_windows).equations(terms).phi * weights  # (R, P)

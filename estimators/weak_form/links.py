@@ -78,12 +78,12 @@ def _join_joints(
     body, kinds = find_links(terms), dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
     joints = range(len(body.joints))
     linear, rates = (
-        np.concatenate([joint_windows[k] for k in joints for joint_windows in series])
+        np.concatenate([joints_of_run[k] for k in joints for joints_of_run in series])
         for series in zip(*((part.linear, part.rates) for part in parts), strict=True)
     )
     inertia = np.mean([np.diagonal(part.masses.mean(axis=0), axis1=1, axis2=2).T for part in parts], axis=0)
     data = join_windows(
-        [joint_windows[k] for k in joints for joint_windows in entries], {Links.id: TermColumns(linear, rates, inertia)}
+        [joints_of_run[k] for k in joints for joints_of_run in entries], {Links.id: TermColumns(linear, rates, inertia)}
     )
     return replace(
         data,

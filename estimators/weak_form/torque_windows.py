@@ -324,14 +324,14 @@ class TorqueWindows:
     @property
     def contact_instants(self) -> list[Array]:
         """Instants of contacts of each entry, as shares of the recording; a lasting contact counts once a second."""
-        instants_of_entries = []
+        shares = []
         for w in self.windows:
             period, instants = len(w.kernel) // 2 / w.recording.rate, list[float]()
             for run in np.split(w.unclear, np.flatnonzero(np.diff(w.unclear) > len(w.kernel) // 2) + 1):
                 contact_run = run[np.isin(run, w.centers)]
                 instants += contact_run[:: max(1, round(1.0 / period))].tolist()
-            instants_of_entries.append(np.array(instants) / len(w.recording))
-        return instants_of_entries
+            shares.append(np.array(instants) / len(w.recording))
+        return shares
 
     @property
     def without_contacts(self) -> TorqueWindows:
