@@ -106,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         terminal.say(row.line)
 
     rows = each(examine, studies, workers=arguments.workers, title="diagnosing", terminal=terminal, show=show)
-    tell(rows, terminal)
+    print_results(rows, terminal)
     return 0 if len(rows) == len(studies) else 130
 
 
@@ -171,7 +171,7 @@ def is_right(hidden: tuple[str, ...], found: Diagnosis) -> bool:
     return compare(hidden, found.selected, found.inseparable, bool(found.unexplained)) is not Exact.NO
 
 
-def tell(rows: Sequence[Row], terminal: Terminal) -> None:
+def print_results(rows: Sequence[Row], terminal: Terminal) -> None:
     """Print the table of results."""
     failed = [row for row in rows if row.failure]
     ambiguous = [row for row in rows if row.open]

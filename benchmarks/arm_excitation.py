@@ -79,7 +79,7 @@ def torque_of(motion: Any, time: Array) -> Array:
     return np.asarray(motion.body.torque(*motion(time)) @ motion.body.values)
 
 
-def scaled(body: Body, period: float, waves: Array, share: float = 0.9, **limits: float) -> Series | None:
+def scale_series(body: Body, period: float, waves: Array, share: float = 0.9, **limits: float) -> Series | None:
     """Return a Fourier series about the middle angles, with waves (2, K, n) scaled to a share of the limits.
 
     Accelerations stay below 25 rad/s^2 for five waves in 5 s at 4 rad/s. Return None if the torque limit is exceeded.
@@ -102,7 +102,7 @@ def sinusoids(body: Body, seconds: float, rng: np.random.Generator, **limits: fl
             (np.sin(phases[0]), np.cos(phases[0])),
             (np.sin(phases[1]) / 5, np.cos(phases[1]) / 5),
         )
-        if (motion := scaled(body, period, waves, **limits)) is not None:
+        if (motion := scale_series(body, period, waves, **limits)) is not None:
             return motion
     raise ValueError("no phases keep the torque")
 
@@ -110,7 +110,9 @@ def sinusoids(body: Body, seconds: float, rng: np.random.Generator, **limits: fl
 def random_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: float) -> Motion:
     """Draw the best of many random series by the determinant of the information (Swevers et al. 1997)."""
     alike = 1.0 / np.sqrt(np.arange(1, 6))[:, None]
-    drawn = (scaled(body, seconds, rng.normal(size=(2, 5, len(body.joints))) * alike, **limits) for _ in range(TRIES))
+    drawn = (
+        scale_series(body, seconds, rng.normal(size=(2, 5, len(body.joints))) * alike, **limits) for _ in range(TRIES)
+    )
     return max((motion for motion in drawn if motion is not None), key=partial(log_det, seconds=seconds))
 
 
@@ -121,12 +123,12 @@ def cma_fourier(body: Body, seconds: float, rng: np.random.Generator, **limits: 
     shape = (2, 5, len(body.joints))
 
     def loss(x: Array) -> float:
-        motion = scaled(body, seconds, np.reshape(x, shape), **limits)
+        motion = scale_series(body, seconds, np.reshape(x, shape), **limits)
         return 1e3 if motion is None else -log_det(motion, seconds)
 
     options = {"seed": int(rng.integers(1, 2**31)), "maxfevals": 10 * TRIES, "verbose": -9}
     search = cma.CMAEvolutionStrategy(rng.normal(size=np.prod(shape)), 0.5, options).optimize(loss)
-    motion = scaled(body, seconds, np.reshape(search.best.x, shape), **limits)
+    motion = scale_series(body, seconds, np.reshape(search.best.x, shape), **limits)
     assert motion is not None
     return motion
 
@@ -169,7 +171,7 @@ CONTENDERS: dict[str, Callable[..., Motion]] = {
 }
 
 
-def fresh(rng: np.random.Generator) -> tuple[Link, ...]:
+def draw_links(rng: np.random.Generator) -> tuple[Link, ...]:
     """Draw links within 30 % of the default ones, with equal lengths."""
     names = ("mass", "center", "inertia", "viscous", "coulomb")
     return tuple(
@@ -198,7 +200,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
 
 def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
     """Print the errors of every contender on the same bodies, also relative to the first contender."""
-    file, told = find_body(PlanarArm()), {}
+    file, results = find_body(PlanarArm()), {}
     print(f"{bodies} bodies within 30 %, noise {NOISE:g} N m, limits {limits}")
     for name, contender in CONTENDERS.items():
         made, most, own = [], [], []
@@ -209,19 +211,19 @@ def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
         )
         for k in range(bodies):
             rng = np.random.default_rng([k, seed])
-            links = fresh(rng)
+            links = draw_links(rng)
             motion = fixed or contender(file, MOMENTS[-1], rng, **limits)
             found, reached = errors(file, links, motion, rng)
             made.append(found)
             most.append(reached)
             own.append(deviation(motion, MOMENTS[-1]))
-        told[name] = np.array(made).T
+        results[name] = np.array(made).T
         gains = []
-        for found, base in zip(told[name], told[BASE], strict=True):
+        for found, base in zip(results[name], results[BASE], strict=True):
             low, high = bootstrap_interval(compute_gain, found, base)
             gains.append(f"{1 / compute_gain(found, base):.2f} ({1 / high:.2f} to {1 / low:.2f})")
         (angle, speed) = np.max(most, axis=0)
-        middle = ", ".join(f"{100 * np.median(found):.3f}" for found in told[name])
+        middle = ", ".join(f"{100 * np.median(found):.3f}" for found in results[name])
         print(
             f"{name:18} error {middle} %  share of the first {'  '.join(gains)}  planned {np.median(own):.4f}  "
             f"angle {angle.round(2)} speed {speed.round(1)}",

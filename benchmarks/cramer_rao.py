@@ -158,7 +158,7 @@ def bound(steps: Steps, position_noise: float, torque_noise: float) -> Array:
 # ----------------------------------------------------------------------------------------------------------- estimates
 
 
-def realisation(study: Study, run: SimulatedRecording, seed: int) -> Recording:
+def draw_recording(study: Study, run: SimulatedRecording, seed: int) -> Recording:
     """Return a recording of the run with random measurement noise."""
     rng = np.random.default_rng(seed)
     position = run.exact_position + study.position_noise * rng.standard_normal(len(run.time))
@@ -182,12 +182,12 @@ def fit_segments(prepared: RegressionData, start: Model) -> Model:
 
 def estimate(seed: int, study: Study, run: SimulatedRecording) -> tuple[Model, Model]:
     """Return the estimates over windows and over segments of one realisation."""
-    prepared = RegressionData.from_recordings([realisation(study, run, seed)])
+    prepared = RegressionData.from_recordings([draw_recording(study, run, seed)])
     windows = fit_windows(prepared, tuple(study.plant.effects))
     return windows, fit_segments(prepared, windows)
 
 
-def tell_bound(study: Study, realisations: int, workers: int, terminal: Terminal) -> None:
+def print_bound(study: Study, realisations: int, workers: int, terminal: Terminal) -> None:
     """Print the bound, errors and coverage of one study."""
     (run,) = simulate([(study.plant, study.experiment)])
     least = bound(linearise(study, run), study.position_noise, study.experiment.torque_noise)
@@ -215,7 +215,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     terminal = Terminal()
     for study in STUDIES:
-        tell_bound(study, arguments.n, arguments.workers, terminal)
+        print_bound(study, arguments.n, arguments.workers, terminal)
     terminal.say(f"aim: within {AIM:g} of the bound")
     return 0
 

@@ -18,12 +18,12 @@ from benchmarks.scoring import (
     Outcome,
     examine_all,
     positive,
+    print_by_effect,
+    print_by_share,
+    print_totals,
     rate,
     select_library_cases,
     take_workers,
-    tell_by_effect,
-    tell_by_share,
-    tell_totals,
 )
 from benchmarks.truth import Truth, read_truth
 from pendulum_env.physics import effects
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     counts = (0, 0, 0, n) if arguments.misfits else tuple(round(share * n) for share in (NULLS, PAIRS, OUTSIDE))
     truths = generate(folder, n, arguments.seed, counts, options, terminal)
     outcomes = examine_all(folder, truths, arguments.workers, terminal)
-    tell(outcomes, terminal)
+    print_results(outcomes, terminal)
     return 0 if len(outcomes) == len(truths) else 130
 
 
@@ -80,7 +80,7 @@ def generate(
     return read_truth(folder)
 
 
-def tell(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
+def print_results(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     """Print every table."""
     wrong = [outcome for outcome in outcomes if not outcome.right]
     terminal.heading("Wrong")
@@ -99,11 +99,11 @@ def tell(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     ]
     columns = ("hidden", "selected", "rate [Hz]", "counts", "noise [N m]", "excitation", "share")
     terminal.table(("case", *columns), rows, left=("hidden", "selected", "excitation"))
-    tell_totals(outcomes, terminal)
-    tell_by_effect(outcomes, terminal)
-    tell_by_share(outcomes, terminal)
+    print_totals(outcomes, terminal)
+    print_by_effect(outcomes, terminal)
+    print_by_share(outcomes, terminal)
     for curve in (power(outcomes), reliability(outcomes)):
-        curve.tell(terminal)
+        curve.print(terminal)
     terminal.heading("Parameters within their 95 % intervals, where one effect is hidden and found")
     terminal.table(("of", "within"), coverage(outcomes), left=("within",))
 

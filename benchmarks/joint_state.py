@@ -36,7 +36,7 @@ class Found:
     std: np.ndarray
 
     @property
-    def told(self) -> str:
+    def text(self) -> str:
         """Return the median and the 90 % quantile of the errors [%]."""
         half, most = np.quantile(np.abs(self.errors), (0.5, 0.9))
         return f"{_two(100 * half)} ({_two(100 * most)})"
@@ -91,7 +91,7 @@ def accuracy(n: int, seed: int, terminal: Terminal) -> None:
         for k, (counts, rate) in enumerate((counts, rate) for counts in COUNTS for rate in RATES):
             progress(f"{rate:g} Hz", k / (len(COUNTS) * len(RATES)))
             found = seven(runs_of(rate, counts, n, seed), rate, counts)
-            errors = [found[id].told if id in found else "-" for id in ids]
+            errors = [found[id].text if id in found else "-" for id in ids]
             six = np.mean([one.covered for id, one in found.items() if id != JointState.id])
             covered = f"{100 * six:.0f} %", f"{100 * found[JointState.id].covered:.0f} %"
             rows.append((f"{counts:,}", f"{rate:g}", *errors, *covered))

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.scoring import examine_all, take_workers, tell_by_effect, tell_by_share, tell_totals
+from benchmarks.scoring import examine_all, print_by_effect, print_by_share, print_totals, take_workers
 from benchmarks.truth import read_truth
 from pendulum_env.lookup import find
 from workbench.terminal import Terminal
@@ -31,9 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     outcomes = examine_all(arguments.folder, list(truths.values()), arguments.workers, terminal)
-    tell_totals(outcomes, terminal)
-    tell_by_effect(outcomes, terminal)
-    tell_by_share(outcomes, terminal)
+    print_totals(outcomes, terminal)
+    print_by_effect(outcomes, terminal)
+    print_by_share(outcomes, terminal)
     return 0 if len(outcomes) == len(truths) else 130
 
 

@@ -357,7 +357,7 @@ def _tones(rng: np.random.Generator, time: Array, frequencies: Array) -> Array:
 DRIVES = ("sines", "chirp", "track", "steps")
 
 
-def missed(run: Run) -> float:
+def missing_share(run: Run) -> float:
     """Return the residual of the base model over the RMS of the commanded torque, in motion."""
     q, v, a = run.exact
     use = np.abs(v) > 0.02 * np.abs(v).max()
@@ -391,7 +391,7 @@ def _case(hidden: tuple[str, ...], seed: int, rng: np.random.Generator) -> tuple
     run = simulate(plant, first, rate, machine.seconds, counts, noise, one)
     # the exact motion does not contain the eccentricity of the encoder
     for _ in range(TURNS if hidden and "encoder_eccentricity" not in hidden else 0):
-        share = missed(run)
+        share = missing_share(run)
         if SHARES[0] <= share <= SHARES[1]:
             break
         factor = 1.7 if share < SHARES[0] else 0.6
@@ -407,7 +407,9 @@ def _case(hidden: tuple[str, ...], seed: int, rng: np.random.Generator) -> tuple
         "encoder_counts": counts,
         "torque_noise_rms": noise,
         "excitation": f"{kind}, {first}, {second}",
-        "effect_share": {part: {"refit": round(missed(one), 5)} for part, one in (("train", run), ("holdout", held))},
+        "effect_share": {
+            part: {"refit": round(missing_share(one), 5)} for part, one in (("train", run), ("holdout", held))
+        },
     }
     return run, held, entry
 

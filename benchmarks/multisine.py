@@ -35,12 +35,12 @@ def optimise(name: str, constraint: Constraint) -> Array:
     search = cma.CMAEvolutionStrategy(start, 0.2, options)
     for generation in range(GENERATIONS):
         weights = np.array(search.ask()).T
-        search.tell(list(weights.T), list(-taught(weights, theta, constraint)))
+        search.tell(list(weights.T), list(-mean_log_det(weights, theta, constraint)))
         print(f"{name} {(generation + 1) / GENERATIONS:.0%} {-search.best.f:.3f} nat", flush=True)
     return np.asarray(search.best.x)
 
 
-def taught(weights: Array, theta: Array, constraint: Constraint) -> Array:
+def mean_log_det(weights: Array, theta: Array, constraint: Constraint) -> Array:
     """Return the mean over plants (B, P) of log det information after an episode, for C signals (2 F, C) [nat]."""
     torque = multisine_torque(weights, constraint)  # (T, C)
     rest = np.zeros(len(theta))

@@ -138,7 +138,7 @@ def diagnose_run(run: Joined, diagnoser: Diagnoser) -> Verdicts:
     return verdicts
 
 
-def diagnoser_of(experiment: Experiment) -> Diagnoser:
+def make_diagnoser(experiment: Experiment) -> Diagnoser:
     """Return a diagnoser of a pendulum with the four base terms."""
     return Diagnoser(experiment.rate, smoothing=Smoothing.from_encoder(experiment.counts or 0, experiment.rate))
 
@@ -172,12 +172,12 @@ class Outcome:
     is_right: bool
 
 
-def outcome(case: tuple[str, int, int]) -> Outcome:
+def diagnose_change(case: tuple[str, int, int]) -> Outcome:
     """Diagnose a plant that changes; the case is the change, the number in its series, and a seed."""
     what, k, seed = case
     before, after, experiment = draw_plants(np.random.default_rng([seed, k, *what.encode()]), what, k, AFTER)
     run = simulate_changes({0.0: before, CHANGE: after}, experiment)
-    return score_verdicts(what, diagnose_run(run, diagnoser_of(experiment)))
+    return score_verdicts(what, diagnose_run(run, make_diagnoser(experiment)))
 
 
 def score_verdicts(what: str, verdicts: Verdicts) -> Outcome:
@@ -210,11 +210,13 @@ def summary(found: Sequence[Outcome]) -> tuple[str, ...]:
     )
 
 
-def detection(n: int, seed: int, workers: int, terminal: Terminal) -> None:
+def print_detection(n: int, seed: int, workers: int, terminal: Terminal) -> None:
     """Diagnose n plants of each change, and print a table."""
     rows = []
     for what in (*PARAMETERS, *SIZES):
-        found = each(outcome, [(what, k, seed) for k in range(n)], workers=workers, title=what, terminal=terminal)
+        found = each(
+            diagnose_change, [(what, k, seed) for k in range(n)], workers=workers, title=what, terminal=terminal
+        )
         rows.append((what, *summary(found)))
     terminal.heading(
         f"A parameter changes by {FACTOR:.0%}, or an effect of {SHARE:.0%} of the RMS torque sets in; n = {n}"
@@ -246,7 +248,7 @@ def diagnose_two_changes(case: tuple[int, int]) -> OutcomeOfTwo:
     rng = np.random.default_rng([seed, k])
     before, after, experiment = draw_plants(rng, first, k, AFTER)
     plants = {0.0: before, CHANGE: after, CHANGE + APART: change_parameter(rng, after, second)}
-    verdicts = diagnose_run(simulate_changes(plants, experiment), diagnoser_of(experiment))
+    verdicts = diagnose_run(simulate_changes(plants, experiment), make_diagnoser(experiment))
     later = [(t, own) for t, own in verdicts if own.since is not None and own.since > CHANGE + 0.5 * APART]
     last = verdicts[-1][1]
     return OutcomeOfTwo(
@@ -273,7 +275,7 @@ def two_changes(n: int, seed: int, workers: int, terminal: Terminal) -> None:
     terminal.table(HEADERS_OF_TWO, [row], left=HEADERS_OF_TWO[-1:])
 
 
-def null(case: tuple[float, int, int]) -> tuple[float, float, list[str]]:
+def diagnose_unchanged(case: tuple[float, int, int]) -> tuple[float, float, list[str]]:
     """Diagnose an unchanged plant; the case is its duration [s], number and seed.
 
     Returns:
@@ -283,7 +285,7 @@ def null(case: tuple[float, int, int]) -> tuple[float, float, list[str]]:
     plant, _, experiment = draw_plants(np.random.default_rng([seed, k]), "", k, seconds)
     (run,) = simulate([(plant, experiment)])
     begin = time.process_time()
-    verdicts = diagnose_run((run.time, run.position, np.r_[0.0, run.torque[:-1]]), diagnoser_of(experiment))
+    verdicts = diagnose_run((run.time, run.position, np.r_[0.0, run.torque[:-1]]), make_diagnoser(experiment))
     cost, pairs = time.process_time() - begin, list(pairwise(verdict for _, verdict in verdicts))
     motion = sum(max(verdict.motion - last.motion, 0.0) for last, verdict in pairs)
     alarms = [
@@ -294,10 +296,10 @@ def null(case: tuple[float, int, int]) -> tuple[float, float, list[str]]:
     return motion, cost, alarms
 
 
-def nulls(hours: float, seconds: float, seed: int, workers: int, terminal: Terminal) -> None:
+def print_false_alarms(hours: float, seconds: float, seed: int, workers: int, terminal: Terminal) -> None:
     """Count and print the false alarms of unchanged plants; one per hour is accepted."""
     cases = [(seconds, k, seed) for k in range(max(1, round(3600 * hours / seconds)))]
-    found = each(null, cases, workers=workers, title="nothing changes", terminal=terminal)
+    found = each(diagnose_unchanged, cases, workers=workers, title="nothing changes", terminal=terminal)
     motion, cost = sum(one[0] for one in found), sum(one[1] for one in found)
     alarms = [alarm for *_, own in found for alarm in own]
     terminal.heading("Nothing changes, where one alarm an hour is accepted")
@@ -368,9 +370,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         replay_recordings(args.recordings, args.seconds, terminal)
         return 0
     if args.null_hours:
-        nulls(args.null_hours, args.seconds, args.seed, args.workers, terminal)
+        print_false_alarms(args.null_hours, args.seconds, args.seed, args.workers, terminal)
     if args.n:
-        detection(args.n, args.seed, args.workers, terminal)
+        print_detection(args.n, args.seed, args.workers, terminal)
     if args.two:
         two_changes(args.two, args.seed, args.workers, terminal)
     if args.arms:

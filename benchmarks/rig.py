@@ -42,14 +42,14 @@ def row(rate: float, seconds: float, realtime: bool) -> tuple[str, ...]:
             assert emulator.stdout is not None
             try:
                 emulator.stdout.readline()  # "ready"
-                late, cost, missed = measured(config, round(seconds * rate))
+                late, cost, missed = measure_loop(config, round(seconds * rate))
             finally:
                 emulator.communicate("quit\n")
     shown = [f"{1e3 * value:.2f}" for value in (*np.percentile(cost, (50, 99)), *np.percentile(late, (50, 99, 100)))]
     return (f"{rate:g}", *shown, f"{100 * missed / len(late):.2g}")
 
 
-def measured(config: Path, steps: int) -> tuple[list[float], list[float], int]:
+def measure_loop(config: Path, steps: int) -> tuple[list[float], list[float], int]:
     """Measure lateness of samples [s], durations of exchanges [s], and the number of missed ticks."""
     env = gym.make(PENDULUM, backend="dm1015b", config=config, max_episode_steps=-1)
     guard = env.unwrapped.backend.guard  # type: ignore[attr-defined]

@@ -33,12 +33,12 @@ def false_stops(samples: int, seed: int = 0) -> tuple[int, int]:
                 way = simulate(BASE, theta, 1.0 / rate, command, rng.uniform(-0.4, 0.4, batch), 0.0)
                 read = way.position + way.velocity * rng.normal(0.0, noise, way.position.shape)
                 for position in (np.round(read / STEP) * STEP).T:
-                    stops += not sound(position.tolist(), command.tolist(), rate, noise)
+                    stops += not passes_check(position.tolist(), command.tolist(), rate, noise)
                     done += steps
     return stops, done
 
 
-def sound(position: list[float], command: list[float], rate: float, noise: float) -> bool:
+def passes_check(position: list[float], command: list[float], rate: float, noise: float) -> bool:
     """Return whether the plausibility check passes a run."""
     watch = PlausibilityCheck(PlantRanges(), STEP, noise)
     watch.check_measurement(0.0, position[0])

@@ -243,7 +243,7 @@ class Curve:
             (f"{low:g} to {high:g}", f"{mean:.3g}", rate(hits, count)) for low, high, hits, count, mean in self.bins
         ]
 
-    def tell(self, terminal: Terminal) -> None:
+    def print(self, terminal: Terminal) -> None:
         """Print the rate of each bin."""
         terminal.heading(f"{self.success.capitalize()} by {self.quantity}")
         terminal.table((self.quantity, "mean", self.success), self.rows, left=(self.success,))
@@ -264,7 +264,7 @@ def is_clear(outcome: Outcome) -> bool:
     return outcome.truth.share is not None and outcome.truth.share >= CLEAR
 
 
-def tell_totals(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
+def print_totals(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     """Print rates, false alarms, time and memory."""
     nulls = [o for o in outcomes if not o.truth.hidden]
     library = effects().keys()
@@ -298,7 +298,7 @@ def tell_totals(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     terminal.table(("", "rate (95 % interval)"), rows, left=("rate (95 % interval)",))
 
 
-def tell_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
+def print_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     """Print for each effect the rates of right cases, alone and in pairs, and the number of wrong ones."""
     rows = []
     for id in dict.fromkeys(["nothing", *effects(), *(id for o in outcomes for id in o.truth.hidden)]):
@@ -313,10 +313,10 @@ def tell_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     terminal.table(("hidden", "right alone", "found in pairs", "selected wrongly"), rows)
 
 
-def tell_by_share(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
+def print_by_share(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     """Print the rate of right diagnoses of library effects by their share of the torque."""
     cases = [(o.truth.share, o.right) for o in select_library_cases(outcomes) if o.truth.share is not None]
-    Curve.of("share of the torque that the base model misses after its refit", "right", SHARES, cases).tell(terminal)
+    Curve.of("share of the torque that the base model misses after its refit", "right", SHARES, cases).print(terminal)
 
 
 def positive(text: str) -> int:

@@ -112,7 +112,7 @@ def loop(seed: int) -> Case:
         effects[hidden]["sat"] *= working
     plant = Plant(inertia, gravity, viscous, coulomb, effects)
     stiff = float(rng.uniform(15.0, 40.0))
-    told = dict(
+    settings = dict(
         rate=500.0,
         seconds=20.0,
         excitation=kind,
@@ -121,17 +121,17 @@ def loop(seed: int) -> Case:
         gains=(stiff, stiff * float(rng.uniform(0.03, 0.1))),
         torque_limit=4 * working,
     )
-    cases = [(plant, Experiment(seed=10 * seed + k, **told)) for k in range(2)]
+    cases = [(plant, Experiment(seed=10 * seed + k, **settings)) for k in range(2)]
     named = {"none": (), "load_out": ("load_dependent_friction",)}.get(hidden, (hidden,))
-    return Case(f"{hidden} {kind}", named, cases, logged, 1, known_of(plant))
+    return Case(f"{hidden} {kind}", named, cases, make_recording, 1, get_counted_parameters(plant))
 
 
-def known_of(plant: Plant) -> dict[str, float]:
+def get_counted_parameters(plant: Plant) -> dict[str, float]:
     """Return the counted parameters of a plant; parameters of zero have no relative error."""
     return {name: value for name in ("inertia", "gravity") if (value := getattr(plant, name))}
 
 
-def logged(number: int, run: SimulatedRecording) -> Recording:
+def make_recording(number: int, run: SimulatedRecording) -> Recording:
     """Return the recording of a run with its torque."""
     return Recording(run.time, run.position, run.torque, name=f"{number}")
 
@@ -167,21 +167,21 @@ def goal(seed: int) -> Case:
     cases = []
     for k, gain in enumerate(stiff.tolist()):
         gains = {"servo": (gain, 0.0), "damped": (gain, 0.03 * gain), "speed": (0.15 * gain, gain)}[control]
-        told = {"control": "speed" if control == "speed" else "servo", "gains": gains, "torque_limit": limit}
+        settings = {"control": "speed" if control == "speed" else "servo", "gains": gains, "torque_limit": limit}
         kind = "speed_loop" if control == "speed" else "pd_loop"
         scale = float(rng.uniform(0.3, 0.6))
-        cases.append((plant, Experiment(1000.0, 8.0, kind, scale, 100 * seed + k, counts=4096, **told)))
+        cases.append((plant, Experiment(1000.0, 8.0, kind, scale, 100 * seed + k, counts=4096, **settings)))
 
     def recorded(number: int, run: SimulatedRecording) -> Recording:
         names = ("kp", "ki") if control == "speed" else ("kp", "kd")
-        told = dict(zip(names, (own / limit for own in run.experiment.gains), strict=True))
+        settings = dict(zip(names, (own / limit for own in run.experiment.gains), strict=True))
         drive = ServoDrive(
             "velocity" if control == "speed" else "position",
             supply=SUPPLY,
             gain=constant,
             rate=1000.0,
             cutoff=30.0,
-            **told,
+            **settings,
         )
         each = slice(None, None, round(1000.0 / log))
         time, position, wanted = run.time[each], run.position[each], run.goal[each]
@@ -189,43 +189,50 @@ def goal(seed: int) -> Case:
         torque = drive.torque(wanted, position, speed, SUPPLY * ones, ones)
         return Recording(time, position, torque, reference=wanted, drive=drive, name=f"{number}")
 
-    return Case(f"{hidden or 'nothing'} {control}", (hidden,) if hidden else (), cases, recorded, 1, known_of(plant))
+    return Case(
+        f"{hidden or 'nothing'} {control}",
+        (hidden,) if hidden else (),
+        cases,
+        recorded,
+        1,
+        get_counted_parameters(plant),
+    )
 
 
-class Judged(NamedTuple):
+class CaseResult(NamedTuple):
     """Result of one case.
 
     Attributes:
         line: text of the result.
         is_right: whether exactly the hidden effects are named.
-        apart: estimate minus truth [standard errors] by parameter, without biased ones.
+        deviations: estimate minus truth [standard errors] by parameter, without biased ones.
     """
 
     line: str
     is_right: bool
-    apart: dict[str, float]
+    deviations: dict[str, float]
 
 
-def judged(seed: int, case: Case, recordings: Sequence[Recording]) -> Judged:
+def score_case(seed: int, case: Case, recordings: Sequence[Recording]) -> CaseResult:
     """Diagnose the recordings of a case."""
     begin = time.process_time()
     found = diagnose(recordings[: -case.held_out], recordings[-case.held_out :])
     named = [group for group in found.effects if group[0] != "stribeck" or group[0] in case.hidden]
     is_right = len(named) == len(case.hidden) and all(id in group for id, group in zip(case.hidden, named, strict=True))
-    parts, apart = [f"{seed:4d} {case.name:24}"], {}
+    parts, deviations = [f"{seed:4d} {case.name:24}"], {}
     for name, truth in case.truth.items():
         own = found.model.torque_constant if name == CONSTANT else found.model.estimates[name]
         if own is None or own.is_biased or not own.std > 0:  # or at its bound
             parts.append(f"no {name}")
             continue
-        apart[name] = (own.value - truth) / own.std
+        deviations[name] = (own.value - truth) / own.std
         off, error = 100 * (own.value / truth - 1), 100 * own.std / truth
-        parts.append(f"{name} {off:+6.2f} % {apart[name]:+5.1f} std of {error:.2g} %")
-    told = ", ".join("/".join(group) for group in found.effects)
-    parts += [told or "nothing", f"+{len(found.unexplained)} regions" if found.unexplained else ""]
+        parts.append(f"{name} {off:+6.2f} % {deviations[name]:+5.1f} std of {error:.2g} %")
+    text = ", ".join("/".join(group) for group in found.effects)
+    parts += [text or "nothing", f"+{len(found.unexplained)} regions" if found.unexplained else ""]
     parts += [f"{len(found.disagreements)} disagree" if found.disagreements else ""]
     parts += [f"{time.process_time() - begin:.0f} s", "" if is_right else "WRONG"]
-    return Judged("  ".join(filter(None, parts)), is_right, apart)
+    return CaseResult("  ".join(filter(None, parts)), is_right, deviations)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -243,14 +250,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     recordings = [[case.recorded(k, next(runs)) for k in range(len(case.runs))] for case in cases]
     with ProcessPoolExecutor(args.workers) as pool:
         results = []
-        for result in pool.map(judged, seeds, [case._replace(recorded=logged) for case in cases], recordings):
+        for result in pool.map(
+            score_case, seeds, [case._replace(recorded=make_recording) for case in cases], recordings
+        ):
             print(result.line, flush=True)
             results.append(result)
     print(f"named what hides and nothing else: {sum(result.is_right for result in results)} of {args.n}")
     for name in dict.fromkeys(name for case in cases for name in case.truth):
-        apart = [result.apart[name] for result in results if name in result.apart]
-        held = sum(abs(one) < 1.96 for one in apart)
-        print(f"{name}: told {len(apart)} times, within its 95 % interval {held}")
+        deviations = [result.deviations[name] for result in results if name in result.deviations]
+        held = sum(abs(one) < 1.96 for one in deviations)
+        print(f"{name}: told {len(deviations)} times, within its 95 % interval {held}")
     return 0
 
 

@@ -150,7 +150,7 @@ class Hidden:
         return law
 
 
-def drawn_reference(
+def draw_reference(
     rng: np.random.Generator, sweep: np.ndarray, middle: np.ndarray
 ) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
     """Return a multisine of six harmonics (angles, speeds) with amplitudes `sweep` (n,) about `middle` (n,) [rad]."""
@@ -196,7 +196,7 @@ def simulate(
     model.tendon_solref_fri[:], model.tendon_solimp_fri[:, :3] = model.dof_solref[:1], model.dof_solimp[:1, :3]
     data = mujoco.MjData(model)
     laws = [(own.joint, own.forces(rubs[own.joint])) for own in hidden]
-    reference = drawn_reference(rng, SWEEP[:n], MIDDLE[:n])
+    reference = draw_reference(rng, SWEEP[:n], MIDDLE[:n])
 
     data.qpos[:], data.qvel[:] = reference(0.0)
     substeps = round(1 / rate / STEP)
@@ -231,7 +231,7 @@ def body(joints: Sequence[str] = JOINTS) -> Body:
         return read_body(path, rotors=True)
 
 
-def drawn(run: int, joints: int = 6) -> list[float]:
+def draw_friction_factors(run: int, joints: int = 6) -> list[float]:
     """Draw the factors of friction of each joint for a run."""
     return np.random.default_rng(run).uniform(0.5, 1.6, joints).tolist()
 
@@ -254,14 +254,14 @@ def main(arguments: Sequence[str] = ()) -> int:
     hidden_ones = [Hidden(EFFECTS[run % 6], (run % 6 + run // 6) % n) for run in range(runs)]
     hidden_ones += [Hidden("coupling", run % (n - 1)) for run in range(runs // 6)]
     for run, hidden in enumerate(hidden_ones):
-        recording = simulate(100 + run, hidden, rubs=drawn(run, n))
+        recording = simulate(100 + run, hidden, rubs=draw_friction_factors(run, n))
         began = time.process_time()
         diagnosis = diagnose(recording, (), arm_base(arm))
         longest = max(longest, time.process_time() - began)
         right += diagnosis.selected == (recording.name,)
         print(f"{recording.name:32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     for run in range(runs // 3):
-        diagnosis = diagnose(simulate(200 + run, rubs=drawn(100 + run, n)), (), arm_base(arm))
+        diagnosis = diagnose(simulate(200 + run, rubs=draw_friction_factors(100 + run, n)), (), arm_base(arm))
         alarms += bool(diagnosis.selected)
         print(f"{'nothing':32s} {', '.join(diagnosis.selected) or 'nothing'}", flush=True)
     print(f"named right: {right} of {len(hidden_ones)}; false alarms: {alarms} of {runs // 3}")

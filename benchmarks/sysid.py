@@ -30,7 +30,7 @@ TRUTH = {"armature": np.array(ROTORS), "damping": np.array(VISCOUS), "frictionlo
 PIECE = 0.5  # length of one simulation [s]
 
 
-def ours(recording: ArmRecording) -> dict[str, np.ndarray]:
+def fit_base_parameters(recording: ArmRecording) -> dict[str, np.ndarray]:
     """Return each quantity of each joint (6,)."""
     arm = body()
     estimates = identify(recording, arm_base(arm), [scheme("filtered_dynamic")])["filtered_dynamic"].model.estimates
@@ -45,7 +45,7 @@ def ours(recording: ArmRecording) -> dict[str, np.ndarray]:
     return {"armature": rotors, "damping": viscous, "frictionloss": coulomb}
 
 
-def theirs(recording: ArmRecording) -> dict[str, np.ndarray]:
+def fit_simulation(recording: ArmRecording) -> dict[str, np.ndarray]:
     """Return each quantity of each joint (6,)."""
     import mujoco
     from mujoco import sysid
@@ -94,7 +94,7 @@ def _set(spec: Any, parameter: Any) -> None:
 
 def main(arguments: Sequence[str] = ()) -> int:
     recording = simulate(1, seconds=float(arguments[0]) if arguments else 10.0)
-    for name, method in (("estimators.arms", ours), ("mujoco.sysid", theirs)):
+    for name, method in (("estimators.arms", fit_base_parameters), ("mujoco.sysid", fit_simulation)):
         began = time.process_time()
         found = method(recording)
         print(f"{name}: {time.process_time() - began:.1f} s, error by joint")

@@ -18,13 +18,13 @@ SHOWN = 6  # effects in the table
 ADDED_FROM = 0.9  # smallest probability of an added effect
 
 
-def table(time: float, said: OnlineDiagnosis) -> Table:
+def table(time: float, found: OnlineDiagnosis) -> Table:
     """Make a table of the most probable effects, with the gain of each over the running model."""
-    model = " + ".join(("base", *said.added))
-    verdict = " ".join((said.kind, " or ".join(said.group))).strip()
-    title = f"{time:4.1f} s  {model}: {verdict}, error {said.error:.4f} N m"
+    model = " + ".join(("base", *found.added))
+    verdict = " ".join((found.kind, " or ".join(found.group))).strip()
+    title = f"{time:4.1f} s  {model}: {verdict}, error {found.error:.4f} N m"
     rows = Table("effect", "probability", "", r"gain \[nat]", title=title, title_justify="left", min_width=80)
-    for one in said.ranking[:SHOWN]:
+    for one in found.ranking[:SHOWN]:
         bar = "█" * round(20 * one.probability)
         rows.add_row(one.effect, f"{one.probability:.2f}", f"{bar:20}", f"{one.gain:z.0f} ± {one.error:.0f}")
     return rows
@@ -39,14 +39,14 @@ def main() -> None:
     with Live(auto_refresh=False) as live:
 
         def show(info: dict) -> None:
-            said = info["diagnosis"]
-            if not seen or said is not seen[-1]:
-                if seen and said.added != seen[-1].added:
-                    live.console.print(f"{info['time']:4.1f} s  added {said.added[-1]}")
-                seen.append(said)
-                live.update(table(info["time"], said), refresh=True)
-                if said.kind == "missing" and said.ranking[0].probability >= ADDED_FROM:
-                    env.add(said.ranking[0].effect)
+            found = info["diagnosis"]
+            if not seen or found is not seen[-1]:
+                if seen and found.added != seen[-1].added:
+                    live.console.print(f"{info['time']:4.1f} s  added {found.added[-1]}")
+                seen.append(found)
+                live.update(table(info["time"], found), refresh=True)
+                if found.kind == "missing" and found.ranking[0].probability >= ADDED_FROM:
+                    env.add(found.ranking[0].effect)
 
         rollout(env, signal, steps=12_500, seed=0, watch=show)
     print("\nfound:", ", ".join(seen[-1].added), "| hidden:", ", ".join(effect.partition(":")[0] for effect in HIDDEN))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from benchmarks.six_joint import drawn_reference
+from benchmarks.six_joint import draw_reference
 
 STEP, RATE = 2e-4, 500.0  # [s], [Hz]
 
@@ -140,7 +140,7 @@ def simulate(
     model.dof_solref[:], model.dof_solimp[:, :3] = (2 * STEP, 1.0), (0.95, 0.999, 1e-4)
     data, moving = mujoco.MjData(model), [own for own in joints if own.sweep]
     order = [where[own.name] for own in moving]
-    reference = drawn_reference(rng, np.array([own.sweep for own in moving]), np.array([own.middle for own in moving]))
+    reference = draw_reference(rng, np.array([own.sweep for own in moving]), np.array([own.middle for own in moving]))
     still = positions(joints, held)
     data.qpos[order], data.qvel[order] = reference(0.0)
     for own in joints:

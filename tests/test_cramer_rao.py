@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.cramer_rao import STUDIES, Steps, bound, fit_windows, linearise, realisation
+from benchmarks.cramer_rao import STUDIES, Steps, bound, draw_recording, fit_windows, linearise
 from benchmarks.independent_plant import Experiment, simulate
 from estimators.data.regression_data import RegressionData
 
@@ -35,7 +35,8 @@ def test_the_fit_over_windows_comes_near_the_bound_and_does_not_beat_it():
     least = bound(linearise(study, run), study.position_noise, experiment.torque_noise)
     truth = np.array([study.plant.inertia, study.plant.gravity, study.plant.viscous, study.plant.coulomb])
     errors = [
-        fit_windows(RegressionData.from_recordings([realisation(study, run, j)]), ()).theta - truth for j in range(60)
+        fit_windows(RegressionData.from_recordings([draw_recording(study, run, j)]), ()).theta - truth
+        for j in range(60)
     ]
     ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / least
     assert ratio.min() > 0.75  # sampling error of an RMS over 60: 9 %

@@ -11,8 +11,8 @@ import pytest
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, library
 from tools import prose
-from tools.prose import PAGES, README, ROOT, check, first_untold
-from tools.refresh import refreshed
+from tools.prose import PAGES, README, ROOT, check, find_missing_line
+from tools.refresh import update_output
 
 EXAMPLES = sorted(
     path
@@ -23,22 +23,22 @@ EXAMPLES = sorted(
 
 
 @pytest.fixture
-def own_folder(tmp_path):
-    with prose.own_folder(tmp_path):
+def isolated_folder(tmp_path):
+    with prose.isolated_folder(tmp_path):
         yield
 
 
 @pytest.mark.slow
 @pytest.mark.pages
-def test_the_readme_shows_what_happens(own_folder):
-    assert len(prose.runnable(README)) > 5
+def test_the_readme_shows_what_happens(isolated_folder):
+    assert len(prose.read_runnable_blocks(README)) > 5
     check(README)
 
 
 @pytest.mark.slow
 @pytest.mark.pages
 @pytest.mark.parametrize("path", PAGES, ids=[str(path.relative_to(ROOT / "docs")) for path in PAGES])
-def test_code_of_a_page_runs_and_prints_what_it_shows(own_folder, path):
+def test_code_of_a_page_runs_and_prints_what_it_shows(isolated_folder, path):
     check(path)
 
 
@@ -101,19 +101,21 @@ def test_the_table_of_the_readme_has_every_effect_and_scheme():
 
 def test_output_that_drifted_is_noticed():
     printed = "errors\ninertia  0.08951 ± 0.00012 kg m^2\ngravity  2.01 N m\n"
-    assert first_untold("inertia 0.08959 ± 0.00013 kg m^2\n...\ngravity 2.02 N m", printed) is None  # as good as that
-    assert first_untold("inertia 0.08965 ± 0.00012 kg m^2", printed) is not None  # more than a standard error off
-    assert first_untold("inertia 0.08951 ± 0.00015 kg m^2", printed) is not None  # another standard error
-    assert first_untold("gravity 2.04 N m", printed) is not None  # another number
-    assert first_untold("inertia 0.08951 kg m^2", printed) is not None  # another text
-    assert first_untold("gravity 2.01 N m\ninertia 0.08951 ± 0.00012", printed) is not None  # another order
-    assert first_untold("spring 3 N m", printed) is not None
+    assert (
+        find_missing_line("inertia 0.08959 ± 0.00013 kg m^2\n...\ngravity 2.02 N m", printed) is None
+    )  # as good as that
+    assert find_missing_line("inertia 0.08965 ± 0.00012 kg m^2", printed) is not None  # more than a standard error off
+    assert find_missing_line("inertia 0.08951 ± 0.00015 kg m^2", printed) is not None  # another standard error
+    assert find_missing_line("gravity 2.04 N m", printed) is not None  # another number
+    assert find_missing_line("inertia 0.08951 kg m^2", printed) is not None  # another text
+    assert find_missing_line("gravity 2.01 N m\ninertia 0.08951 ± 0.00012", printed) is not None  # another order
+    assert find_missing_line("spring 3 N m", printed) is not None
 
 
 def test_stale_output_is_refreshed_and_what_was_left_out_stays_out():
     printed = "theta          unit\ninertia  0.0896 kg m^2  ##\nviscous  0.36 N m s\ngravity  2.01 N m\nall is well\n"
     stale = "theta     unit\ninertia  0.1 kg m^2\n...\n  gravity  1.9 N m\nall is not well\n"
     fresh = "theta          unit\ninertia  0.0896 kg m^2\n...\n  gravity  2.01 N m\nall is well\n"
-    assert refreshed(stale, printed) == (fresh, [])
-    assert refreshed(fresh, printed) == (fresh, [])
-    assert refreshed("spring 3 N m\n", printed) == ("spring 3 N m\n", ["spring 3 N m"])  # somebody has to look
+    assert update_output(stale, printed) == (fresh, [])
+    assert update_output(fresh, printed) == (fresh, [])
+    assert update_output("spring 3 N m\n", printed) == ("spring 3 N m\n", ["spring 3 N m"])  # somebody has to look

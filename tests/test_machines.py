@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.prose import ROOT, blocks, first_untold, outputs, own_folder
+from tools.prose import ROOT, blocks, find_missing_line, isolated_folder, outputs
 
 PAGE = ROOT / "docs" / "machines.md"
 DATA = ROOT.parent / "shared" / "data"
@@ -34,7 +34,7 @@ def place(folder: Path) -> None:
 def test_what_the_page_shows_of_real_machines_is_what_is_printed(tmp_path: Path) -> None:
     place(tmp_path)
     found = [replace(one, why=None) if one.why == TAKES else one for one in blocks(PAGE.read_text(encoding="utf-8"))]
-    with own_folder(tmp_path):
+    with isolated_folder(tmp_path):
         for output in outputs(PAGE, found):
-            line = first_untold(output.shown, output.printed)
+            line = find_missing_line(output.shown, output.printed)
             assert line is None, f"{output.where}: shows what is not printed: {line}\n\n{output.printed}"

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from benchmarks.mujoco_plant import LIBRARY, MACHINES, OUTSIDE, Plant, missed, simulate
+from benchmarks.mujoco_plant import LIBRARY, MACHINES, OUTSIDE, Plant, missing_share, simulate
 
 SIZES = {"inertia": 0.03, "gravity": 1.2, "viscous": 0.02, "coulomb": 0.06}
 
@@ -33,13 +33,13 @@ def test_with_nothing_hidden_least_squares_on_the_exact_motion_finds_the_plant(k
 
 @pytest.fixture(scope="module")
 def nothing() -> float:
-    return missed(hiding())
+    return missing_share(hiding())
 
 
 @pytest.mark.parametrize("name", [one for one in (*LIBRARY, *OUTSIDE) if one != "encoder_eccentricity"])
 def test_what_is_hidden_changes_the_torque(name, nothing):
     """By more than the base model can make up for; of the encoder's own error the exact motion knows nothing."""
-    assert nothing < 1e-4 < 1e-3 < missed(hiding(name))
+    assert nothing < 1e-4 < 1e-3 < missing_share(hiding(name))
 
 
 def test_a_tilted_base_pulls_with_the_cosine_of_the_angle():

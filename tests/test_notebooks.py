@@ -5,7 +5,7 @@ from html import unescape
 
 import pytest
 
-from tools.prose import first_untold
+from tools.prose import find_missing_line
 
 pytest.importorskip("nbclient", reason="running the notebooks needs nbclient")
 pytest.importorskip("ipykernel", reason="running the notebooks needs ipykernel")
@@ -38,5 +38,5 @@ def test_a_notebook_runs_and_its_stored_output_is_what_comes_out(name):
     fresh = [cell for cell in execute(path).cells if cell.cell_type == "code"]
     assert len(fresh) > 5
     for old, new in zip(stored, fresh, strict=True):
-        line = None if new.source.startswith(VARIES) else first_untold(words(old), words(new))
+        line = None if new.source.startswith(VARIES) else find_missing_line(words(old), words(new))
         assert line is None, f"{path.name} shows what no longer comes out, run tools/execute.py: {line}"

@@ -26,20 +26,20 @@ def gallery(folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     for id in effects():
         recording = record(make_plant(effects=id), excitation("paper", 1, SECONDS), SECONDS, rng=1)
-        _write(folder / f"{id}.svg", picture(f"What {id} leaves of the base model", left(recording)))
+        _write(folder / f"{id}.svg", draw_row(f"What {id} leaves of the base model", compute_residuals(recording)))
 
 
 def machines(folder: Path, data: Path) -> None:
     """Write pictures of the residual in two recordings of `docs/machines.md`."""
     folder.mkdir(exist_ok=True)
     emps = read_recording(data / "emps" / "emps.csv.gz", columns={"position": "position:m", "torque": "torque:N"})
-    drawn = left(emps, (Inertia(), Viscous(), Coulomb()), JointUnits(slides=True))
-    _write(folder / "emps.svg", picture("What friction that is the same in both directions leaves", drawn))
+    drawn = compute_residuals(emps, (Inertia(), Viscous(), Coulomb()), JointUnits(slides=True))
+    _write(folder / "emps.svg", draw_row("What friction that is the same in both directions leaves", drawn))
     motor = read_recording(data / "odrive" / "accel_5_nocomp_first22.csv.gz")
-    _write(folder / "odrive.svg", picture("What a rotor without cogging leaves", left(motor)))
+    _write(folder / "odrive.svg", draw_row("What a rotor without cogging leaves", compute_residuals(motor)))
 
 
-def left(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits = TURNING) -> list[Profile]:
+def compute_residuals(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits = TURNING) -> list[Profile]:
     """Fit a model to a recording; return its residual over angle (within a turn), velocity, torque and time."""
     prepared, _ = split_recordings([recording], [recording])
     model, fit = fit_terms(prepared, terms)
@@ -47,17 +47,17 @@ def left(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits =
     return compute_profiles(prepared.samples, fit.residual, noise, tuple(AXES), units)
 
 
-def picture(title: str, profiles: Sequence[Profile]) -> str:
+def draw_row(title: str, profiles: Sequence[Profile]) -> str:
     """Return a row of panels on one scale [N m] as SVG."""
     largest = max(float(np.abs(item.mean).max()) for item in profiles) or 1.0
-    panels = "".join(panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
+    panels = "".join(draw_panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
     size = f'width="{len(profiles) * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {len(profiles) * WIDTH:g} {HEIGHT:g}"'
     label = f"<title>{html.escape(title)}, up to {largest:.2g} {profiles[0].units.unit('N m')}</title>"
     style = f'font-family="system-ui, sans-serif" font-size="11" fill="{TEXT}"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {style}>{label}{panels}</svg>\n'
 
 
-def panel(item: Profile, left: float, largest: float) -> str:
+def draw_panel(item: Profile, left: float, largest: float) -> str:
     """Return a panel with the mean residual over one quantity, zero line and noise band, as SVG."""
     middle, reach = 0.5 * (HEIGHT - 14), 0.5 * (HEIGHT - 14) - MARGIN
     inner = WIDTH - 2 * MARGIN

@@ -43,7 +43,7 @@ def report(path: Path) -> None:
     write_report(diagnose(training, holdout), path)
 
 
-def keep(tab: Page, name: str, **options: bool) -> None:
+def save_screenshot(tab: Page, name: str, **options: bool) -> None:
     """Save a screenshot of the tab as docs/NAME.png."""
     tab.wait_for_timeout(500)  # for fonts and plots
     shown = Image.open(io.BytesIO(tab.screenshot(**options)))
@@ -60,14 +60,14 @@ def tour(tab: Page, folder: Path) -> None:
         tab.goto(next(line.split(" is at ")[1].split()[0] for line in server.stdout if " is at " in line))
         tab.click("#to-compare[href]")  # enabled when the model is fitted
         tab.wait_for_selector(".compare .js-line")
-        keep(tab, "app-compare", full_page=True)
+        save_screenshot(tab, "app-compare", full_page=True)
         tab.click("#to-diagnose")
         tab.click(press("diagnose"))
         tab.click(".ranking .action.primary")
         tab.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
         tab.click("#to-add")
         tab.wait_for_selector(".add .js-line")
-        keep(tab, "app-add", full_page=True)
+        save_screenshot(tab, "app-add", full_page=True)
         server.terminate()
 
 
@@ -86,6 +86,6 @@ if __name__ == "__main__":
         report(Path(folder) / "report.html")
         tab.goto((Path(folder) / "report.html").as_uri())
         tab.wait_for_selector(".main-svg")
-        keep(tab, "report")
+        save_screenshot(tab, "report")
         tour(browser.new_page(viewport=WINDOW), Path(folder))
         browser.close()

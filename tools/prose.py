@@ -26,10 +26,10 @@ FENCE = re.compile(
 )
 NUMBER = re.compile(r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?", re.I)
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
-STAYS = ("app", "emulate")  # commands without an end
+ENDLESS = ("app", "emulate")  # commands without an end
 MEASURED = re.compile(rf"(?P<value>{NUMBER.pattern})(?:\s*(?:±|\+-)\s*(?P<error>{NUMBER.pattern}))?", re.I)
-SHARE = 0.01  # relative tolerance of a number; at least one unit of its last place
-SURE = 0.1  # relative tolerance of a standard error, from about fifty batches
+TOLERANCE = 0.01  # relative tolerance of a number; at least one unit of its last place
+STD_TOLERANCE = 0.1  # relative tolerance of a standard error, from about fifty batches
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ def blocks(page: str) -> list[Block]:
     ]
 
 
-def runnable(path: Path) -> list[Block]:
+def read_runnable_blocks(path: Path) -> list[Block]:
     """Return the blocks of a page that can be run."""
     return blocks(path.read_text(encoding="utf-8"))
 
 
-def first_untold(expected: str, printed: str) -> str | None:
+def find_missing_line(expected: str, printed: str) -> str | None:
     """Return the first line of `expected` that is missing in `printed`, in order; None if all are there.
 
     Numbers may differ by rounding. Omitted lines, blanks and line breaks are ignored.
@@ -106,9 +106,9 @@ def _close(wanted: str, printed: str) -> bool:
 def _same(wanted: re.Match[str], printed: re.Match[str]) -> bool:
     value, other = _number(wanted["value"]), _number(printed["value"])
     if wanted["error"] is None:
-        return abs(value - other) <= max(_last_place(wanted["value"]), SHARE * abs(value))
+        return abs(value - other) <= max(_last_place(wanted["value"]), TOLERANCE * abs(value))
     error, its_other = _number(wanted["error"]), _number(printed["error"])
-    sure = abs(error - its_other) <= max(_last_place(wanted["error"]), SURE * error)
+    sure = abs(error - its_other) <= max(_last_place(wanted["error"]), STD_TOLERANCE * error)
     return sure and abs(value - other) <= max(_last_place(wanted["value"]), error)
 
 
@@ -134,7 +134,7 @@ def run_command(words: list[str]) -> str:
     if words[0] == "python" and words[1].startswith("examples/"):
         return subprocess.check_output([sys.executable, str(ROOT / words[1]), *words[2:]], env=ENVIRONMENT, text=True)
     assert words[0] == "pendulum-ident", f"cannot run {words[0]}"
-    assert words[1] not in STAYS, f"{words[1]} does not end by itself: put <!-- not run: why --> before the block"
+    assert words[1] not in ENDLESS, f"{words[1]} does not end by itself: put <!-- not run: why --> before the block"
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = main(words[1:])
@@ -143,7 +143,7 @@ def run_command(words: list[str]) -> str:
 
 
 @contextlib.contextmanager
-def own_folder(folder: Path) -> Iterator[None]:
+def isolated_folder(folder: Path) -> Iterator[None]:
     """Run in a folder, and restore the registries of effects and backends afterwards."""
     registries: list[dict[str, Any]] = [library._registered, BACKENDS]
     before = [dict(registry) for registry in registries]
@@ -179,7 +179,7 @@ def outputs(path: Path, found: list[Block]) -> Iterator[Output]:
 
 def check(path: Path) -> None:
     """Run a page, and assert that its shown outputs are printed."""
-    for output in outputs(path, runnable(path)):
-        line = first_untold(output.shown, output.printed)
-        told = f"{output.where}: shows what is not printed, run `make pages`: {line}"
-        assert line is None, f"{told}\n\n{output.printed}"
+    for output in outputs(path, read_runnable_blocks(path)):
+        line = find_missing_line(output.shown, output.printed)
+        message = f"{output.where}: shows what is not printed, run `make pages`: {line}"
+        assert line is None, f"{message}\n\n{output.printed}"

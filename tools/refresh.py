@@ -10,12 +10,21 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tools.prose import PAGES, README, candidates, first_untold, is_left_out, outputs, own_folder, runnable
+from tools.prose import (
+    PAGES,
+    README,
+    candidates,
+    find_missing_line,
+    is_left_out,
+    isolated_folder,
+    outputs,
+    read_runnable_blocks,
+)
 
 
-def refreshed(shown: str, printed: str) -> tuple[str, list[str]]:
+def update_output(shown: str, printed: str) -> tuple[str, list[str]]:
     """Return the new text of an output, and its lines without a replacement."""
-    if first_untold(shown, printed) is None:
+    if find_missing_line(shown, printed) is None:
         return shown, []
     lines, gone, place = [], [], 0
     for line in shown.splitlines():
@@ -36,8 +45,8 @@ def refreshed(shown: str, printed: str) -> tuple[str, list[str]]:
 def refresh(path: Path) -> list[str]:
     """Run a page and rewrite its stale outputs; return the lines to change by hand."""
     page, shift, to_do = path.read_text(encoding="utf-8"), 0, []
-    for output in outputs(path, runnable(path)):
-        new, gone = refreshed(output.shown, output.printed)
+    for output in outputs(path, read_runnable_blocks(path)):
+        new, gone = update_output(output.shown, output.printed)
         start = output.start + shift
         page = page[:start] + new + page[start + len(output.shown) :]
         shift += len(new) - len(output.shown)
@@ -50,6 +59,6 @@ if __name__ == "__main__":
     to_do = []
     for path in [Path(name).resolve() for name in sys.argv[1:]] or [README, *PAGES]:
         print(f"running {path.name}", flush=True)
-        with tempfile.TemporaryDirectory() as folder, own_folder(Path(folder)):
+        with tempfile.TemporaryDirectory() as folder, isolated_folder(Path(folder)):
             to_do += refresh(path)
     sys.exit("\n".join(to_do) or None)

@@ -27,8 +27,8 @@ def record_arm(
 ) -> None:
     """Design a motion, simulate the arm that follows it, and write and print the recording."""
     for option, allowed in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
-        if (asked := getattr(arguments, option)) not in (None, *allowed):
-            raise InputError(f"--{option} {asked} is for pendulums: arms know {' and '.join(allowed)} alone")
+        if (value := getattr(arguments, option)) not in (None, *allowed):
+            raise InputError(f"--{option} {value} is for pendulums: arms know {' and '.join(allowed)} alone")
     if arguments.policy is not None and arguments.excitation != LEARNT:
         raise InputError(f"--policy goes with --excitation {LEARNT} only")
     body = make_robot(arguments).body()
@@ -47,7 +47,7 @@ def record_arm(
     write_recording(recording, arguments.output)
     terminal.say(recording.summary)
     terminal.say(f"the joints follow {motion}, condition of the regressor {motion.condition:.3g}")
-    off = np.sqrt(np.mean((motion(recording.time)[0] - recording.position) ** 2, axis=0))
+    deviation = np.sqrt(np.mean((motion(recording.time)[0] - recording.position) ** 2, axis=0))
     rows = [
         (
             name,
@@ -55,7 +55,9 @@ def record_arm(
             f"{rms:.2g}{' m' * slides}",
             f"{np.abs(joint.torque).max():.3g}{' N' * slides}",
         )
-        for name, joint, rms, slides in zip(recording.names, recording.joints, off.tolist(), body.slides, strict=True)
+        for name, joint, rms, slides in zip(
+            recording.names, recording.joints, deviation.tolist(), body.slides, strict=True
+        )
     ]
     terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
     if arguments.effects:
@@ -65,15 +67,15 @@ def record_arm(
 
 def _make_arm(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
     """Create the arm in pymunk if all joints turn in one vertical plane, else or on request in MuJoCo."""
-    seen = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": TORQUE_NOISE}
-    seen |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
+    sensors = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": TORQUE_NOISE}
+    sensors |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
     if arguments.backend != "mujoco":
         try:
             links = find_planar_links(body)
             steps = max(1, round(1000.0 / arguments.rate))  # simulate at 1000 Hz or more
             # the controller gets exact velocities
-            return PlanarArm(links, joints=body.joints, substeps=steps, velocity="ideal", **seen)
+            return PlanarArm(links, joints=body.joints, substeps=steps, velocity="ideal", **sensors)
         except BodyError:
             if arguments.backend is not None:
                 raise
-    return SpatialArm(body, **seen)
+    return SpatialArm(body, **sensors)

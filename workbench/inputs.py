@@ -113,12 +113,12 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
     """Read the model, if given, and the recordings of an arm."""
     made = ModelOptions.read_from_model(path) if path else ModelOptions()
     sources = [apply_log_format(source, made.log_format, path) for source in sources]
-    asked = make_robot(arguments, sources, made)
-    robot = asked.keep_logged_joints(sources)
+    requested = make_robot(arguments, sources, made)
+    robot = requested.keep_logged_joints(sources)
     robot.body()  # report errors in the robot file first
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(made.held) if made.held else robot.hold_joints(recordings)
-    if robot is not asked:
+    if robot is not requested:
         terminal.say("joints without columns of torque in the log are held; --joints names those that move")
     report_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))

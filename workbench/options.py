@@ -53,13 +53,13 @@ def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
     """Make a converter of text to a number from low to high; a whole number if both are int."""
     is_whole = isinstance(low, int) and isinstance(high, int)
     kind = int if is_whole else float
-    asked = f"a whole number from {low} to {high}" if is_whole else f"a number from {low:g} to {high:g}"
+    expected = f"a whole number from {low} to {high}" if is_whole else f"a number from {low:g} to {high:g}"
 
     def convert_text(text: str) -> float:
         with suppress(ValueError):
             if low <= (value := kind(text)) <= high:
                 return value
-        raise argparse.ArgumentTypeError(f"{quote_value(text)} should be {asked}")
+        raise argparse.ArgumentTypeError(f"{quote_value(text)} should be {expected}")
 
     return convert_text
 
@@ -113,11 +113,11 @@ def parse_values(text: str) -> dict[str, float]:
 
 def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
     """Parse bounds of parameters, `viscous=0:0.5,...`; raises ValueError for another form."""
-    bounds, asked = {}, "NAME=LOW:HIGH, such as viscous=0:0.5"
-    for name, both in _split_pairs(text, asked):
+    bounds, expected = {}, "NAME=LOW:HIGH, such as viscous=0:0.5"
+    for name, both in _split_pairs(text, expected):
         low, colon, high = (word.strip() for word in both.partition(":"))
         if not colon:
-            raise InputError(f"{quote_value(f'{name}={both}')} should be {asked}")
+            raise InputError(f"{quote_value(f'{name}={both}')} should be {expected}")
         bounds[name] = (_bound(low or "-inf"), _bound(high or "inf"))
     return bounds
 
@@ -145,12 +145,12 @@ def parse_columns(text: str) -> dict[str, str]:
     return columns
 
 
-def _split_pairs(text: str, asked: str) -> Iterator[tuple[str, str]]:
-    """Split `NAME=VALUE,...` into names and values; raises InputError with the expected form `asked`."""
+def _split_pairs(text: str, expected: str) -> Iterator[tuple[str, str]]:
+    """Split `NAME=VALUE,...` into names and values; raises InputError with the expected form `expected`."""
     for part in text.split(","):
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals):
-            raise InputError(f"{quote_value(part)} should be {asked}")
+            raise InputError(f"{quote_value(part)} should be {expected}")
         yield name, value
 
 

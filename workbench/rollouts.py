@@ -91,7 +91,7 @@ def make_environment(plan: Plan) -> gym.Env[Any, Any]:
 
     Raises InputError if the rig is not reachable or in use.
     """
-    asked = plan.arguments
+    arguments = plan.arguments
     if plan.rig is not None:
         try:
             return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(plan.rig.path))
@@ -100,13 +100,13 @@ def make_environment(plan: Plan) -> gym.Env[Any, Any]:
     return gym.make(
         PENDULUM,
         max_episode_steps=-1,
-        backend=asked.backend or "pymunk",
-        model=None if asked.replay is not None else plan.plant,
-        rate=asked.rate,
-        counts=asked.counts,
+        backend=arguments.backend or "pymunk",
+        model=None if arguments.replay is not None else plan.plant,
+        rate=arguments.rate,
+        counts=arguments.counts,
         torque_noise=TORQUE_NOISE,
         max_torque=max(MAX_TORQUE, plan.command.amplitude),
-        recording=asked.replay,
+        recording=arguments.replay,
     )
 
 

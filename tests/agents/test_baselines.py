@@ -13,7 +13,7 @@ from agents.baselines import (
 )
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS, NOMINAL, log_det
-from benchmarks.multisine import PAPER, taught
+from benchmarks.multisine import PAPER, mean_log_det
 
 
 def play(name: str, constraint: str, count: int = 3, steps: int = 60):
@@ -79,7 +79,7 @@ def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constra
     paper = np.zeros(2 * len(FREQUENCIES))
     paper[list(PAPER)] = 1.0
     signals = np.column_stack([paper, load_weights(constraint)])
-    first, better = taught(signals, theta, CONSTRAINTS[constraint])
+    first, better = mean_log_det(signals, theta, CONSTRAINTS[constraint])
     assert better > first + 0.3
     torque = multisine_torque(signals, CONSTRAINTS[constraint])
     assert np.abs(torque).max() <= CONSTRAINTS[constraint].peak + 1e-9

@@ -35,11 +35,11 @@ class ColumnChoice:
         return f"{header}{f':{unit}' if unit else ''}{gain}{then}"
 
     @classmethod
-    def parse(cls, role: str, told: Expression) -> ColumnChoice:
+    def parse(cls, role: str, expression: Expression) -> ColumnChoice:
         """Convert a parsed expression to a choice."""
-        gain = "".join([*(["*-1"] if told.negative else []), *told.factors])
-        offset = (told.offset or "") + ("" if told.offset_unit is None else f":{told.offset_unit}")
-        return cls(role, told.unit or "", gain + offset)
+        gain = "".join([*(["*-1"] if expression.negative else []), *expression.factors])
+        offset = (expression.offset or "") + ("" if expression.offset_unit is None else f":{expression.offset_unit}")
+        return cls(role, expression.unit or "", gain + offset)
 
 
 def get_quantity(role: str) -> str:
@@ -85,27 +85,27 @@ class ColumnCard:
 
         Raises RecordingError if the file cannot be read, or has fewer than `NEEDED` numeric columns.
         """
-        shown = read_preview(source.file)
-        if sum(values is not None for values in shown.values) < NEEDED:
+        preview = read_preview(source.file)
+        if sum(values is not None for values in preview.values) < NEEDED:
             raise RecordingError(f"{source.file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
         is_free = source.columns.get("torque") == NONE
-        card = cls(source, (), shown, known, why, joints, is_free)
-        numbers = [name for name, x in zip(shown.headers, shown.values, strict=True) if x is not None]
+        card = cls(source, (), preview, known, why, joints, is_free)
+        numbers = [name for name, x in zip(preview.headers, preview.values, strict=True) if x is not None]
         guessed = guess_columns(numbers)
         if joints:
-            plain = strip_units(shown.headers)
+            plain = strip_units(preview.headers)
             guessed = {role: plain[role] for role in card.roles if role in plain}
-        said = {name: ColumnChoice(role) for role, name in guessed.items() if role not in source.columns}
+        chosen = {name: ColumnChoice(role) for role, name in guessed.items() if role not in source.columns}
         for role, text in source.columns.items():
             what = get_quantity(role)
             try:
-                told = parse_expression(
-                    text, shown.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})}
+                expression = parse_expression(
+                    text, preview.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})}
                 )
             except RecordingError:
                 continue  # `none`, or an error already reported by reading
-            said[told.name] = ColumnChoice.parse(role, told)
-        return replace(card, choices=tuple(said.get(header, ColumnChoice()) for header in shown.headers))
+            chosen[expression.name] = ColumnChoice.parse(role, expression)
+        return replace(card, choices=tuple(chosen.get(header, ColumnChoice()) for header in preview.headers))
 
     @property
     def roles(self) -> tuple[str, ...]:
@@ -124,7 +124,7 @@ class ColumnCard:
         free = replace(self, is_free=bool(form.get("free:0")))
         return free.set_choices(choices, bool(form.get("unwrap:0")))
 
-    def is_as(self, other: ColumnCard) -> bool:
+    def has_same_roles(self, other: ColumnCard) -> bool:
         """Return whether both cards have the same roles and units."""
         return [(one.role, one.unit) for one in self.choices] == [(one.role, one.unit) for one in other.choices]
 

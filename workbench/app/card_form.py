@@ -23,7 +23,7 @@ HINTS = {  # example conversions by quantity
     "torque": "*0.091, *? or *-1",
     "reference": "/6 or *-1 or +90",
 }
-CALLED = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
+UNIT_LABELS = {"A": "A: current", "V": "V: voltage", "duty": "duty: share of the supply"}
 
 
 def show(card: ColumnCard) -> Component:
@@ -71,9 +71,9 @@ def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
     if values is not None:
         first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"
     roles = {"": "unused"} | {role: role for role in card.roles}
-    unsaid = replace(choice, unit="").write_expression(header)
-    unit = (describe_unit(choice.role, unsaid, card.preview.headers) if choice.role else "") or "–"
-    known = {"": unit} | {one: CALLED.get(one, one) for one in [*list_units(choice.role), choice.unit] if one}
+    without_unit = replace(choice, unit="").write_expression(header)
+    unit = (describe_unit(choice.role, without_unit, card.preview.headers) if choice.role else "") or "–"
+    known = {"": unit} | {one: UNIT_LABELS.get(one, one) for one in [*list_units(choice.role), choice.unit] if one}
     more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
     then = dcc.Input(
         choice.then,

@@ -67,8 +67,8 @@ def show_job(session: Session) -> list[Component]:
     job = session.job
     if job is None or not job.running:
         return []
-    said = f" {job.description} · {job.elapsed:.0f}{NBSP}s so far"
-    what = html.Div([html.Strong(job.title), html.Span(said, className="note")])
+    progress = f" {job.description} · {job.elapsed:.0f}{NBSP}s so far"
+    what = html.Div([html.Strong(job.title), html.Span(progress, className="note")])
     bar = html.Progress(value=str(round(job.share, 3)), max="1", **make_aria(label=job.title))
     return [html.Div([what, bar], className="running-text"), make_button("Cancel", "cancel")]
 
@@ -94,15 +94,15 @@ def show_timing(state: State) -> list[Component]:
         return []
     press = []
     if state.fit.late:
-        said = "It is corrected in all that follows." if state.is_aligned else WHY
-        texts = [describe_late(law, said) for law in state.fit.late]
+        remedy = "It is corrected in all that follows." if state.is_aligned else WHY
+        texts = [describe_late(law, remedy) for law in state.fit.late]
         press = [] if state.is_aligned else [make_button("Correct it", "align", primary=True)]
     else:
         texts = [describe(law) for law in state.fit.slow]
     return [make_panel("Torque and motion in time", *map(html.P, texts), *press)]
 
 
-def show_calls(state: State, busy: bool) -> Component:
+def show_suggestions(state: State, busy: bool) -> Component:
     """Render buttons to add the effects selected by the diagnosis, or the state if none is left to add."""
     if state.diagnosis is None:
         link = html.A("diagnose", href="#diagnose")

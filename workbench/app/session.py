@@ -264,14 +264,16 @@ class Session:
             return
         if card.known:
             old = self.state.find(card.known)
-            anew = replace(first.recording, name=old.recording.name)
-            again = replace(old, source=first.source, recording=anew)
-            self.change("read columns anew", self.state.swap_recording(old, again))
+            renamed = replace(first.recording, name=old.recording.name)
+            reread = replace(old, source=first.source, recording=renamed)
+            self.change("read columns anew", self.state.swap_recording(old, reread))
             return
-        alike = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
-        self.cards = tuple(one for one in rest if one not in alike)
+        same_headers = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
+        self.cards = tuple(one for one in rest if one not in same_headers)
         self.keep(first)
-        self.load([replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in alike])
+        self.load(
+            [replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in same_headers]
+        )
 
     def end(self) -> None:
         """Cancel the job and refuse further actions; wait at most `GRACE` for a running request."""

@@ -53,14 +53,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError("--without is of the arm without its payload: say --payload, too")
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model])
-    asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
-    given, model = asked.convert(terminal, arguments.align), asked.model
+    inputs = open_sources(arguments, list_sources(arguments, outputs), terminal)
+    given, model = inputs.convert(terminal, arguments.align), inputs.model
     recordings = list(given.all_recordings)
     with terminal.progress("comparing"):
         found = compare(model, recordings, horizon=arguments.horizon)
     payload, is_asked = None, arguments.payload is not None
-    if not asked.body.can_simulate:
-        payload = find_carried_load(arguments, asked, recordings, terminal)
+    if not inputs.body.can_simulate:
+        payload = find_carried_load(arguments, inputs, recordings, terminal)
     payload_json = payload.json() if payload is not None and is_asked else None
     write_json(arguments.json, write_comparison(found) | {"payload": payload_json})
     write_page(arguments.report, terminal, "workbench.report:render_comparison", found)
@@ -74,13 +74,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def find_carried_load(
-    arguments: argparse.Namespace, asked: Inputs, recordings: Sequence[Recording], terminal: Terminal
+    arguments: argparse.Namespace, inputs: Inputs, recordings: Sequence[Recording], terminal: Terminal
 ) -> Payload | None:
     """Find the payload of an arm relative to its model; None if it is undetermined and was not requested."""
-    empty = replace(asked, recordings=asked.read_more(arguments.without, arguments, terminal), holdout=[])
+    empty = replace(inputs, recordings=inputs.read_more(arguments.without, arguments, terminal), holdout=[])
     without = empty.calibrate(terminal, arguments.align).recordings if arguments.without else ()
     try:
-        return find_payload(asked.model, recordings, without, arguments.payload or None)
+        return find_payload(inputs.model, recordings, without, arguments.payload or None)
     except IdentificationError:
         if arguments.payload is not None:
             raise

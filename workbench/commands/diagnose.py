@@ -63,13 +63,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the result, and write the requested files."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
-    asked = open_sources(arguments, list_sources(arguments, outputs), terminal)
-    given = asked.calibrate(terminal, fixed=arguments.fixed)
+    inputs = open_sources(arguments, list_sources(arguments, outputs), terminal)
+    given = inputs.calibrate(terminal, fixed=arguments.fixed)
     with terminal.progress("diagnosing") as progress:
         found = diagnose(
             given.recordings,
             given.holdout,
-            asked.model.terms,
+            inputs.model.terms,
             progress,
             criterion=Criterion(p_value=arguments.significance),
             **{name: getattr(arguments, name) for name in ASKED},

@@ -53,9 +53,9 @@ def describe_effect(kind: type[Term]) -> list[str]:
         return [str(kind.__doc__).partition("\n")[0], "Parameters: coefficients of a spline, by `add`."]
     text = find_description(kind.id)
     look_alikes = [name_effect(id) for id in find_look_alikes(kind.id)]
-    alike = f"Confused with {join_words(look_alikes)}." if look_alikes else ""
+    similar = f"Confused with {join_words(look_alikes)}." if look_alikes else ""
     values = f"Parameters, of typical size: {list_parameters(kind)}."
-    return [line for line in (text.signature, alike, f"What tells: {text.informative_experiment}.", values) if line]
+    return [line for line in (text.signature, similar, f"What tells: {text.informative_experiment}.", values) if line]
 
 
 def list_parameters(kind: type[Term]) -> str:

@@ -95,10 +95,10 @@ def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:
     """Return the recordings of the check; for a study, the held-out ones if there are any."""
     if arguments.check is None:
         return ()
-    asked = vars(arguments)
+    settings = vars(arguments)
     if arguments.check.lower().endswith(".toml"):
-        asked = asked | {"drive": None}  # --drive belongs to the export; a study has its own drives
-    sources = read_source_names(arguments.check, argparse.Namespace(**asked))
+        settings = settings | {"drive": None}  # --drive belongs to the export; a study has its own drives
+    sources = read_source_names(arguments.check, argparse.Namespace(**settings))
     return tuple(source for source in sources if source.role == "holdout") or sources
 
 

@@ -57,9 +57,9 @@ def _parse_schemes(text: str) -> Sequence[Scheme]:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes, and warnings on the data."""
     outputs = [arguments.json, arguments.output]
-    asked = open_sources(arguments, list_sources(arguments, outputs), terminal, holdout=arguments.align)
-    given = asked.calibrate(terminal, True if arguments.align else None, arguments.fixed)
-    terms, body = asked.model.terms, asked.body
+    inputs = open_sources(arguments, list_sources(arguments, outputs), terminal, holdout=arguments.align)
+    given = inputs.calibrate(terminal, True if arguments.align else None, arguments.fixed)
+    terms, body = inputs.model.terms, inputs.body
     with terminal.progress("identifying"):
         found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
         if arguments.instruments is not None:  # remedy of this finding

@@ -70,11 +70,11 @@ def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) 
 
 def tabulate_candidates(candidates: Sequence[Candidate], most: int | None) -> tuple[TextTable, str]:
     """Tabulate selected, ambiguous and at most `most` rejected candidates; also return a text on the others."""
-    settled = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
-    rest = [c for c in candidates if c not in settled]
+    accepted = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
+    rest = [c for c in candidates if c not in accepted]
     shown, hidden = rest[:most], [] if most is None else rest[most:]
     rows = [
-        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*settled, *shown)
+        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*accepted, *shown)
     ]
     blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]
     worse = len(hidden) - len(blind)

@@ -44,9 +44,11 @@ def make_failures(case: ReportData) -> Section:
         reach = 1.08 * max(
             float(np.abs(bin_map.mean).max()) for m in maps for bin_map in m if bin_map.axis != "frequency"
         )
-        still = regions[-1] if len(regions) > 1 else []
+        final_regions = regions[-1] if len(regions) > 1 else []
         name = f"joint-{k}" if joint else "profile"
-        figures = [plot_profile(curves, drawn, regions[0], still, reach, name) for drawn in zip(*maps, strict=True)]
+        figures = [
+            plot_profile(curves, drawn, regions[0], final_regions, reach, name) for drawn in zip(*maps, strict=True)
+        ]
         strips.append(Part(joint, [tuple(figures), *list_regions(curves, regions)]))
     least = f" by more than {format_percent(NEGLIGIBLE)} of the joint's torque" * (not body.can_simulate)
     others = "; amplitudes over frequency have their own" * body.can_simulate
@@ -82,13 +84,13 @@ def list_regions(curves: Sequence[Curve], found: Sequence[Sequence[Region]]) -> 
         yield tuple(describe_region(region) for region in regions)
 
 
-def list_key(curves: Sequence[Curve], regions: bool, still: bool) -> Key:
-    """Make the legend of curves, noise band, and stripes of the first (`regions`) and last model (`still`)."""
+def list_key(curves: Sequence[Curve], regions: bool, final_regions: bool) -> Key:
+    """Make the legend of curves, noise band, and stripes of the first (`regions`) and last model (`final_regions`)."""
     entries = [("stroke", color, label) for label, color in curves]
     entries.append(("patch", "--noise", f"noise (±{REGIONS.stands_out:g}σ)"))
     if regions:
         entries.append(("patch", "--region", f"stands out under the {curves[0][0]}"))
-    if still:
+    if final_regions:
         entries.append(("patch", "--open", f"stands out under the {curves[-1][0]}"))
     return Key(tuple(entries))
 
@@ -97,13 +99,13 @@ def plot_profile(
     curves: Sequence[Curve],
     drawn: Sequence[Profile],
     regions: Sequence[Region],
-    still: Sequence[Region],
+    final_regions: Sequence[Region],
     reach: float,
     name: str = "profile",
 ) -> Figure:
     """Plot the mean residual of each model over one quantity up to `reach` [N m], with noise band and regions.
 
-    `regions`: of the first model, `still`: of another last model, `name`: prefix of the figure's id.
+    `regions`: of the first model, `final_regions`: of another last model, `name`: prefix of the figure's id.
     """
     first, unit = drawn[0], drawn[0].units.unit("N m")
     (edges, along), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
@@ -112,9 +114,9 @@ def plot_profile(
     data = [band(middle, REGIONS.stands_out * first.error, f"noise (±{REGIONS.stands_out:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
         data.append(line(middle, profile.mean, label, color, unit, mode="lines" if oscillates else "lines+markers"))
-    half = 0.5 if still else 0.0  # two kinds of stripes share the height
+    half = 0.5 if final_regions else 0.0  # two kinds of stripes share the height
     shapes = [draw_stripe(r, "--region", half, 1.0, factor) for r in regions if r.axis == first.axis]
-    shapes += [draw_stripe(r, "--open", 0.0, half, factor) for r in still if r.axis == first.axis]
+    shapes += [draw_stripe(r, "--open", 0.0, half, factor) for r in final_regions if r.axis == first.axis]
     quantity, symbol = TITLES[first.axis]
     title = f"{first.units.name(quantity)}{symbol} [{along}]"
     what = f"{'amplitude' if oscillates else 'mean residual'} [{unit}]"

@@ -142,15 +142,15 @@ def choose_stroke(place: int, scheme: str) -> JSON:
 def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
     """Plot the estimates of one parameter over time by all schemes; early outliers are cut off."""
     parameter = next(iter(found.schemes.values())).model.columns[column]
-    data, settled = [], []
+    data, late_estimates = [], []
     for id, result in found.schemes.items():
         course = result.convergence
         estimate = course.theta[:, column]
         late = course.time >= course.time[0] + SETTLED * (course.time[-1] - course.time[0])
-        settled.append(estimate[late])
+        late_estimates.append(estimate[late])
         data.append(line(course.time, estimate, name_effect(id), "", format_unit(of), line=strokes[id]))
-    values = np.concatenate(settled)
-    middle = float(np.median([result[-1] for result in settled]))
+    values = np.concatenate(late_estimates)
+    middle = float(np.median([result[-1] for result in late_estimates]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
     title = f"{parameter.name} [{format_unit(of)}]" if format_unit(of) else parameter.name
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # between recordings

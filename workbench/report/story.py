@@ -34,7 +34,7 @@ def make_story(case: ReportData) -> Section:
     silent = [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED]
     head = {
         "changes": list_changes(case),
-        "misled": list_misled(diagnosis),
+        "misled": list_biased_parameters(diagnosis),
         "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
         "unexplained": diagnosis.unexplained,
@@ -97,7 +97,7 @@ def list_changes(case: ReportData) -> list[dict[str, Any]]:
     return changes
 
 
-def list_misled(diagnosis: Diagnosis) -> list[str]:
+def list_biased_parameters(diagnosis: Diagnosis) -> list[str]:
     """List the parameters that missing effects biased by more than 1 % and three standard errors.
 
     The list is empty with an unexplained residual, because the final parameters may be biased, too.

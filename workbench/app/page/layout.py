@@ -224,7 +224,11 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         session = sessions.find_session(values[-1])
         with session.lock:
             form, card = collect_form(ctx.states_list), next(iter(session.cards), None)
-            if card is None or len(values[0]) != len(card.choices) or card.is_as(asked := card.fill_form(form)):
+            if (
+                card is None
+                or len(values[0]) != len(card.choices)
+                or card.has_same_roles(asked := card.fill_form(form))
+            ):
                 raise PreventUpdate  # new controls trigger the callback, too
             session.act(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
             return session.version

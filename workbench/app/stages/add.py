@@ -10,7 +10,7 @@ from dash.development.base_component import Component
 from estimators import Addition, Identification
 from pendulum_env.arms.joints import find_kind
 from workbench.app.fits import fit_effect
-from workbench.app.panels import show_calls
+from workbench.app.panels import show_suggestions
 from workbench.app.parts import (
     Stage,
     label_control,
@@ -53,7 +53,7 @@ def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
         "Any effect of the library, or a table", dcc.Dropdown(others, None, id={"field": "any"}, **more)
     )
     any_of_them = html.Div([library, make_button("Add it", "add-any", disabled=busy)], className="fields wide")
-    return make_panel("Add an effect", show_calls(state, busy), any_of_them)
+    return make_panel("Add an effect", show_suggestions(state, busy), any_of_them)
 
 
 def start(session: Session, id: str | None) -> None:

@@ -50,8 +50,8 @@ def show(session: Session) -> list[Component]:
             for k, recording in enumerate(state.recordings[:4])
             for figure in plot_recording(recording, k, state.body)
         ]
-        told = [*show_timing(state), show_findings(state)] if state.body.can_simulate else []
-        parts += [show_recordings(state), *told, html.Div(plots, className="panel")]
+        findings = [*show_timing(state), show_findings(state)] if state.body.can_simulate else []
+        parts += [show_recordings(state), *findings, html.Div(plots, className="panel")]
     return parts
 
 

@@ -10,7 +10,7 @@ from estimators import Diagnosis, diagnose
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import fit_and_diagnose
 from workbench.app.jobs import Task
-from workbench.app.panels import show_calls, show_timing
+from workbench.app.panels import show_suggestions, show_timing
 from workbench.app.parts import (
     KEPT,
     Stage,
@@ -52,7 +52,7 @@ def show(session: Session) -> list[Component]:
         *show_timing(state),
         make_panel(
             "Ranking",
-            show_calls(state, busy),
+            show_suggestions(state, busy),
             *show_section(make_candidates(ReportData(found))),
             className="ranking",
         ),

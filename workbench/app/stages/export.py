@@ -15,23 +15,23 @@ from workbench.app.session import Session, Sessions
 from workbench.app.state import State
 from workbench.app.uploads import MODEL, STUDY
 
-WHOLE = (
+FIT_NOTE = (
     "This fits the whole of each recording. The workbench holds the last 30 % back to check on, so that "
     "their estimates differ a little."
 )
-BESIDE = f"The recordings are read as {STUDY} says: save it beside them."
+STUDY_NOTE = f"The recordings are read as {STUDY} says: save it beside them."
 
 
 def show(session: Session) -> list[Component]:
     """Render the downloads and the command lines."""
     state = session.state
     fits_more = not (state.added or state.holdout or state.model_file)  # `add` would hold the last 30 % out as well
-    notes = [BESIDE] * is_study_needed(state) + [WHOLE] * fits_more
+    notes = [STUDY_NOTE] * is_study_needed(state) + [FIT_NOTE] * fits_more
     notes += [f"{state.robot.file.name} lies there, too."] if state.robot is not None else []
-    beside = [html.P(text, className="note") for text in notes]
+    paragraphs = [html.P(text, className="note") for text in notes]
     return [
         show_downloads(state),
-        make_panel("The same on the command line", *beside, show_code(write_commands(state), "commands")),
+        make_panel("The same on the command line", *paragraphs, show_code(write_commands(state), "commands")),
     ]
 
 
