@@ -39,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.declare(
         parser,
         "--drive",
-        help=f"the controller that is exported with the joint, {options.DRIVE}; it is then told a goal, not a torque",
+        help=f"the controller exported with the joint, {options.DRIVE}; the input is then a goal, not a torque",
     )
     group = parser.add_argument_group("mjcf")
     group.add_argument(
