@@ -192,16 +192,26 @@ def test_what_a_motor_brakes_is_told_from_viscous_friction_where_the_gear_rubs_u
 
 
 def integrating(
-    kp: float, seed: int, windup: str, order: str, ki: float = 12.0, kd: float = 0.0, derivative: str = "velocity"
+    kp: float,
+    seed: int,
+    windup: str,
+    order: str,
+    ki: float = 12.0,
+    kd: float = 0.0,
+    derivative: str = "velocity",
+    count: float = 0.0,
 ) -> Recording:
-    """Ten seconds of a servo that jumps between goals, by firmware that looks 100 times a second; without torque."""
+    """Ten seconds of a servo that jumps between goals, by firmware that looks 100 times a second; without torque.
+
+    The firmware reads exact positions, or those of an encoder with a count [rad].
+    """
     rng, step, rate, limit = np.random.default_rng(seed), 2e-4, 100, 1.2
     goals, q, v, total, asked, rows = rng.uniform(-1.2, 1.2, 11), 0.0, 0.0, 0.0, 0.0, []
     goals[0] = last = last_goal = 0.0
     for k in range(round(10.0 / step)):
         if k % round(1 / rate / step) == 0:
             goal = goals[int(k * step)]
-            error, before = goal - q, total
+            error, before = goal - (count * np.round(q / count) if count else q), total
             total += error / rate
             change = (goal - last_goal if derivative == "error" else 0.0) - (q - last)
             wanted = kp * error + ki * (total if order == "before" else before) + kd * change * rate
@@ -212,7 +222,7 @@ def integrating(
             if windup == "clamp" and ki:
                 total = min(max(total, -limit / ki), limit / ki)
             if k % round(0.01 / step) == 0:
-                rows.append((k * step, np.round(q / 1.5e-3) * 1.5e-3, goal))
+                rows.append((k * step, np.round(q / (count or 1.5e-3)) * (count or 1.5e-3), goal))
         pushed = v + step * (asked - TRUE["gravity"] * np.sin(q) - 0.2 * v) / TRUE["inertia"]
         v = float(np.sign(pushed) * max(abs(pushed) - step * TRUE["coulomb"] / TRUE["inertia"], 0.0))
         q += step * v
@@ -233,6 +243,14 @@ def test_convention_of_an_integral_is_found_by_the_motion(windup, order):
     assert found.model.estimates["inertia"].value == pytest.approx(TRUE["inertia"], rel=0.01)
     declared = [replace(own, drive=replace(own.drive, windup=windup, integral=order)) for own in recordings]
     assert read_controller(declared, TILTED) is None
+
+
+def test_standard_errors_hold_what_a_controller_that_reads_counts_does():
+    """A count asks for half of the dry friction, so that the joint creeps where it would stick."""
+    recordings = [integrating(kp, 20 + k, "stop", "after", ki=0.0, count=8e-3) for k, kp in enumerate((4.0, 6.0, 5.0))]
+    estimates = add(MODEL, "viscous_asymmetry", recordings[:2], recordings[2:]).before.model.estimates
+    for name, value in (TRUE | {"viscous": 0.2}).items():
+        assert abs(estimates[name].value - value) < 3 * estimates[name].std
 
 
 @pytest.mark.parametrize("derivative", ["velocity", "error"])
