@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from estimators.checks.channel_rows import DRIVEN, compute_driven_share
+from estimators.diagnosis.angle_error import TURN
 from estimators.diagnosis.questions import find_detectable_effects
 from estimators.diagnosis.result import Detectable
 from estimators.findings import Finding, Kind, Quantity
@@ -17,7 +16,6 @@ from pendulum_env.physics.terms import find_untested_ends
 from pendulum_env.units import JointUnits
 
 ENOUGH = 40  # number of windows below which a finding warns
-TURN = 2 * np.pi  # range of angles from which gravity differs from any other law of the angle [rad]
 
 
 def find_caveats(
@@ -34,7 +32,7 @@ def find_caveats(
     model, (low, high) = steps[-1].model, evaluator.train.get_range()
     return [
         *_find_few_windows(evaluator),
-        *_find_part_of_turn(steps[0].model, model, high - low),
+        *_find_part_of_turn(evaluator, steps[0].model, model, high - low),
         *_find_untested_ranges(model, low, high),
         *_find_unknown_scale(evaluator, terms, known),
     ]
@@ -46,18 +44,20 @@ def _find_few_windows(evaluator: ModelEvaluator) -> list[Finding]:
     return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
 
 
-def _find_part_of_turn(base: Model, model: Model, reach: float) -> list[Finding]:
+def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, reach: float) -> list[Finding]:
     """Return a finding on effects of the angle that changed gravity, if the angles cover less than a turn [rad].
 
     Within part of a turn, gravity and another law of the angle can imitate a third law, or a wrong scale of the angle.
-    A tilt is gravity too, and a stop acts at the end of the range only.
+    `widen_by_law` adds the error of the laws of the library alone; here the error of gravity is without it. A tilt is
+    gravity too, and a stop acts at the end of the range only.
     """
     others = (term for term in model.terms if term.kind in ("potential", "sensor") and not term.has_impacts)
     effects = tuple(term.id for term in others if term.id not in {*list_ids(base.terms), GravityTilt.id})
     old, new = base.estimates.get(Gravity.id), model.estimates.get(Gravity.id)
     if not effects or old is None or new is None or not new.std or model.slides or reach >= TURN:
         return []
-    if abs(new.value - old.value) <= SIGNIFICANT * new.std:
+    std = evaluator.fit_with_std(None, model.terms).model.estimates[Gravity.id].std
+    if abs(new.value - old.value) <= SIGNIFICANT * std:
         return []
     angle = Quantity(reach, unit=JointUnits().unit("rad"))
     return [Finding(Kind.PART_OF_TURN, {"angle": angle}, effects=effects)]

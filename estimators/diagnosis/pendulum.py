@@ -6,6 +6,7 @@ from dataclasses import replace
 from estimators.checks.torque_constant import add_torque_constant
 from estimators.data import stop_error, timing_error
 from estimators.data.fit_data import FitData
+from estimators.diagnosis.angle_error import widen_by_law
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.conclusion import conclude
 from estimators.diagnosis.horizon import refit_to_horizon
@@ -40,9 +41,9 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
 
 
 def present(trial: Trial, step: Step) -> Step:
-    """Return a step with the errors of timing, stops and torque constant, and known values as the user gave them."""
+    """Return a step with all standard errors: of timing, angle, stops and torque constant; known values as given."""
     model = timing_error.widen_by_timing(step.model, trial.data, trial.evaluator.train)
-    model = stop_error.widen_ends(model, trial.data.recordings)
+    model = stop_error.widen_ends(widen_by_law(model, trial.evaluator), trial.data.recordings)
     model = add_torque_constant(model, trial.data.parts[0].data)
     return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
 

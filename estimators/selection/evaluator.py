@@ -230,6 +230,14 @@ class ModelEvaluator:
         """Return whether the model `after` predicts significantly better than `before`."""
         return self.gain(after, before).p_value <= self.criterion.p_value
 
+    def is_better_held_out(self, after: Terms, before: Terms) -> bool:
+        """Return whether `after` predicts the held-out data alone significantly better than `before`.
+
+        Folds of the training data may lack angles of the part that they predict, and favour laws with few parameters.
+        """
+        new, old = (self.density(terms)[self.held_out] for terms in (after, before))
+        return self._draw_held_out().gain(new, old, self.penalty(after, before)).p_value <= self.criterion.p_value
+
     def evidence(self, after: Terms, before: Terms) -> Gain:
         """Return the gain of a larger model in torque, or in free motion if only that is significant.
 
@@ -281,9 +289,15 @@ class ModelEvaluator:
 
     def is_tied(self, one: Terms, other: Terms) -> bool:
         """Return whether the first of two models has a probability above `criterion.tie_probability`."""
+        return self.are_densities_tied(self.density(one), self.density(other), one, other)
+
+    def are_densities_tied(self, new: Array, old: Array, one: Terms, other: Terms) -> bool:
+        """Return whether `is_tied` holds for the log densities of blocks under both models, (S,) each.
+
+        Only blocks of `_choose_blocks` count.
+        """
         bootstrap, blocks = self._choose_blocks(one, other)
-        probability = bootstrap.probabilities([self.density(terms)[blocks] for terms in (one, other)])[0]
-        return bool(probability > self.criterion.tie_probability)
+        return bool(bootstrap.probabilities([new[blocks], old[blocks]])[0] > self.criterion.tie_probability)
 
     def make_gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
         """Return the gates of a larger model up to the first failure: gain with p-value, share, parameters.

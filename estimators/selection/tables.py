@@ -21,8 +21,8 @@ def replace_by_table(state: SearchState) -> SearchState:
     Effects imitate a table in three cases. A simpler model with a table leaves only noise and predicts as well. Or
     structure is left, and the table with the effects still needed predicts significantly better and explains most of
     it. Or two or more effects leave only noise, and the table in their place predicts significantly better and explains
-    a share of it. The table with the best prediction of held-out data is kept. Effects beside it are added by
-    `add_beside_table`.
+    a share of it. The table with the best prediction of held-out data is kept, in the shortest model over which
+    that prediction is not needed: another form of it may include an effect beside it. `add_beside_table` adds effects.
     """
     totals = {
         terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
@@ -31,8 +31,9 @@ def replace_by_table(state: SearchState) -> SearchState:
         return state
     likeliest = max(totals, key=lambda terms: totals[terms])
     of_table = [terms for terms in totals if get_table(state, terms).id == get_table(state, likeliest).id]
-    tied = [terms for terms in of_table if state.evaluator.is_tied(terms, likeliest)]  # a table may include an effect
-    found = add_beside_table(state.with_terms(min([likeliest, *tied], key=len)))
+    tied = [terms for terms in of_table if not state.evaluator.is_needed(likeliest, terms)]
+    shortest = min([likeliest, *tied], key=lambda terms: (len(terms), -totals[terms]))
+    found = add_beside_table(state.with_terms(shortest))
     return replace(found, terms=remove_table(found.evaluator, found.terms), table=get_table(found, found.terms))
 
 
@@ -40,16 +41,17 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
     """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of the state."""
     evaluator = state.evaluator
     density = evaluator.refitted_density if evaluator.residuals.are_refitted(terms) else evaluator.density
-    gain = evaluator.compare_densities(density(terms), density(state.terms), terms, state.terms)
-    probability = evaluator.bootstrap.probabilities([density(terms), density(state.terms)])[0]
-    is_likely = probability > evaluator.criterion.tie_probability
+    compared = density(terms), density(state.terms), terms, state.terms
+    gain = evaluator.compare_densities(*compared)
     replaces = (
-        count_parameters(terms) < count_parameters(state.terms) and is_likely and evaluator.residuals.is_noise(terms)
+        count_parameters(terms) < count_parameters(state.terms)
+        and evaluator.are_densities_tied(*compared)
+        and evaluator.residuals.is_noise(terms)
     )
     if not replaces and gain.p_value <= evaluator.criterion.p_value:
         share = evaluator.residuals.explained_share(terms, state.terms)
         replaces = share > (evaluator.criterion.explained_share if state.is_noise else evaluator.criterion.needed_share)
-    return float(np.sum((density(terms) - density(state.terms))[evaluator.held_out])) if replaces else None
+    return float(np.sum((compared[0] - compared[1])[evaluator.held_out])) if replaces else None
 
 
 def list_table_models(state: SearchState) -> Iterator[Terms]:

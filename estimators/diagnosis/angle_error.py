@@ -1,0 +1,75 @@
+"""Standard errors of gravity beside an effect of the angle, whose law may be another one within part of a turn."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from estimators.data.variants import rank_variants, refine_variants
+from estimators.selection.candidates import contains
+from estimators.selection.errors import Terms
+from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.moves import remove_term
+from pendulum_env.physics import SIGNIFICANT, Estimate, Gravity, Model, Table, Term, list_ids
+
+TURN = 2 * np.pi  # range of angles from which gravity differs from any other law of the angle [rad]
+
+
+def list_angle_effects(model: Model, base: Terms) -> list[Term]:
+    """List the torques by angle that a model of a pendulum has beside those of its base.
+
+    A stop acts at the end of the range only. A tilt is gravity too, but it competes with other laws.
+    """
+    added = (term for term in model.terms if term.id not in list_ids(base))
+    return [term for term in added if term.kind == "potential" and not (term.has_impacts or isinstance(term, Table))]
+
+
+def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
+    """Add the error of the law of the angle to the standard errors and correlations of a model of a pendulum.
+
+    Within part of a turn, other laws in the place of an effect of the angle may fit as well, with another gravity. The
+    error of gravity reaches from its value to the farthest of these laws, and includes the error there. Parameters of
+    the effects change with gravity as their covariance says.
+
+    Args:
+        model: fitted to the training data of `evaluator`.
+        evaluator: compares the laws of its library.
+    """
+    effects, estimate = list_angle_effects(model, evaluator.base), model.estimates.get(Gravity.id)
+    low, high = evaluator.train.get_range()
+    if not effects or estimate is None or not estimate.std or model.slides or high - low >= TURN:
+        return model
+    gravity = evaluator.fit_with_std(None, model.terms).model.estimates[Gravity.id]
+    rivals = (rival for effect in effects for rival in _list_rivals(evaluator, model.terms, effect))
+    variances = [(other.value - gravity.value) ** 2 + other.std**2 for other in rivals]
+    added = max(variances, default=0.0) - gravity.std**2
+    if added <= 0:
+        return model
+    names, covariance = list(model.estimates), model.assumed_covariance
+    competing = {Gravity.id, *(column.name for effect in effects for column in effect.columns)}
+    step = covariance[names.index(Gravity.id)] * (np.sqrt(added) / estimate.std**2)
+    step[[name not in competing for name in names]] = 0.0
+    covariance = covariance + np.outer(step, step)
+    std = np.sqrt(np.diag(covariance)).tolist()
+    estimates = {name: replace(model.estimates[name], std=std[k]) for k, name in enumerate(names)}
+    return replace(model, estimates=estimates).with_covariance(names, covariance)
+
+
+def _list_rivals(evaluator: ModelEvaluator, terms: Terms, effect: Term) -> Iterator[Estimate]:
+    """Yield gravity with another law in the place of an effect of the angle, where held-out data allow that law.
+
+    The law has to keep the gravity of the model without the effect: its sign, and at most twice its value. A law that
+    contains the effect, as a spring that may harden, counts only if it changes gravity significantly: the simpler law
+    is likelier.
+    """
+    others = remove_term(terms, effect)
+    laws = [law for law in evaluator.library.values() if law.kind == "potential" and not law().has_impacts]
+    with_effect, without = (evaluator.fit(None, own).model.estimates[Gravity.id].value for own in (terms, others))
+    for law in (law for law in laws if law.id not in list_ids(others)):
+        trials = [*rank_variants(evaluator.train, others, law), *refine_variants(evaluator.train, others, law)]
+        for rival in dict.fromkeys(trial.terms for trial in trials):
+            if not evaluator.is_better_held_out(terms, rival) and evaluator.keeps_base(rival, others):
+                gravity = evaluator.fit_with_std(None, rival).model.estimates[Gravity.id]
+                is_other = abs(gravity.value - with_effect) > SIGNIFICANT * gravity.std
+                if abs(gravity.value) <= 2 * abs(without) and (is_other or not contains(evaluator, rival[-1], effect)):
+                    yield gravity
