@@ -333,7 +333,7 @@ def test_where_identify_fits_more_than_the_workbench_the_page_says_so(session, s
     assert main(shlex.split(line)[1:]) == 0
     agrees = Model.load("model.json").theta == pytest.approx(session.state.model.theta, rel=1e-6)
     assert agrees == held_out
-    assert (export.WHOLE in str(export.show(session))) == (not agrees)
+    assert (export.FIT_NOTE in str(export.show(session))) == (not agrees)
 
 
 def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(session, late, tmp_path, monkeypatch):
@@ -346,7 +346,7 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
     (tmp_path / "study.toml").write_text(write_study_text(session.state))
     monkeypatch.chdir(tmp_path)
     assert write_commands(session.state) == "pendulum-ident identify study.toml --align -o model.json"
-    assert export.BESIDE in str(export.show(session))
+    assert export.STUDY_NOTE in str(export.show(session))
     comes_to_the_same(session.state)
 
 
