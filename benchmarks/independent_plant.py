@@ -58,7 +58,8 @@ EFFECTS: dict[str, dict[str, float]] = {
     # Motor inertia Jm and link inertia I - Jm, coupled by bl_k, bl_d beyond a play of +-bl_gap; with bl_grip = 0 the
     # damper cannot hold the two together.
     "backlash": {"Jm": 0.0, "bl_gap": 0.0, "bl_k": 0.0, "bl_d": 0.0, "bl_grip": 1.0},
-    "joint_flexibility": {"Jm": 0.0, "bl_k": 0.0, "bl_d": 0.0},  # the same without play
+    # the same without play; bl_b v is friction of the link, beside that of the motor
+    "joint_flexibility": {"Jm": 0.0, "bl_k": 0.0, "bl_d": 0.0, "bl_b": 0.0},
     # Friction z' = dahl_sigma v (1 - sgn(v) z/f)^dahl_n with f the dry friction, plus dahl_d z'/dahl_sigma.
     "presliding": {"dahl_sigma": 0.0, "dahl_n": 1.0, "dahl_d": 0.0},
     "encoder_eccentricity": {"ecc_e": 0.0, "ecc_ph": 0.0},  # the encoder reads q + ecc_e sin(q + ecc_ph)
@@ -260,6 +261,7 @@ def _balance(p: Any, command: float, push: float, time: float, x: State) -> tupl
     coupling = p.bl_k * stretch + p.bl_d * (speed - v) if stretch else 0.0
     if not p.bl_grip and coupling * stretch < 0:
         coupling = 0.0
+    load += p.bl_b * v
     if p.motor_friction:
         return tau - coupling - fluid, dry, p.Jm, (coupling - load) / (p.inertia - p.Jm)
     return coupling - load - fluid, dry, p.inertia - p.Jm, (tau - coupling) / p.Jm

@@ -27,6 +27,7 @@ from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.search_hints import find_hints
+from estimators.simulation.multiple_shooting import add_link_friction
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_nonlinear_names, set_values
 from estimators.weak_form.point import Point
@@ -186,7 +187,7 @@ class RolloutRows:
             starts.setdefault(points_list[k].terms[-1].nonlinear_values[name], points_list[k])
 
         def fit_roughly(start: Point) -> list[LinearErrors]:
-            begun = [_release_link_friction(start, share) for share in LOOP.link_friction]
+            begun = [add_link_friction(start, share) for share in LOOP.link_friction]
             return [
                 fit_rollouts(self.rollouts, start, typical, nonlinear=True, secants=LOOP.secants[:1]) for start in begun
             ]
@@ -372,16 +373,3 @@ class RolloutRows:
 def _list_columns_without_link(terms: Key) -> list[list[str]]:
     """List the names of the linear parameters of each term; none of a link, which thus counts as any other link."""
     return [[] if term.link else [column.name for column in term.columns] for term in terms]
-
-
-def _release_link_friction(point: Point, share: float) -> Point:
-    """Return a point whose last term, a link, has a share of the dry and the viscous friction of the joint.
-
-    Only parameters that the link has are set.
-    """
-    link, joint = point.terms[-1], point.linear_values
-    joint_names = {"friction": "coulomb", "viscous": "viscous"}
-    parameters = [parameter for parameter in link.nonlinear_parameters if parameter.name in joint_names]
-    of_inertia = share / max(point.theta[-1], 1e-9)
-    term = set_values(link, parameters, [of_inertia * joint.get(joint_names[p.name], 0.0) for p in parameters])
-    return point._replace(terms=(*point.terms[:-1], term))

@@ -18,9 +18,12 @@ from estimators.selection.dry_friction import screen_dry_friction
 from estimators.selection.errors import Terms, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
-from estimators.weak_form.nonlinear import list_reset_variants
+from estimators.simulation.output_error import Point
+from estimators.weak_form.nonlinear import list_reset_variants, set_values
 from pendulum_env.physics import Table, Term, has_link, has_stop, list_ids
 from pendulum_env.physics.terms import count_parameters, list_forms
+
+LINK_SHARE = 0.3  # of the friction, that a link has at first
 
 
 @dataclass(frozen=True)
@@ -151,12 +154,15 @@ def add_dry_friction(state: SearchState) -> SearchState | None:
 def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     """Add the link in `longer` with estimated states; None if it is not confirmed.
 
-    If structure is left, the other kind of link is tried as well, and each kind beside one more effect. The least
-    held-out cost decides: only estimated states show which kind of link fits.
+    If structure is left, friction of the link is tried, then the other kind of link, and each kind beside one more
+    effect. The least held-out cost decides: only estimated states show which kind of link fits.
     """
     evaluator, terms = state.evaluator, state.terms
     linked = fit_link_states(state, longer)
     if linked is None or linked.is_noise:
+        return linked
+    linked = with_link_friction(state, linked)
+    if linked.is_noise:
         return linked
     kinds = [kind for kind in evaluator.library.values() if kind.link and kind.id != longer[-1].id]
     trials = [
@@ -167,6 +173,25 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     others = [fit_link_states(state, trial) for trial in trials]
     fitted = [linked, *(alternative for alternative in others if alternative is not None)]
     return min(fitted, key=lambda candidate: candidate.evaluator.cost_with_link)
+
+
+def with_link_friction(state: SearchState, found: SearchState) -> SearchState:
+    """Return `found`, a state with a fitted link, with friction of the link; `found` if it does not lower the cost.
+
+    Only parts of the friction, dry or viscous, whose estimates are significant remain.
+    """
+    assert found.evaluator.linked is not None
+    point = multiple_shooting.add_link_friction(Point.from_model(found.evaluator.linked.model), LINK_SHARE)
+    while released := [p for p in point.terms[-1].free if p.nominal is not None]:
+        longer = fit_link_states(state, point.terms)
+        if longer is None or longer.evaluator.cost_with_link >= found.evaluator.cost_with_link:
+            break
+        link, estimates = longer.terms[-1], longer.evaluator.linked.model.estimates
+        needless = [p for p in released if not estimates[link.get_full_name(p.name)].is_significant]
+        if not needless:
+            return longer
+        point = replace(point, terms=(*longer.terms[:-1], set_values(link, needless, [p.nominal for p in needless])))
+    return found
 
 
 def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:

@@ -470,3 +470,16 @@ def add_link_gravity(point: Point) -> Point:
     theta = point.theta.copy()
     theta[names.index("gravity")] = theta[names.index(term.id)] * term.nonlinear_values["gravity"]
     return point._replace(theta=theta)
+
+
+def add_link_friction(point: Point, share: float) -> Point:
+    """Return a point whose last term, a link, has a share of the dry and the viscous friction of the joint.
+
+    Only parameters that the link has are set.
+    """
+    link, joint = point.terms[-1], point.linear_values
+    joint_names = {"friction": "coulomb", "viscous": "viscous"}
+    parameters = [parameter for parameter in link.nonlinear_parameters if parameter.name in joint_names]
+    of_inertia = share / max(point.theta[-1], 1e-9)
+    term = set_values(link, parameters, [of_inertia * joint.get(joint_names[p.name], 0.0) for p in parameters])
+    return point._replace(terms=(*point.terms[:-1], term))

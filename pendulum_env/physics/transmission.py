@@ -48,20 +48,12 @@ class Transmission(Term):
     resonance: float
     damping: float
     gravity: float
+    friction: float
+    viscous: float
 
     @property
     def play(self) -> float:
         """Return the angle on either side over which no torque passes [rad]."""
-        return 0.0
-
-    @property
-    def link_friction(self) -> ArrayLike:
-        """Return the dry friction of the link, per unit of its inertia [rad/s^2]."""
-        return 0.0
-
-    @property
-    def link_viscous(self) -> ArrayLike:
-        """Return the viscous friction of the link, per unit of its inertia [1/s]."""
         return 0.0
 
     @property
@@ -72,9 +64,9 @@ class Transmission(Term):
             return pull - self._resist(x.position, x.velocity)
 
         def dry(x: Samples) -> ArrayLike:  # of the link, which is none of the motor
-            return -self.link_friction
+            return -self.friction
 
-        link_dry = dry if may_be_true(self.link_friction) else zero
+        link_dry = dry if may_be_true(self.friction) else zero
         return (
             Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, dry=link_dry, least=0.0),
         )
@@ -93,7 +85,7 @@ class Transmission(Term):
     def _resist(self, position: Array, velocity: Array) -> Array:
         """Return the deceleration of the link by its weight and viscous friction [rad/s^2]."""
         weight = self.gravity * np.sin(position)
-        return weight + self.link_viscous * velocity if may_be_true(self.link_viscous) else weight
+        return weight + self.viscous * velocity if may_be_true(self.viscous) else weight
 
     def bind(self: T, linear: Mapping[str, float]) -> T:
         """Return the transmission with no more weight and friction at the link than the joint has."""
@@ -109,17 +101,22 @@ class Transmission(Term):
 
     def _rub(self, velocity: Array, duration: ArrayLike) -> Array:
         """Return a velocity of the link after its dry friction has acted, which stops it at most."""
-        if not may_be_true(self.link_friction):
+        if not may_be_true(self.friction):
             return velocity
-        most = duration * self.link_friction
+        most = duration * self.friction
         return velocity - np.minimum(np.maximum(velocity, -most), most)
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
-        return {
+        found = {
             "k": (theta[0] * self.resonance**2, "N m/rad"),
             "d": (theta[0] * self.damping, "N m s/rad"),
             "mgl": (theta[0] * self.gravity, "N m"),
         }
+        if self.friction:
+            found["link_coulomb"] = theta[0] * self.friction, "N m"
+        if self.viscous:
+            found["link_viscous"] = theta[0] * self.viscous, "N m s/rad"
+        return found
 
     def start(self, x: Samples) -> Memory:
         return self._hang(x, self.resonance**2)
@@ -158,13 +155,17 @@ class JointFlexibility(Transmission):
     resonance: float = 50.0
     damping: float = 1.0
     gravity: float = 25.0
+    friction: float = 0.0
+    viscous: float = 0.0
 
     id = "joint_flexibility"
-    law = "J (ql'' - q'') + mgl (sin ql - sin q)"
+    law = "J (ql'' - q'') + mgl (sin ql - sin q) + fl (sgn ql' - sgn q') + bl (ql' - q')"
     nonlinear_parameters = (
         NonlinearParameter("resonance", "rad/s", 1.0, 2e3, is_frequency=True),
         NonlinearParameter("damping", "1/s", 1e-2, 1e3),
         NonlinearParameter("gravity", "1/s^2", 0.1, 1e4),
+        NonlinearParameter("friction", "1/s^2", 0.0, 1e4, nominal=0.0),
+        NonlinearParameter("viscous", "1/s", 0.0, 1e3, nominal=0.0),
     )
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
@@ -172,14 +173,16 @@ class JointFlexibility(Transmission):
 
     @classmethod
     def trace_each(cls, variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
-        # ql'' + c ql' + w^2 ql + g sin ql = w^2 q + c q' in central differences
+        # ql'' + (c + b) ql' + w^2 ql + g sin ql + f sgn ql' = w^2 q + c q' in central differences
         names = [parameter.name for parameter in cls.nonlinear_parameters]
         values: Any = [np.array([getattr(variant, name) for variant in variants]) for name in names]
-        resonance, damping, gravity = values
+        resonance, damping, gravity, friction, viscous = values
         stiffness = np.minimum(resonance, 1.5 / period) ** 2
         first = Samples(x.time[0], x.position[0], x.velocity[0], x.torque[0])
         q0, v0 = cls(*values)._hang(first, stiffness)
-        constants = np.array([stiffness, damping, gravity, np.full(len(variants), period)])[:, :, None]
+        constants = np.array([stiffness, damping, gravity, friction, viscous, np.full(len(variants), period)])[
+            :, :, None
+        ]
         start = np.array([q0 + period * v0, q0])[:, :, None]
         motion = np.stack([x.position, x.velocity], axis=1)[1:-1, :, None]
         path = _make_central_differences()(motion, constants, start, kept=[0])[:, 0, :, 0].T
@@ -218,30 +221,17 @@ class Backlash(Transmission):
     def play(self) -> float:
         return self.gap
 
-    @property
-    def link_friction(self) -> ArrayLike:
-        return self.friction
-
-    @property
-    def link_viscous(self) -> ArrayLike:
-        return self.viscous
-
-    def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
-        found = super().derived(theta)
-        if self.friction:
-            found["link_coulomb"] = theta[0] * self.friction, "N m"
-        if self.viscous:
-            found["link_viscous"] = theta[0] * self.viscous, "N m s/rad"
-        return found
-
 
 @cache
 def _make_central_differences() -> Recurrence:
     """Make the step of a link behind a spring, from its last two positions to the next."""
     from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
 
-    given: list[Any] = ["stiffness", "damping", "gravity", "period"]
+    given: list[Any] = ["stiffness", "damping", "gravity", "friction", "viscous", "period"]
     states = ["position", "before"]
-    motor, speed, w2, c, g, h, q, before = (make_symbol(text) for text in ("motor", "speed", *given, *states))
-    known = w2 * motor + c * speed - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * c / h) * before
-    return compile_recurrence(["motor", "speed"], given, states, [known / (1 / h**2 + 0.5 * c / h), q])
+    motor, speed, w2, c, g, f, b, h, q, before = (make_symbol(text) for text in ("motor", "speed", *given, *states))
+    inertia = 1 / h**2 + 0.5 * (c + b) / h
+    known = w2 * motor + c * speed - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * (c + b) / h) * before
+    step, most = known / inertia - q, f / inertia  # dry friction shortens the step, to zero at most
+    step = step - np.minimum(np.maximum(step, -most), most)
+    return compile_recurrence(["motor", "speed"], given, states, [q + step, q])
