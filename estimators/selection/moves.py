@@ -182,15 +182,19 @@ def with_link_friction(state: SearchState, found: SearchState) -> SearchState:
     """
     assert found.evaluator.linked is not None
     point = multiple_shooting.add_link_friction(Point.from_model(found.evaluator.linked.model), LINK_SHARE)
-    while released := [p for p in point.terms[-1].free if p.nominal is not None]:
+    while released := [parameter for parameter in point.terms[-1].free if parameter.nominal is not None]:
         longer = fit_link_states(state, point.terms)
         if longer is None or longer.evaluator.cost_with_link >= found.evaluator.cost_with_link:
             break
-        link, estimates = longer.terms[-1], longer.evaluator.linked.model.estimates
-        needless = [p for p in released if not estimates[link.get_full_name(p.name)].is_significant]
+        link, linked = longer.terms[-1], longer.evaluator.linked
+        assert linked is not None
+        estimates = [linked.model.estimates[link.get_full_name(parameter.name)] for parameter in released]
+        needless = [
+            parameter for parameter, estimate in zip(released, estimates, strict=True) if not estimate.is_significant
+        ]
         if not needless:
             return longer
-        point = replace(point, terms=(*longer.terms[:-1], set_values(link, needless, [p.nominal for p in needless])))
+        point = replace(point, terms=(*longer.terms[:-1], set_values(link, needless, [0.0] * len(needless))))
     return found
 
 
