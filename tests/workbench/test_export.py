@@ -159,6 +159,13 @@ def test_mujoco_moves_the_exported_model_as_this_simulator_does(name):
     assert off(in_mujoco(exported, torque), simulated(plant(*hidden), torque, 0.0)[:, 0]) < 0.002
 
 
+def test_friction_of_a_link_which_acts_at_the_motor_is_an_approximation():
+    rubbing = plant("joint_flexibility:viscous=2")
+    with pytest.raises(ExportError):
+        export(rubbing, "mjcf")
+    assert export(rubbing, "mjcf", Request(approximate=True)).notes
+
+
 def test_friction_that_stands_in_for_a_law_of_speed_is_closest_to_it():
     pytest.importorskip("mujoco")
     text = export(plant("stribeck", "viscous_asymmetry"), "mjcf", Request(approximate=True)).content
