@@ -5,10 +5,9 @@ The encoder and the friction sit at the motor; the link, of inertia J and weight
     (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql + fl sgn ql' + bl ql' = T
 
 so that, beside the rigid model, J (ql'' - q'') + mgl (sin ql - sin q) is part of the torque. A known load counts as
-if it hung on the motor's side. Play may have parts fl and bl of the dry and viscous friction at the link, as of a
-bearing behind the gear. They decide when the link changes its side of the play; `coulomb` and `viscous` are those of
-both sides. The link's own motion follows from the measured motion of the motor: with w^2 = k / J, damping c = d / J,
-g = mgl / J, f = fl / J and b = bl / J,
+if it hung on the motor's side. The link may have parts fl and bl of the dry and viscous friction, as of a bearing
+behind the gear. They delay its motion; `coulomb` and `viscous` are those of both sides. The link's own motion follows
+from the measured motion of the motor: with w^2 = k / J, damping c = d / J, g = mgl / J, f = fl / J and b = bl / J,
 
     ql'' = a(q - ql, q' - ql') - g sin ql - f sgn ql' - b ql',     a = w^2 s + c s'
 
