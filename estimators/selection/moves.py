@@ -18,8 +18,8 @@ from estimators.selection.dry_friction import screen_dry_friction
 from estimators.selection.errors import Terms, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
-from estimators.simulation.output_error import Point
 from estimators.weak_form.nonlinear import list_reset_variants, set_values
+from estimators.weak_form.point import Point
 from pendulum_env.physics import Table, Term, has_link, has_stop, list_ids
 from pendulum_env.physics.terms import count_parameters, list_forms
 
@@ -194,7 +194,7 @@ def with_link_friction(state: SearchState, found: SearchState) -> SearchState:
         ]
         if not needless:
             return longer
-        point = replace(point, terms=(*longer.terms[:-1], set_values(link, needless, [0.0] * len(needless))))
+        point = point._replace(terms=(*longer.terms[:-1], set_values(link, needless, [0.0] * len(needless))))
     return found
 
 
