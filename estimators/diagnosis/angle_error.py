@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.variants import rank_variants, refine_variants
-from estimators.selection.candidates import contains
+from estimators.selection.candidates import can_reproduce
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import remove_term
@@ -71,5 +71,7 @@ def _list_rivals(evaluator: ModelEvaluator, terms: Terms, effect: Term) -> Itera
             if not evaluator.is_better_held_out(terms, rival) and evaluator.keeps_base(rival, others):
                 gravity = evaluator.fit_with_std(None, rival).model.estimates[Gravity.id]
                 is_other = abs(gravity.value - with_effect) > SIGNIFICANT * gravity.std
-                if abs(gravity.value) <= 2 * abs(without) and (is_other or not contains(evaluator, rival[-1], effect)):
+                if abs(gravity.value) <= 2 * abs(without) and (
+                    is_other or not can_reproduce(evaluator, rival[-1], effect)
+                ):
                     yield gravity
