@@ -167,7 +167,9 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
         for quantity, parts in torques.items():
             values = log.values[quantity][here]
             passed = (stamps[1:][np.diff(values) != 0] - start + late) % period - late  # since the last sample
-            others = np.abs(passed - row / 2) > (0.5 + JITTER.same) * row  # changes between the rows with a new sample
+            others = (passed < -JITTER.same * row) | (
+                passed > 0.999 * row
+            )  # changes between the rows with a new sample
             is_held = np.count_nonzero(others) <= (1 - JITTER.explained) * (1 - row / period) * len(others)
             parts.append((values[at] if is_held else average_torque(grid, period, stamps, values))[is_seen])
     samples, kept = np.concatenate(grids), np.concatenate(rows)

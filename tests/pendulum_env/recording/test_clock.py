@@ -163,6 +163,8 @@ def test_an_encoder_slower_than_its_log_is_read_at_its_own_times(rate: float, ph
     assert recording.rate == pytest.approx(rate, rel=1e-6)
     sampled = recording.time + phase
     np.testing.assert_allclose(recording.position, rest_for_a_while(sampled), rtol=0, atol=3e-4)
+    mean = np.cos(3 * (sampled + 0.5 / rate - 0.001))  # of torque that is held for 2 ms
+    np.testing.assert_allclose(recording.torque[1:-1], mean[1:-1], rtol=0, atol=1e-3)
     window = np.sin(np.pi * (sampled - sampled[0]) / (sampled[-1] - sampled[0])) ** 2  # a smooth weight
     exact = np.interp(log["time"] + 0.001, sampled + 0.5 / rate, window, left=0.0, right=0.0) @ log["torque"] / 500.0
     assert window @ recording.torque / rate == pytest.approx(exact, abs=2e-4)
