@@ -39,7 +39,7 @@ def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
     low, high = evaluator.train.get_range()
     if not effects or estimate is None or not estimate.std or model.slides or high - low >= TURN:
         return model
-    gravity = evaluator.fit_with_std(None, model.terms).model.estimates[Gravity.id]
+    gravity = evaluator.fit_with_std(model.terms).model.estimates[Gravity.id]
     rivals = (rival for effect in effects for rival in _list_rivals(evaluator, model.terms, effect))
     variances = [(other.value - gravity.value) ** 2 + other.std**2 for other in rivals]
     added = max(variances, default=0.0) - gravity.std**2
@@ -64,12 +64,12 @@ def _list_rivals(evaluator: ModelEvaluator, terms: Terms, effect: Term) -> Itera
     """
     others = remove_term(terms, effect)
     laws = [law for law in evaluator.library.values() if law.kind == "potential" and not law().has_impacts]
-    with_effect, without = (evaluator.fit(None, own).model.estimates[Gravity.id].value for own in (terms, others))
+    with_effect, without = (evaluator.fit(own).model.estimates[Gravity.id].value for own in (terms, others))
     for law in (law for law in laws if law.id not in list_ids(others)):
         trials = [*rank_variants(evaluator.train, others, law), *refine_variants(evaluator.train, others, law)]
         for rival in dict.fromkeys(trial.terms for trial in trials):
             if not evaluator.is_better_held_out(terms, rival) and evaluator.keeps_base(rival, others):
-                gravity = evaluator.fit_with_std(None, rival).model.estimates[Gravity.id]
+                gravity = evaluator.fit_with_std(rival).model.estimates[Gravity.id]
                 is_other = abs(gravity.value - with_effect) > SIGNIFICANT * gravity.std
                 if abs(gravity.value) <= 2 * abs(without) and (
                     is_other or not can_reproduce(evaluator, rival[-1], effect)

@@ -56,7 +56,7 @@ def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, rea
     old, new = base.estimates.get(Gravity.id), model.estimates.get(Gravity.id)
     if not effects or old is None or new is None or not new.std or model.slides or reach >= TURN:
         return []
-    std = evaluator.fit_with_std(None, model.terms).model.estimates[Gravity.id].std
+    std = evaluator.fit_with_std(model.terms).model.estimates[Gravity.id].std
     if abs(new.value - old.value) <= SIGNIFICANT * std:
         return []
     angle = Quantity(reach, unit=JointUnits().unit("rad"))
