@@ -1,5 +1,6 @@
 """Read arrays by name: mappings, structured arrays and NPZ; elements of a vector are columns, `x[0]`."""
 
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError
 from pendulum_env.recording.cells import read_cells
-from pendulum_env.recording.clock import count_seconds
+from pendulum_env.recording.clock import count_seconds, is_stamp
 from pendulum_env.recording.columns import add_labels
 from pendulum_env.recording.layout import can_be_number
 from pendulum_env.recording.table import WIDEST, ColumnFinder, RawTable, rank_words
@@ -50,6 +51,29 @@ def read_arrays(data: Mapping[str, Any] | NDArray[Any], find: ColumnFinder) -> R
         nested = isinstance(value, Mapping)
         stored |= dict(flatten_structures(str(name), dict(value))) if nested else {str(name): np.asarray(value)}
     return build_table(stored, find)
+
+
+def read_json(path: Path, find: ColumnFinder) -> RawTable:
+    """Read objects of a row each, in a list or in lines, or columns by name; rows may stand in a larger object."""
+    text = path.read_text(encoding="utf-8-sig")
+    try:
+        content = json.loads(text)
+    except json.JSONDecodeError:
+        content = [json.loads(line) for line in text.splitlines() if line.strip()]
+    if isinstance(content, dict) and "schema" in content:
+        raise RecordingError("that is no recording; `compare` and `diagnose` take a model beside one")
+    return build_table({name.lstrip("."): array for name, array in flatten_structures("", _stack(content))}, find)
+
+
+def _stack(value: Any) -> Any:
+    """Make arrays of the lists of values in a structure, also of lists of rows."""
+    if isinstance(value, dict):
+        values = list(value.values())
+        is_column = len(values) > WIDEST and not any(isinstance(one, dict | list) for one in values)
+        return np.array(values, dtype=object) if is_column else {name: _stack(one) for name, one in value.items()}
+    if not isinstance(value, list) or any(isinstance(one, dict) for one in value):
+        return value
+    return np.array(value, dtype=None if all(isinstance(one, int | float | list) for one in value) else object)
 
 
 def flatten_structures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
@@ -92,7 +116,8 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
         return can_be_number(first, name)
 
     wordy = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
-    columns = add_labels(find(headers, wordy=wordy), headers, [firsts[name] or "" for name, _ in places])
+    dated = [k for k, (name, _) in enumerate(places) if stored[name].dtype.kind == "M" or is_stamp(firsts[name] or "")]
+    columns = add_labels(find(headers, wordy=wordy, dated=dated), headers, [firsts[name] or "" for name, _ in places])
     values: dict[str, Array] = {}
     date, texts = None, False
     for quantity, column in columns.items():

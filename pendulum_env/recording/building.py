@@ -26,8 +26,15 @@ def build_recording(
 ) -> Recording:
     """Convert a table to SI units, clean it, cut it at gaps and make time uniform; refuse implausible data."""
     columns, values = dict(table.columns), table.values
+    notes = list(table.notes)
+    if fraction := columns.pop("fraction", None):
+        seconds, part = values["time"], values.pop("fraction") * fraction.scale
+        is_part = bool(np.nanmax(np.abs(part), initial=0.0) <= 1.0)  # else the column is another clock
+        values["time"] = seconds + part if is_part else seconds
+        kind = NoteKind.TIME_OF_TWO if is_part else NoteKind.PASSED_OVER
+        notes.append(Note(kind, ("time",), headers=(columns["time"].header, fraction.header)))
     counted = unwrap_clock(values["time"])
-    notes = [*table.notes] + [Note(NoteKind.CLOCK_RESTARTED)] * (counted is not values["time"])
+    notes += [Note(NoteKind.CLOCK_RESTARTED)] * (counted is not values["time"])
     values["time"] = counted
     unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
     if unix is not None:
@@ -35,6 +42,7 @@ def build_recording(
     origin = Origin(columns, named, _are_counts(columns["position"], values["position"]))
     if "torque" in values:
         checks.refuse_large_current(values["torque"], origin)
+        checks.refuse_counted_torque(values["torque"], origin)
     for quantity, column in columns.items():
         with np.errstate(over="ignore", invalid="ignore"):  # overflows are treated as empty cells
             values[quantity] *= column.scale

@@ -28,6 +28,7 @@ class Bounds:
     fastest: float = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
     window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
     current: float = 200.0  # [A], of the motor of a joint
+    whole: int = 50  # different torques, from which whole numbers alone are those of a counter
     followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
     same: float = 0.95  # correlation of two torques beyond which they may be one
 
@@ -55,6 +56,22 @@ def refuse_large_current(values: Array, origin: Origin) -> None:
             f"the current of column {column.header!r} reaches {most:.4g}, too much in A: read it with "
             f"{_format_columns(origin.change_column('torque', unit='mA'))} if it is in mA, or give the unit in the "
             "name of the column"
+        )
+
+
+def refuse_counted_torque(values: Array, origin: Origin) -> None:
+    """Refuse a torque of many whole numbers without a unit: drives log per mille of a rated torque, or mN m."""
+    column, finite = origin.columns["torque"], values[np.isfinite(values)]
+    if column.is_unit_told or column.expression.name or (finite != np.round(finite)).any():
+        return
+    if len(np.unique(finite)) > BOUNDS.whole:
+        options = [
+            _format_columns(origin.change_column("torque", **change))
+            for change in ({"unit": "mNm"}, {"factors": ("*0.001",)})
+        ]
+        raise ColumnError(
+            f"torque has whole numbers alone, as a drive counts it: read column {column.header!r} with {options[0]}, "
+            f"or {options[1]} with the torque of a count [N m]"
         )
 
 

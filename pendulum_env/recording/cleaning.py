@@ -199,6 +199,13 @@ def drop_repeated_times(log: Log) -> None:
     new = np.append(True, steps > CLEANING.same * np.median(steps))
     if np.count_nonzero(new) < 2:
         raise RecordingError(f"time is {time[0]:.15g} s in every row: write it with more decimals")
+    position = log.values["position"]
+    within, between = np.abs(np.diff(position))[~new[1:]], np.abs(np.diff(position[new]))
+    if len(within) > len(time) / 3 and np.median(within) > 2 * np.median(between):  # else the clock is coarse
+        raise RecordingError(
+            f"most times stand in several rows with different positions, as at data row {log.rows[np.argmin(new)]} "
+            "(header not counted): the rows are of several joints or topics, keep those of one"
+        )
     if not new.all():
         log.notes.append(note_rows(NoteKind.TIME_REPEATED, log.rows[~new]))
         log.keep_rows(new)

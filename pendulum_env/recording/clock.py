@@ -1,5 +1,6 @@
 """Convert and check the time of a log: Unix time, dates, overflows, rounding and uniformity."""
 
+import re
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
@@ -16,6 +17,17 @@ EXACT, LOOSE = 1e-6, 1e-5  # largest deviation from uniform time, as share of a 
 STEPS = (1e-5, 0.1)  # [s], least and largest plausible sample time
 
 
+TIME_OF_DAY = r"(?:\d+:)?\d{1,2}:\d{1,2}(?:[.,]\d{1,9})?"
+DAY_FIRST = r"\d{1,2}[-./]\d{1,2}[-./]\d{4},?\s+"  # or the month first: the time of day alone is used
+STAMP = re.compile(rf"\s*\d{{4}}[-./]\d\d[-./]\d\d[T ]{TIME_OF_DAY}\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
+CLOCK = re.compile(rf"\s*(?:{DAY_FIRST})?{TIME_OF_DAY}\s*(?:[AP]M)?\s*", re.IGNORECASE)
+
+
+def is_stamp(cell: str) -> bool:
+    """Test whether a cell holds a date with the time of day, or the time of day alone."""
+    return bool(STAMP.fullmatch(cell) or CLOCK.fullmatch(cell))
+
+
 def find_date(start: float) -> datetime | None:
     """Convert a time in seconds since 1970 to a date; return None for implausible years."""
     return datetime.fromtimestamp(start, UTC) if EPOCH[0] <= start < EPOCH[1] else None
@@ -23,7 +35,7 @@ def find_date(start: float) -> datetime | None:
 
 def parse_date(stamp: str) -> datetime:
     """Parse a date, UTC without a zone; digits below a microsecond are dropped."""
-    date = datetime.fromisoformat(stamp.strip())
+    date = datetime.fromisoformat(re.sub(r"(\d)[./](\d\d)[./](\d\d)", r"\1-\2-\3", stamp.strip()))
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 
 

@@ -6,6 +6,7 @@ ignored. Names with an unknown unit, a unit of current or encoder counts do not 
 in the file, with their conversion; see `expression.py`.
 """
 
+import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -43,9 +44,10 @@ from pendulum_env.recording.vocabulary import (
     TORQUE_GAINS,
     UNITS,
     UNITS_OF_NO_TORQUE,
-    WORD,
     Rank,
     find_name,
+    read_words,
+    split_words,
 )
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import JointUnits
@@ -55,7 +57,7 @@ ADDED = re.compile(
 )  # additions of programs to names
 VALUES = ("data", "value", "values")  # fields of a structure with samples
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
-QUOTED = 40  # characters of a header in a sentence
+QUOTED, LISTED = 40, 100  # characters of a header in a sentence, and of all together
 UNTOLD = Expression("")  # of a column that the user did not name
 NONE = "none"  # in place of a column: the quantity is omitted
 
@@ -137,6 +139,7 @@ def find_columns(
     output: str | None = None,
     *,
     wordy: Collection[int] = (),
+    dated: Collection[int] = (),
 ) -> dict[str, FileColumn]:
     """Find the columns of time, position, torque and, if present, `OPTIONAL`, by quantity.
 
@@ -149,6 +152,10 @@ def find_columns(
         output: of a known controller that followed the reference: then the reference is needed, and torque is what
             the user names, or else a column of that output.
         wordy: places of columns that hold no numbers; they give way to others.
+        dated: places of columns that hold dates or times of day.
+
+    Returns:
+        Columns by quantity. Column `fraction` has the fraction of each second, if `time` has whole seconds.
     """
     told = {quantity: text.strip() for quantity, text in (named or {}).items()}
     unused = {q for q, text in told.items() if text == NONE and q in (*OPTIONAL, "torque") and NONE not in headers}
@@ -157,19 +164,35 @@ def find_columns(
     }
     taken = {column.index for column in given.values()}
     found = {quantity: _find_candidates(quantity, headers, taken) for quantity in ALIASES if quantity not in unused}
-    positions = [given["position"]] if "position" in given else _prefer_measured(found["position"])
+    partner = given.get("torque")
+    if not found.get("position") and "position" not in given and len(_find_joints(headers)) < 2:
+        found["position"] = _find_positions(headers, partner, {*taken, *wordy})
+    positions = [given["position"]] if "position" in given else _prefer_measured(found.get("position", []))
+    if len(positions) > 1 and partner:
+        positions = _select_joint(read_words(partner.header).label, positions) or positions
+    label = read_words(positions[0].header).label if len(positions) == 1 else None
     columns = {}
     for quantity, fitting in found.items():
         if quantity in given:
             columns[quantity] = given[quantity]
             continue
+        if quantity == "time":
+            fitting = fitting or _find_clocks(headers, dated, taken)
+        elif label is not None and not fitting:
+            fitting = _select_joint(label, _read_all(quantity, headers, {*taken, *wordy}))
         candidates = _prefer_measured([column for column in fitting if column.index not in wordy] or fitting)
+        if quantity == "position":
+            candidates = positions
+        elif quantity == "time" and len(candidates) > 1:
+            fractions = {one.index for column in candidates if (one := _find_fraction(column, headers))}
+            candidates = fitting = [column for column in candidates if column.index not in fractions]
+            candidates = (len(positions) == 1 and _match_path(positions[0], candidates)) or candidates
+        elif len(candidates) > 1 and label is not None:
+            of_joint = _select_joint(label, candidates)
+            is_velocity = quantity == "velocity"  # which may be missing
+            candidates = ([] if is_velocity and len(of_joint) != 1 else of_joint) or ([] if is_velocity else candidates)
         if quantity in SPARE:
             candidates = candidates[:1]
-        if quantity == "time" and len(candidates) > 1 and len(positions) == 1:
-            candidates = _match_path(positions[0], candidates) or candidates
-        if quantity == "velocity" and len(candidates) > 1:  # it may be missing
-            candidates = _match_element(columns.get("position"), candidates)
         if quantity == "torque" and output is not None:
             logged = _find_output(output, headers)
             candidates = [] if logged is None else [parse_column(quantity, logged, headers)]
@@ -199,6 +222,8 @@ def find_columns(
         _refuse_missing(missing, headers, free, told, "reference" in columns)
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
+    if "time" in columns and (fraction := _find_fraction(columns["time"], headers)):
+        columns["fraction"] = fraction
     return _apply_moteus_units(columns, headers)
 
 
@@ -207,13 +232,18 @@ def _refuse_missing(
 ) -> NoReturn:
     """Refuse a file without the needed columns; suggest columns among `headers` and the unused ones in `free`."""
     option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
-    hints = [hint for quantity in missing for hint in _suggest_columns(quantity, headers, free)]
+    suggested = {q: one for q in missing if (one := _suggest_column(q, headers, free))}
+    hints = []
+    if suggested:
+        reasons, texts, meanings = zip(*suggested.values(), strict=True)
+        example = format_setting("columns", {**told, **dict(zip(suggested, texts, strict=True))})
+        hints = [f"{', '.join(reasons)}, as in {example}{' and'.join(filter(None, meanings))}"]
     if missing == ["reference"]:
         hints = [f"say which is the goal with {option}"]
     elif len(joints := _find_joints(headers)) > 1:
         robot = format_setting("robot", "ARM.urdf")
         hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
-    elif len(hints) < len(missing):
+    elif len(suggested) < len(missing):
         hints.append(f"name the columns {HEADER} (in s, rad, N m), or say which with {option}")
     if "torque" in missing and len(joints) < 2:
         drive = f", or {format_setting('drive', Blank('...'))} if a controller follows the goal" if has_goal else ""
@@ -222,27 +252,25 @@ def _refuse_missing(
     raise ColumnError(f"no column for {', '.join(missing)} among {_list_headers(headers)}: {'; '.join(hints)}")
 
 
-def _suggest_columns(quantity: str, headers: Sequence[str], free: Sequence[str]) -> list[str]:
-    """Suggest the first column of an unknown name with a unit of the quantity, or that holds it up to a gain."""
+def _suggest_column(quantity: str, headers: Sequence[str], free: Sequence[str]) -> tuple[str, str, str] | None:
+    """Suggest the first column of an unknown name with a unit of the quantity, or that holds it up to a gain.
 
-    def write(header: str, text: str) -> str:
-        return f"{quote_value(header.strip(), QUOTED)} {text}"
-
-    counters = [header.strip() for header in headers if quantity == "time" and normalise_name(header) in COUNTERS]
-    with_unit = [header for header in free if find_trailing_unit(UNITS[quantity], header)]
+    Returns the reason, the expression of the column, and the meaning of its gain.
+    """
     raw = [header for header in headers if _is_raw(quantity, header)]
     raw.sort(key=_find_header_raw_unit if quantity == "torque" else None)  # currents first
-    hints = [
-        write(
-            header, f"may count samples: {format_setting('columns', {'time': f'{header}/RATE'})} with their rate [Hz]"
-        )
-        for header in counters
+    read = {header: read_words(header.strip()) for header in headers}
+    raw += [header for header, one in read.items() if one.needs_gain and one.quantity == quantity]
+    ways: list[tuple[str, list[str], str, str]] = [
+        ("may count samples", [h for h in headers if normalise_name(h) in COUNTERS], "/RATE", " with their rate [Hz]"),
+        ("has its unit", [header for header in free if find_trailing_unit(UNITS[quantity], header)], "", ""),
+        ("may be it", [h for h in free if read[h].quantity == quantity and not read[h].needs_gain], "", ""),
+        ("needs a gain", raw, *(_write_gain(quantity, raw[0].strip()) if raw else ("", ""))),
     ]
-    hints += [
-        write(header, f"has its unit: {format_setting('columns', {quantity: header.strip()})}") for header in with_unit
-    ]
-    hints += [write(header, f"needs a gain, as in {_write_gain_example(quantity, header.strip())}") for header in raw]
-    return hints[:1]
+    for reason, found, ending, meaning in ways if quantity == "time" else ways[1:]:
+        for header in found:
+            return f"{quote_value(header.strip(), QUOTED)} {reason}", header.strip() + ending, meaning
+    return None
 
 
 def can_be_torque(header: str, place: int) -> bool:
@@ -250,7 +278,7 @@ def can_be_torque(header: str, place: int) -> bool:
 
     A goal, a supply or a power switch implies a motor, whose torque is unknown.
     """
-    bare, words = header.strip(), set(WORD.findall(header))
+    bare, words = header.strip(), set(split_words(header))
     if not bare or bare.lower() in INDICES:
         return not bare and place > 0  # row numbers of pandas
     known = {match[0] for spelling in _list_spellings(header) if (match := find_name(normalise_name(spelling)))}
@@ -261,20 +289,61 @@ def can_be_torque(header: str, place: int) -> bool:
         return False
     if find_trailing_unit({**UNITS["position"], **UNITS["velocity"]}, header):
         return False
-    return not any(word.lower() in NO_TORQUE for word in words)
+    return not any(word in NO_TORQUE for word in words)
 
 
-def _match_element(position: FileColumn | None, candidates: Sequence[FileColumn]) -> list[FileColumn]:
-    """Select the column that has the element of position, `[6]`; none if it is not clear which."""
-    element = None if position is None else re.search(r"\[\d+\]$", position.header)
-    found = [column for column in candidates if element and column.header.endswith(element[0])]
-    return found if len(found) == 1 else []
+def _select_joint(label: frozenset[str], candidates: Sequence[FileColumn]) -> list[FileColumn]:
+    """Select the columns of the joint with a label."""
+    return [column for column in candidates if read_words(column.header).label == label]
 
 
 def _match_path(position: FileColumn, candidates: Sequence[FileColumn]) -> list[FileColumn]:
     """Return the columns in the same structure or group as position."""
     path = re.split(r"[/.][^/.]*$", position.header)[0]
     return [column for column in candidates if re.split(r"[/.][^/.]*$", column.header)[0] == path]
+
+
+def _read_all(quantity: str, headers: Sequence[str], unread: Collection[int]) -> list[FileColumn]:
+    """Find the columns some of whose words mean a quantity, beside the label of a joint."""
+    read = [(k, header.strip(), read_words(header.strip())) for k, header in enumerate(headers) if k not in unread]
+    return [
+        FileColumn(quantity, header, k, one.unit, one.rank)
+        for k, header, one in read
+        if one.quantity == quantity and not one.needs_gain
+    ]
+
+
+def _find_positions(headers: Sequence[str], partner: FileColumn | None, unread: Collection[int]) -> list[FileColumn]:
+    """Find positions of joints by labels that torques or currents have, too; without those by numbers alone."""
+    read = [read_words(header.strip()) for header in ([partner.header] if partner else headers)]
+    labels = {one.label for one in read if one.quantity == "torque"}
+    positions = _read_all("position", headers, unread)
+    shared = [column for column in positions if read_words(column.header).label in labels]
+    numbered = [c for c in positions if all(word.isdecimal() for word in read_words(c.header).label)]
+    return shared or ([] if labels else numbered)
+
+
+def _find_clocks(headers: Sequence[str], dated: Collection[int], taken: Collection[int]) -> list[FileColumn]:
+    """Find columns of dates, or else those whose last word means time: `sim_time`, `system_time_ms`."""
+    of_dates = [FileColumn("time", headers[k].strip(), k, None) for k in dated if k not in taken]
+    return of_dates or [c for c in _read_all("time", headers, taken) if read_words(c.header).is_last]
+
+
+def _find_fraction(seconds: FileColumn, headers: Sequence[str]) -> FileColumn | None:
+    """Find the column with the fraction of each second: `nsecs` of `secs`, `stamp.nanosec` of `stamp.sec`."""
+    stem, factor = _split_time_unit(seconds.header)
+    for k, header in enumerate(headers):
+        other, fraction = _split_time_unit(header)
+        if factor == 1.0 and fraction < 1.0 and other == stem:
+            return FileColumn("time", header.strip(), k, None, expression=Expression("", factors=(f"*{fraction}",)))
+    return None
+
+
+def _split_time_unit(name: str) -> tuple[tuple[str, ...], float]:
+    """Split a name into words before its unit of time, and the factor of the unit; NaN if it ends in none."""
+    words = split_words(name)
+    units = ((k, UNITS["time"].get("".join(words[k:]))) for k in range(len(words)))
+    return next(((tuple(words[:k]), factor) for k, factor in units if factor), ((), math.nan))
 
 
 def _apply_moteus_units(columns: dict[str, FileColumn], headers: Sequence[str]) -> dict[str, FileColumn]:
@@ -346,16 +415,15 @@ def _find_candidates(quantity: str, headers: Sequence[str], taken: set[int]) -> 
 def _list_spellings(header: str) -> tuple[str, ...]:
     """Return the spellings of a name: whole, without index, last and second last part of its path, and plain.
 
-    `/joint_states/position[0]` ends in `position`, `/joint_states/position/elbow` has it before its end. The last
-    two are without what programs add: `Latest: Angle (rad)`, `Angle (rad) Run #1`, `Angle in rad`, `%time` and
-    `field.position0`.
+    `/joint_states/position[0]` ends in `position`, `/joint_states/position/elbow` has it before its end. The last is
+    without what programs add: `Latest: Angle (rad)`, `Angle (rad) Run #1`, `Angle in rad` and `%time`.
     """
     bare = re.sub(r"[\[(]\d+[\])]\s*$", "", header.strip())
     parts = [part for part in re.split(r"[/.]", bare) if part.strip()]
     leaf = parts[-1] if len(parts) > 1 or (parts and ("[" in header or "(" in header)) else ""
     above = parts[-2] if len(parts) > 2 or (len(parts) == 2 and normalise_name(leaf) in VALUES) else ""
     plain = re.sub(r"\s+in\s+(\S+)$", r" (\1)", ADDED.sub("", header.strip()))
-    return header, bare, leaf, above, re.sub(r"(?<=[a-z]{4})\d+$", "", leaf), plain
+    return header, bare, leaf, above, plain
 
 
 def _find_joints(headers: Sequence[str]) -> list[str]:
@@ -365,17 +433,14 @@ def _find_joints(headers: Sequence[str]) -> list[str]:
     return [joint for joint in joints if f"torque_{joint}" in plain]
 
 
-def _write_gain_example(quantity: str, header: str, can_find: bool = True) -> str:
-    """Write an example of a column with a gain, in the unit that its name tells."""
+def _write_gain(quantity: str, header: str, can_find: bool = True) -> tuple[str, str]:
+    """Write a unit and a gain for a column, in the unit that its name tells, and the meaning of the gain."""
     if quantity != "torque":
-        unit = "counts/s" if quantity == "velocity" else "counts"
-        return f"{format_setting('columns', {quantity: f'{header}:{unit}/4096'})} with the counts of a turn"
+        return f":{'counts/s' if quantity == 'velocity' else 'counts'}/4096", " with the counts of a turn"
     unit, trailing_unit = _find_header_raw_unit(header), find_trailing_unit(RAW["torque"], header)
-    told = f"{header}:{ {'ma': 'mA', 'mv': 'mV'}.get(trailing_unit or '', unit) }"
-    known = f"{format_setting('columns', {quantity: f'{told}*0.1'})} with {TORQUE_GAINS[unit]}"
-    if not can_find:
-        return known
-    return f"{known}, or {format_setting('columns', {quantity: f'{told}*?'})} if known loads determine it"
+    told = f":{ {'ma': 'mA', 'mv': 'mV'}.get(trailing_unit or '', unit) }"
+    unknown = f", or {format_setting('columns', {quantity: f'{header}{told}*?'})} if known loads determine it"
+    return f"{told}*0.1", f" with {TORQUE_GAINS[unit]}{unknown if can_find else ''}"
 
 
 def _find_header_raw_unit(header: str) -> str:
@@ -441,7 +506,8 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
     needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
     converted = any(factor[0] == "*" for factor in expression.factors)  # a ratio may include 2 pi
     if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
-        example = _write_gain_example(quantity, name, can_find_gain)
+        gain, meaning = _write_gain(quantity, name, can_find_gain)
+        example = f"{format_setting('columns', {quantity: name + gain})}{meaning}"
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; counts have a gain to radians
         unit = find_trailing_unit(raw, name)
@@ -474,7 +540,6 @@ def find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
 
 
 def _list_headers(headers: Sequence[str]) -> str:
-    names = ", ".join(quote_value(header.strip(), QUOTED) for header in headers[:12]) + (
-        ", ..." if len(headers) > 12 else ""
-    )
-    return names or "no columns at all"
+    quoted = [quote_value(header.strip(), QUOTED) for header in headers]
+    shown = [name for k, name in enumerate(quoted) if k < 3 or len(", ".join(quoted[: k + 1])) < LISTED]
+    return ", ".join(shown + ["..."] * (len(shown) < len(quoted))) or "no columns at all"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pendulum_env.errors import FileError, RecordingError, shorten_error
 from pendulum_env.reading import check_size, quote_value
-from pendulum_env.recording.arrays import read_arrays, read_npz
+from pendulum_env.recording.arrays import read_arrays, read_json, read_npz
 from pendulum_env.recording.arrow import read_frame, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.cells import read_excel
@@ -38,6 +38,8 @@ READERS: dict[str, Callable[[Path, ColumnFinder], RawTable]] = {
     ".dat": read_csv,
     ".lvm": read_csv,
     ".log": read_csv,
+    ".json": read_json,
+    ".jsonl": read_json,
 }
 RECIPES = {  # remedies for unsupported formats
     ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
@@ -47,7 +49,6 @@ RECIPES = {  # remedies for unsupported formats
     ".ulg": "export it by ulog2csv of pyulog",
     ".tdms": "export it by npTDMS: TdmsFile('run.tdms').as_dataframe().to_parquet('run.parquet')",
     ".mf4": "export it by asammdf: MDF('run.mf4').to_dataframe().to_parquet('run.parquet')",
-    ".json": "that is no recording; `compare` and `diagnose` take a model beside one",
     ".toml": "that is a study: read_study reads its recordings",
 }
 

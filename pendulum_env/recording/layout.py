@@ -52,7 +52,7 @@ def find_layout(head: bytes) -> Layout:
     line, start, data = lines[first][1], lines[first][0], content[1:]
     row = lines[content[-2]][1] if len(content) > 2 else line
     width = len(_split_cells(row))
-    is_bare = _is_numeric(_split_cells(line))
+    is_bare = _is_numeric(names := _split_cells(line)) or any("." in cell and NUMBER.fullmatch(cell) for cell in names)
     if is_bare:  # unless the comment above is the header
         comments = [text.lstrip(" #") for _, text in lines[:first] if text.strip()] or [""]
         line, start, data = comments[-1], lines[first - 1][0], content

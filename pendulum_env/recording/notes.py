@@ -29,6 +29,7 @@ class NoteKind(StrEnum):
     # rows of the file
     FIRST_DATE = "first_date"  # text: the date
     LAST_ROW_CUT = "last_row_cut"
+    TIME_OF_TWO = "time_of_two"  # headers: seconds, and their fraction
     CLOCK_RESTARTED = "clock_restarted"
     CELLS_HELD = "cells_held"
     OTHER_ROWS = "other_rows"  # held or interpolated

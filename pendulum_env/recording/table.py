@@ -21,8 +21,10 @@ WIDEST = 64  # most elements of a vector that are read as columns, and most colu
 class ColumnFinder(Protocol):
     """Function that chooses the columns to read, by quantity."""
 
-    def __call__(self, headers: Sequence[str], *, wordy: Collection[int] = ()) -> dict[str, FileColumn]:
-        """Choose from all names; `wordy` are the places of columns that hold no numbers."""
+    def __call__(
+        self, headers: Sequence[str], *, wordy: Collection[int] = (), dated: Collection[int] = ()
+    ) -> dict[str, FileColumn]:
+        """Choose from all names; `wordy` are the places of columns without numbers, `dated` those with dates."""
         ...
 
 

@@ -12,7 +12,7 @@ import pyarrow.csv as pacsv
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.reading import quote_value
-from pendulum_env.recording.clock import count_seconds, parse_date
+from pendulum_env.recording.clock import CLOCK, STAMP, count_seconds, is_stamp, parse_date
 from pendulum_env.recording.columns import NONE, FileColumn, add_labels
 from pendulum_env.recording.layout import HEAD, NUMBER, Layout, find_layout
 from pendulum_env.recording.notes import Note, NoteKind
@@ -29,9 +29,7 @@ TRUE, FALSE = (  # cells for 1 and 0
 )
 EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
-CLOCK = re.compile(r"\s*(?:\d+:)?\d{1,2}:\d{1,2}(?:[.,]\d+)?\s*")  # hours, minutes and seconds
 DAY = 86400.0  # [s]
-STAMP = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d(?:[.,]\d{1,9})?)?\s*(?P<zone>Z|[+-]\d\d:?\d\d)?\s*")
 Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
@@ -53,7 +51,8 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
     with opened() as stream:
         layout = find_layout(stream.read(HEAD))
     wordy = [k for k, cell in enumerate(layout.first) if not NUMBER.fullmatch(cell.replace(",", ".")) or not cell]
-    columns = add_labels(find(layout.headers, wordy=wordy), layout.headers, layout.first)
+    clocks = [k for k, cell in enumerate(layout.first) if is_stamp(cell)]
+    columns = add_labels(find(layout.headers, wordy=wordy, dated=clocks), layout.headers, layout.first)
     notes = []
     if dated := STAMP.fullmatch(layout.first[columns["time"].index]):
         notes.append(Note(NoteKind.FIRST_DATE, text=dated[0].strip()))
@@ -112,7 +111,7 @@ def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn])
     first = layout.first[columns["time"].index]
     if stamp := STAMP.fullmatch(first):
         types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
-    if is_spelt := bool(CLOCK.fullmatch(first) or (stamp and "," in first)):
+    if is_spelt := bool(CLOCK.fullmatch(first) or (stamp and re.search("[,/]|[.].*:", first))):
         types[names[columns["time"].index]] = pa.string()
     try:
         with opened() as stream:
@@ -146,18 +145,22 @@ def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn])
 
 
 def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Convert times of day to seconds, continued after midnight; dates with a decimal comma to dates."""
+    """Convert times of day to seconds, continued after midnight; other spellings of dates to dates."""
     import pyarrow.compute as pc  # takes a while to import
 
-    column = pc.replace_substring(column, ",", ".")
-    if not CLOCK.fullmatch(column[0].as_py() or ""):
-        return column.cast(pa.timestamp("ns"))
-    parts = pc.split_pattern(column, ":")
+    is_clock = CLOCK.fullmatch(column[0].as_py() or "")
+    column = pc.replace_substring(pc.utf8_trim_whitespace(pc.utf8_upper(column)), ",", ".")
+    if not is_clock:
+        column = pc.replace_substring_regex(column, r"^(\d{4})[./](\d\d)[./]", r"\1-\2-")
+        return pc.replace_substring_regex(column, r"\s*(Z|[+-]\d\d:?\d\d)$", "").cast(pa.timestamp("ns"))
+    is_afternoon, is_halved = (convert_series(pc.match_substring_regex(column, end)) for end in ("PM$", "[AP]M$"))
+    parts = pc.split_pattern(pc.replace_substring_regex(column, r"^\S*\d{4}[. ]\s*|\s*[AP]M$", ""), ":")
     count = len(parts[0])
     seconds = sum(
         60.0 ** (count - 1 - k) * convert_series(pc.list_element(parts, k).cast(pa.float64())) for k in range(count)
     )
     if count == 3:
+        seconds = np.where(is_halved, seconds % (DAY / 2) + is_afternoon * DAY / 2, seconds)
         seconds = seconds + np.append(0.0, np.cumsum(np.where(np.diff(seconds) < -DAY / 2, DAY, 0.0)))
     return pa.chunked_array([seconds])
 

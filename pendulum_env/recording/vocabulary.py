@@ -3,19 +3,21 @@
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 
 HEADER = "time,position,torque"  # standard header, in s, rad and N m
 
 ALIASES = {
-    "time": "time t timestamp timestamps stamp elapsed elapsedtime seconds secs sec tout xvalue zeit "
+    "time": "time t timestamp timestamps stamp datetime clock elapsed elapsedtime seconds secs sec tout xvalue zeit "
     "zeitstempel unix unixtime tunix epoch epochtime posixtime",
-    "position": "position pos q theta θ θr angle ang phi φ angularposition jointposition jointangle jointpos "
+    "position": "position pos q theta θ θr angle ang phi φ angularposition jointposition jointangle jointpos qpos "
     "motorposition motorangle motorpos presentpos presentangle observationstate winkel drehwinkel",
     "velocity": "velocity vel speed omega ω dq qd qdot dqdt dtheta thetadot thetad v angularvelocity angvel "
-    "jointvelocity jointvel motorvelocity motorvel winkelgeschwindigkeit drehzahl",
+    "jointvelocity jointvel qvel motorvelocity motorvel winkelgeschwindigkeit drehzahl",
     "torque": "torque tau τ effort trq tq moment jointtorque motortorque taumotor motortau appliedtorque drehmoment "
-    "couple",
+    "qfrcactuator couple",
     "reference": "reference positionreference referenceposition posref refpos qref refq qr thetaref refangle angleref "
     "setpoint positionsetpoint positioncmd positioncommand commandedposition poscmd qcmd thetacmd desiredposition "
     "positiondesired desiredangle posdes despos qdes thetades goalposition targetposition positiontarget qtarget "
@@ -35,18 +37,29 @@ TICKS = {
     "micros": "us",
     "microseconds": "us",
     "nanoseconds": "ns",
+    "utime": "us",
 }  # of a clock
-CARRIERS = ("shaft", "pendulum", "arm")  # before an alias: what moves
+CARRIERS = ("shaft", "pendulum", "arm", "dof")  # before an alias: what moves
+OF_ANY_JOINT = frozenset((*CARRIERS, "joint", "joints", "motor", "axis", "j", "id"))  # words that name no one joint
 LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
-MEASURED = ("meas", "measured", "actual", "act", "actualvalue")  # before or after an alias
+MEASURED = ("meas", "measured", "msr", "fbk", "feedback", "actual", "act", "actualvalue")  # before or after an alias
 ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
-COMMANDED = ("cmd", "command", "commanded", "des", "desired", "ref", "setpoint")  # torque only, if no other is found
+COMMANDED = (
+    "cmd",
+    "command",
+    "commanded",
+    "des",
+    "desired",
+    "target",
+    "ref",
+    "setpoint",
+)  # torque only, if no other is found
 
 UNITS = {  # factor to SI units by the letters of the unit
     "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0}
-    | dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3)
-    | dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microseconds"), 1e-6)
-    | dict.fromkeys(("ns", "nsec", "nanoseconds"), 1e-9),
+    | dict.fromkeys(("ms", "msec", "msecs", "millisec", "millis", "milliseconds"), 1e-3)
+    | dict.fromkeys(("us", "usec", "usecs", "microsec", "µs", "μs", "micros", "microseconds"), 1e-6)
+    | dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"), 1e-9),
     "position": {"rad": 1.0, "radian": 1.0, "radians": 1.0}
     | dict.fromkeys(("deg", "degs", "degree", "degrees"), math.pi / 180)
     | dict.fromkeys(("mrad", "millirad"), 1e-3)
@@ -130,10 +143,12 @@ MOTOR = ("reference", "supply", "enabled", "load_torque")  # quantities of drive
 NO_TORQUE = frozenset(  # words in names of columns that are not torque
     "acceleration accel acc alpha ddq qdd qddot thetadd thetaddot gyro gyroscope x y z height distance energy kinetic "
     "potential counter count index idx id row no nr sample samples frame frames seq sequence step label comment note "
-    "event marker date".split()
+    "event marker date error err limit max min std offset integral".split()
 )
 INDICES = ("unnamed: 0", "__index_level_0__")  # names of a column of row numbers; it may have none
-WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")  # of a name, `sampleNumber` and `sample_number` have two
+BOUNDARY = re.compile(  # between the words of a name: `sampleNumber`, `sample_number`, `axisQMsr`, `tau1`
+    r"[^\w°%]+|_+|(?<=[a-zäöüß])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])"
+)
 UNITS_OF_NO_TORQUE = frozenset(  # letters of units in brackets, beside those of other quantities
     "ms2 ms² rads2 rads² degs2 degs² cm mm m c k hz j mj w mw ut µt μt pa hpa kpa lx db".split()
 ).union(*(UNITS[quantity] for quantity in ("time", "position", "velocity", "temperature")))
@@ -201,3 +216,46 @@ def find_name(name: str) -> tuple[str, str | None, Rank] | None:
             if end == len(name) or name[end:] in UNITS[quantity]:
                 return quantity, name[end:] or None, rank
     return None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Meaning of some words of a name; the other words are the label of a joint: `LF_HAA_q` has `lf` and `haa`."""
+
+    quantity: str  # empty if no words have a meaning
+    unit: str | None
+    rank: Rank
+    needs_gain: bool  # it is a current, a voltage or counts
+    is_last: bool  # no word follows
+    label: frozenset[str]
+
+
+def split_words(name: str) -> list[str]:
+    """Split a name at signs, changes of case, and digits."""
+    return [word.lower().replace("°", "deg") for word in BOUNDARY.split(name) if word]
+
+
+@cache
+def read_words(name: str) -> Reading:
+    """Read the longest run of words with a meaning; numbers belong to the label, wherever they stand.
+
+    A unit in brackets belongs to the run: with an unknown one, no words have a meaning.
+    """
+    words = split_words(name) if name.isprintable() else []
+    numbers = frozenset(word for word in words if word.isdecimal())
+    words = [word for word in words if word not in numbers]
+    has_unit = re.search(r"[\[(][^\])\d][^\])]*[\])]\s*$", name)
+    for length in range(len(words), 0, -1):
+        for start in range(len(words) - length, -1, -1):
+            text, is_last = "".join(words[start : start + length]), start + length == len(words)
+            if has_unit and not is_last:
+                continue
+            others = numbers.union(words[:start], words[start + length :]) - OF_ANY_JOINT
+            if not others.isdisjoint(NO_TORQUE):  # `torque_error` is of no joint
+                continue
+            if (match := find_name(text)) and (match[0] != "time" or len(text) > 2):  # `Motor T` is no time
+                return Reading(*match, needs_gain=False, is_last=is_last, label=others)
+            for quantity, names in RAW_NAMES.items():
+                if any(text.removesuffix(unit) in names for unit in ("", *RAW[quantity])):
+                    return Reading(quantity, None, Rank.MEASURED, needs_gain=True, is_last=is_last, label=others)
+    return Reading("", None, Rank.MEASURED, needs_gain=False, is_last=False, label=numbers.union(words) - OF_ANY_JOINT)

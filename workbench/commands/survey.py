@@ -85,6 +85,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.heading("Parameters that change")
     terminal.table(*changes) if changes.rows else terminal.say("none")
     report_files([output / name for name in TABLES], terminal)
+    if failed == len(rows):
+        raise InputError(f"{folder}: no recording could be diagnosed: the table has the reasons")
 
 
 def _check_options(arguments: argparse.Namespace) -> None:

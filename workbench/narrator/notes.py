@@ -89,6 +89,7 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.SPARSE: "{quantity} is left out: it is {text} in {count:g} of {rows:.0f} rows",
     NoteKind.FIRST_DATE: "time is counted from {text}",
     NoteKind.LAST_ROW_CUT: "the last row is cut off: left out",
+    NoteKind.TIME_OF_TWO: "time is the sum of columns {header!r} and {header1!r}",
     NoteKind.CLOCK_RESTARTED: "the counter of time began again: time goes on there",
     NoteKind.CELLS_HELD: "empty cells hold the last value: the file repeats no value",
     NoteKind.OTHER_ROWS: "{quantity} stands in other rows than position: taken {variant}",

@@ -20,7 +20,7 @@ from workbench.reading import read_source_names
 
 STUDY = "study.toml"
 TABLES = ("survey.parquet", "survey.csv")  # output of a survey
-ENDINGS = tuple(ending for ending in READERS if ending != ".txt")  # text files are often notes
+ENDINGS = tuple(ending for ending in READERS if ending not in (".txt", ".json"))  # often notes, or a model
 SIXTY = r"[0-5]\d"
 TIME = rf"(?:[01]\d|2[0-3])([-:]?){SIXTY}(?:\2{SIXTY})?(?!\d|-\d\d-\d\d|k?Hz)"  # 2000Hz is a rate
 DATE = re.compile(rf"(?<!\d)\d{{4}}(-?)\d\d\1\d\d(?:[T_ -]{TIME})?(?!\d)")

@@ -1,8 +1,10 @@
 """Files of other programs: HDF5, Excel, Parquet of robot learning, bags of ROS and MCAP."""
 
+import json
 import os
 import sqlite3
 import zipfile
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from xml.sax.saxutils import escape
@@ -120,6 +122,29 @@ def test_vectors_of_a_robot_learning_dataset(tmp_path: Path) -> None:
     assert recording.starts == (0, 500) and recording.rate == pytest.approx(250)
     np.testing.assert_allclose(recording.position, s["position"])
     np.testing.assert_allclose(recording.reference, s["position"] + 0.1)
+
+
+# JSON
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        ("run.json", lambda rows: json.dumps(rows)),
+        ("run.json", lambda rows: json.dumps({"motor": "mx64", "mass": 1.0, "entries": rows})),
+        ("run.json", lambda rows: json.dumps({key: [row[key] for row in rows] for key in rows[0]})),
+        ("run.json", lambda rows: json.dumps({key: {k: row[key] for k, row in enumerate(rows)} for key in rows[0]})),
+        ("run.jsonl", lambda rows: "\n".join(map(json.dumps, rows))),
+    ],
+)
+def test_rows_and_columns_of_json(tmp_path: Path, name: str, make: Callable[[list[dict[str, float]]], str]) -> None:
+    s = signals()
+    columns = {"timestamp": TIME, "position": s["position"], "torque": s["torque"]}
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*(x.tolist() for x in columns.values()), strict=True)]
+    (tmp_path / name).write_text(make(rows))
+    recording = read_recording(tmp_path / name)
+    np.testing.assert_allclose(recording.position, s["position"])
+    np.testing.assert_allclose(recording.torque, s["torque"])
 
 
 # Excel
