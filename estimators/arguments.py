@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from estimators.free_swings import is_torque_needed
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import (
-    OF_A_TURN,
+    REVOLUTE_ONLY,
     check_places,
     find_body,
     find_kinds,
@@ -158,7 +158,7 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
         IdentificationError: if effects are given, and none can be shown.
     """
     if any(recording.units.slides for recording in recordings):
-        sliding = {id: kind for id, kind in kinds.items() if id not in OF_A_TURN}
+        sliding = {id: kind for id, kind in kinds.items() if id not in REVOLUTE_ONLY}
         if kinds and not sliding:
             raise IdentificationError(f"{next(iter(kinds))} needs a joint that turns: look for other effects")
         kinds = sliding

@@ -140,7 +140,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         """Pass changed parameters to the backend."""
         before, self._parameters = self._parameters, self.plant.info
         if isinstance(self.backend, Simulator) and self._parameters != before:
-            self.backend.take(self.plant.terms, self.plant.theta)
+            self.backend.set_parameters(self.plant.terms, self.plant.theta)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -173,10 +173,10 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         first = self.backend.enable(start)
         self._running = True
         # the backward difference starts with the angle one period earlier
-        self._before, self._then = first.position, first.time
+        self._previous_position, self._previous_time = first.position, first.time
         if self.simulated:
-            self._before = float(self._setup.sensor.position(position - velocity / self.rate))
-        observation, info = self._show(first)
+            self._previous_position = float(self._setup.sensor.position(position - velocity / self.rate))
+        observation, info = self._make_observation(first)
         if self.render_mode == "human":
             self.render()
         return observation, info
@@ -197,18 +197,18 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             self.backend.disable()  # no torque between runs
             raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
-        observation, info = self._show(sample, clipped=bool(is_beyond(torque, self.max_torque)))
+        observation, info = self._make_observation(sample, clipped=bool(is_beyond(torque, self.max_torque)))
         if self.render_mode == "human":
             self.render()
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info
 
-    def _show(self, sample: Sample, clipped: bool = False) -> tuple[Observation, dict[str, Any]]:
+    def _make_observation(self, sample: Sample, clipped: bool = False) -> tuple[Observation, dict[str, Any]]:
         """Return observation and info of a sample."""
         position, velocity = sample.position, sample.velocity
         if velocity is None:
-            periods = max(1, round((sample.time - self._then) * self.rate))  # a recording may have gaps
-            velocity = (position - self._before) * self.rate / periods
-        self._before, self._then = position, sample.time
+            periods = max(1, round((sample.time - self._previous_time) * self.rate))  # a recording may have gaps
+            velocity = (position - self._previous_position) * self.rate / periods
+        self._previous_position, self._previous_time = position, sample.time
         bounded = min(max(velocity, -MAX_VELOCITY), MAX_VELOCITY)
         observation = np.array([math.cos(position), math.sin(position), bounded], dtype=np.float32)
         info: dict[str, Any] = {

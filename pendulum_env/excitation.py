@@ -148,7 +148,7 @@ STILL = Levels(0.0, (1.0,), (0.0,))  # zero torque
 class SignalKind(NamedTuple):
     """Kind of excitation."""
 
-    usual: float  # [N m], default amplitude
+    default_amplitude: float  # [N m], default amplitude
     draw: Callable[[np.random.Generator, float, float], Excitation]  # from generator, duration [s] and amplitude [N m]
 
 
@@ -176,7 +176,7 @@ def excitation(
         ValueError: if the name is unknown, or if seconds or amplitude is not positive.
     """
     kind = find("excitation", name, EXCITATIONS)
-    amplitude = kind.usual if amplitude is None else amplitude
+    amplitude = kind.default_amplitude if amplitude is None else amplitude
     for what, value in (("seconds", seconds), ("amplitude", amplitude)):
         if not 0 < value < np.inf:
             raise UserError(f"an excitation needs {what} above zero, got {value:g}")

@@ -89,8 +89,8 @@ class PlantParameters:
         """Return the current parameters for `info`: numbers, or arrays (B,) with Gymnasium's masks."""
         if not self._batch:
             return {name: float(value) for name, value in self.now.items()}
-        everyone = np.ones(self._batch, dtype=bool)
-        return {**self.now, **{f"_{name}": everyone for name in self.now}}
+        all_plants = np.ones(self._batch, dtype=bool)
+        return {**self.now, **{f"_{name}": all_plants for name in self.now}}
 
     def _check_values(self, given: Values) -> dict[str, Array]:
         """Return the given parameters as arrays () or (B,); refuse unknown names and impossible values."""

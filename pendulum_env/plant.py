@@ -11,7 +11,7 @@ import numpy as np
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model, NonlinearParameter, Term, effect
 from pendulum_env.physics.library import MEASURED
-from pendulum_env.reading import LARGE, quote_value
+from pendulum_env.reading import MAX_NUMBER, quote_value
 
 Effects = str | Sequence[str] | Mapping[str, float | Mapping[str, float]] | None  # see `list_effects`
 
@@ -42,8 +42,8 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
     refuse_unnamed(theta)
     for name, value in theta.items():
         find("parameter", name, PAPER)
-        if not 0 <= value <= LARGE or (name == "inertia" and value == 0):
-            raise ValueError(f"{name} of a plant cannot be {value:g}: give a positive number, {LARGE:g} at most")
+        if not 0 <= value <= MAX_NUMBER or (name == "inertia" and value == 0):
+            raise ValueError(f"{name} of a plant cannot be {value:g}: give a positive number, {MAX_NUMBER:g} at most")
     return Model.build(BASE, np.array([theta.get(name, usual) for name, usual in PAPER.items()]))
 
 
@@ -73,7 +73,7 @@ def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
     return {name: values[name] * float(rng.uniform(0.8, 1.5)) for name in linear} | nonlinear
 
 
-def hide(plant: Model, text: str) -> Model:
+def hide_effect(plant: Model, text: str) -> Model:
     """Add an effect, given as text, to a plant.
 
     `stribeck` has its typical size, `stribeck=0.4,0.3` sets the parameters in order, and `cogging:order=14,sin=0.2` by
@@ -91,7 +91,7 @@ def hide(plant: Model, text: str) -> Model:
     kind = effect(id)
     parameters = get_typical_values(kind())
     if separator == "=":
-        values = [_number(part, text) for part in listed.split(",")]
+        values = [_parse_number(part, text) for part in listed.split(",")]
         if len(values) > len(parameters):
             raise ValueError(
                 f"{id} takes at most {len(parameters)} values ({', '.join(parameters)}), got {len(values)}"
@@ -108,8 +108,10 @@ def hide(plant: Model, text: str) -> Model:
         find(f"parameter of {id}", name, parameters)
     linear = {name: given.get(name, usual) for name, usual in parameters.items() if name not in nonlinear}
     for name, value in linear.items():
-        if not abs(value) <= LARGE:
-            raise ValueError(f"{name} of {id} cannot be {value:g}: give a number from {-LARGE:g} to {LARGE:g}")
+        if not abs(value) <= MAX_NUMBER:
+            raise ValueError(
+                f"{name} of {id} cannot be {value:g}: give a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}"
+            )
     if term.fault:
         raise ValueError(f"{id} cannot be as '{text}' says: {term.fault}")
     return plant.add(term, np.array([*linear.values()]))
@@ -132,8 +134,8 @@ def check_linear(name: str, value: float) -> None:
     Raises:
         ValueError: with the parameter and its range.
     """
-    if not abs(value) <= LARGE or (name == "inertia" and value <= 0):
-        allowed = "a positive number" if name == "inertia" else f"a number from {-LARGE:g} to {LARGE:g}"
+    if not abs(value) <= MAX_NUMBER or (name == "inertia" and value <= 0):
+        allowed = "a positive number" if name == "inertia" else f"a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}"
         raise ValueError(f"{name} of a plant cannot be {value:g}: give {allowed}")
 
 
@@ -148,11 +150,11 @@ def read_parameters(text: str) -> dict[str, float]:
         name, equals, value = part.partition("=")
         if not equals:
             raise ValueError(f"'{part}' in '{text}' is not of the form name=value")
-        parameters[name.strip()] = _number(value, text)
+        parameters[name.strip()] = _parse_number(value, text)
     return parameters
 
 
-def _number(part: str, text: str) -> float:
+def _parse_number(part: str, text: str) -> float:
     with suppress(ValueError):
         if not math.isnan(value := float(part)):
             return value
@@ -160,7 +162,7 @@ def _number(part: str, text: str) -> float:
 
 
 def list_effects(effects: Effects) -> tuple[str, ...]:
-    """Convert effects to texts for `hide`.
+    """Convert effects to texts for `hide_effect`.
 
     Args:
         effects: a text such as `stribeck=0.4`, several texts, sizes by id `{"stribeck": 0.4}`, parameters by id and
@@ -216,5 +218,5 @@ def make_plant(
     else:
         plant = paper_plant(theta)
     for text in list_effects(effects):
-        plant = hide(plant, text)
+        plant = hide_effect(plant, text)
     return plant

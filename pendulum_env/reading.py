@@ -22,15 +22,15 @@ from numpy.typing import NDArray
 from pendulum_env.errors import FileError, UserError, shorten_error
 from pendulum_env.lookup import find
 
-LARGEST = 500_000_000  # [bytes] of a file, about 8 million rows of CSV
-LARGE = 1e9  # largest magnitude of a number in a file [SI units]
-SHOWN = 60  # characters of a quoted value in a message
-LONGEST = 1000  # characters of a text field
+MAX_BYTES = 500_000_000  # [bytes] of a file, about 8 million rows of CSV
+MAX_NUMBER = 1e9  # largest magnitude of a number in a file [SI units]
+MAX_QUOTED = 60  # characters of a quoted value in a message
+MAX_TEXT = 1000  # characters of a text field
 
 T = TypeVar("T")
 
 
-def quote_value(value: object, most: int = SHOWN) -> str:
+def quote_value(value: object, most: int = MAX_QUOTED) -> str:
     """Quote a value for a message in up to `most` characters, without nested values."""
     if type(value).__module__ != "builtins" and "\n" in repr(value):  # arrays and results
         return f"<{type(value).__name__}>"
@@ -44,15 +44,17 @@ def quote_value(value: object, most: int = SHOWN) -> str:
 
 
 def check_size(path: str | os.PathLike[str]) -> None:
-    """Refuse a path that is not a regular file, or a file of more than `LARGEST` bytes."""
+    """Refuse a path that is not a regular file, or a file of more than `MAX_BYTES` bytes."""
     try:
         status = os.stat(path)
     except (OSError, ValueError) as error:
         raise FileError(f"{path}: cannot be read ({_get_reason(error)}): check the path") from None
     if not stat.S_ISREG(status.st_mode):
         raise FileError(f"{path}: cannot be read (it is a folder, a device or a pipe): name a file")
-    if status.st_size > LARGEST:
-        raise FileError(f"{path}: has {status.st_size / 1e6:.4g} MB, at most {LARGEST / 1e6:g} MB are read: shorten it")
+    if status.st_size > MAX_BYTES:
+        raise FileError(
+            f"{path}: has {status.st_size / 1e6:.4g} MB, at most {MAX_BYTES / 1e6:g} MB are read: shorten it"
+        )
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
@@ -120,9 +122,9 @@ def _format_value(value: Any) -> str:
 # ---------------------------------------------------------------------------------------------------------- values
 
 
-Number = Annotated[float, Meta(ge=-LARGE, le=LARGE)]  # types of fields for `convert`
-NonNegative = Annotated[float, Meta(ge=0.0, le=LARGE)]
-Text = Annotated[str, Meta(min_length=1, max_length=LONGEST)]
+Number = Annotated[float, Meta(ge=-MAX_NUMBER, le=MAX_NUMBER)]  # types of fields for `convert`
+NonNegative = Annotated[float, Meta(ge=0.0, le=MAX_NUMBER)]
+Text = Annotated[str, Meta(min_length=1, max_length=MAX_TEXT)]
 
 
 def convert(content: Any, kind: type[T], key: str = "") -> T:

@@ -30,9 +30,9 @@ class Renderer:
         if mode is not None:
             find("render_mode", mode, dict.fromkeys(MODES))
         self.mode = mode
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._surface: Any = None
         self._font: Any = None
         self._clock: Any = None
@@ -117,4 +117,4 @@ class Renderer:
         """Close the window, if it is open."""
         if self._surface is not None and self.mode == "human":
             self._open().display.quit()
-        self._forget()
+        self._reset()

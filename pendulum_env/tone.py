@@ -4,10 +4,10 @@ import numpy as np
 
 from pendulum_env._typing import Array
 
-ONE = 0.995  # least share of the power in one sine for "one frequency"; a triangle wave has 0.986
+ONE_FREQUENCY = 0.995  # least share of the power in one sine for "one frequency"; a triangle wave has 0.986
 ZOOM, STEPS = 40, 3  # frequencies per refinement of the grid, and number of refinements
-ENOUGH = 20_000  # samples after decimation of longer series; averages would remove fast motion
-LEAST = 0.9  # least share of the spectrum's power within two lines of its peak
+MAX_SAMPLES = 20_000  # samples after decimation of longer series; averages would remove fast motion
+MIN_PEAK_SHARE = 0.9  # least share of the spectrum's power within two lines of its peak
 
 
 def find_tone(series: Array, period: float) -> tuple[float, float]:
@@ -18,7 +18,7 @@ def find_tone(series: Array, period: float) -> tuple[float, float]:
     Returns:
         Angular frequency [rad/s], and share of the power in this sine; both 0 if the spectrum has no dominant peak.
     """
-    stride = max(1, len(series) // ENOUGH)
+    stride = max(1, len(series) // MAX_SAMPLES)
     series, period = series[::stride], stride * period
     time = np.arange(len(series)) * period
     line = np.column_stack([np.ones_like(time), np.linspace(-1.0, 1.0, len(time))])
@@ -29,7 +29,7 @@ def find_tone(series: Array, period: float) -> tuple[float, float]:
     spacing = 2 * np.pi / (len(series) * period)
     spectrum, share = np.abs(np.fft.rfft(rest)) ** 2, 0.0
     line_number = int(np.argmax(spectrum))
-    if spectrum[max(line_number - 2, 0) : line_number + 3].sum() < LEAST * spectrum.sum():
+    if spectrum[max(line_number - 2, 0) : line_number + 3].sum() < MIN_PEAK_SHARE * spectrum.sum():
         return 0.0, 0.0
     best = spacing * max(1, line_number)
     for _ in range(STEPS):
@@ -45,4 +45,4 @@ def find_tone(series: Array, period: float) -> tuple[float, float]:
 
 def has_one_frequency(series: Array, period: float) -> bool:
     """Return whether a series (N,) has nearly all of its power in one sine."""
-    return find_tone(series, period)[1] > ONE
+    return find_tone(series, period)[1] > ONE_FREQUENCY

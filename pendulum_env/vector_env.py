@@ -84,7 +84,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self.single_observation_space, self.single_action_space = make_spaces(max_torque)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._everyone, self._nobody = np.ones(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
+        self._all_plants, self._no_plants = np.ones(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
         self.plant = PlantParameters(make_plant(theta, effects, model), (num_envs,))
         self._x: Samples | None = None
         self._update_plant()
@@ -102,7 +102,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         """Pass changed parameters to the torque balance."""
         self._balance = TorqueBalance(self.plant.terms, self.plant.theta)
         if self._x is not None:
-            self._command.take(self._balance.terms)
+            self._command.set_delay(self._balance.terms)
         self._parameters = self.plant.info
 
     def reset(
@@ -124,13 +124,13 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
             find("option of reset", name, RESET_OPTIONS)
         position, velocity = read_start(options, (self.num_envs,))
         self.steps = np.zeros(self.num_envs, dtype=np.int64)
-        self._ended = self._nobody
+        self._ended = self._no_plants
         self.plant.reset(options.get("theta"))
         self._command = CommandLine(self.plant.terms, 1.0 / self.rate, self.substeps)
         self._update_plant()
         self._x = begin(self._balance, position, velocity)
-        self._before = self.sensor.position(position - velocity / self.rate)
-        observation, info = self._show(np.zeros(self.num_envs), clipped=self._nobody.copy())
+        self._previous_position = self.sensor.position(position - velocity / self.rate)
+        observation, info = self._make_observation(np.zeros(self.num_envs), clipped=self._no_plants.copy())
         return observation, {**info, "torque": np.zeros(self.num_envs)}
 
     def step(  # type: ignore[override]  # Gymnasium gives flags the type of rewards
@@ -149,12 +149,12 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         torque = np.clip(asked, -self.max_torque, self.max_torque)
         if np.isnan(torque).any():
             raise ValueError(f"the action of pendulum {int(np.isnan(torque).argmax())} is NaN: a torque is needed")
-        revived = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else self._nobody
+        revived = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else self._no_plants
         self._advance(torque)
         if revived.any():
             torque = np.where(revived, 0.0, torque)
             self._restart(revived)
-        observation, info = self._show(torque, clipped=is_beyond(asked, self.max_torque) & ~revived)
+        observation, info = self._make_observation(torque, clipped=is_beyond(asked, self.max_torque) & ~revived)
         truncated = self._ended = self.steps >= self.max_episode_steps
         if self.autoreset is AutoresetMode.SAME_STEP and truncated.any():
             info = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
@@ -163,8 +163,8 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
             for name in ("time", "position", "velocity", "torque", "clipped"):
                 info[name] = np.where(truncated, np.zeros_like(info["final_info"][name]), info["final_info"][name])
             info["plant"] = dict(self._parameters)
-            info |= {name: self._everyone for name in info["final_info"] if name not in info}
-        return observation, np.zeros(self.num_envs), self._nobody.copy(), truncated, info
+            info |= {name: self._all_plants for name in info["final_info"] if name not in info}
+        return observation, np.zeros(self.num_envs), self._no_plants.copy(), truncated, info
 
     def _advance(self, torque: Array) -> None:
         assert self._x is not None
@@ -182,15 +182,15 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         still = begin(self._balance, *np.zeros((2, self.num_envs)))
         rows = [np.where(which, *each) for each in zip(stack_rows(still), stack_rows(self._x), strict=True)]
         self._x = unstack_rows(rows, self._x)
-        self._before = np.where(which, 0.0, self._before)
-        self._command.forget(which)
+        self._previous_position = np.where(which, 0.0, self._previous_position)
+        self._command.clear(which)
         self.steps = np.where(which, 0, self.steps)
 
-    def _show(self, torque: Array, clipped: Bools) -> tuple[Batch, dict[str, Any]]:
+    def _make_observation(self, torque: Array, clipped: Bools) -> tuple[Batch, dict[str, Any]]:
         """Return observations (B, 3) and info after `torque` (B,), with the mask of clipped actions (B,)."""
         assert self._x is not None
-        position, velocity = self.sensor.measure(self._x.position, self._x.velocity, self._before, self.rate)
-        self._before = position
+        position, velocity = self.sensor.measure(self._x.position, self._x.velocity, self._previous_position, self.rate)
+        self._previous_position = position
         bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
         observation = np.stack([np.cos(position), np.sin(position), bounded], axis=1, dtype=np.float32)
         seen = {
@@ -199,7 +199,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
             "velocity": velocity,
             "torque": np.asarray(self.sensor.torque(torque, self.np_random)),
             "clipped": clipped,
-            "follows": self._everyone,
+            "follows": self._all_plants,
             "plant": dict(self._parameters),
         }
-        return observation, seen | {f"_{name}": self._everyone for name in seen}
+        return observation, seen | {f"_{name}": self._all_plants for name in seen}

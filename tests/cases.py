@@ -20,7 +20,7 @@ THETA = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.35, "coulomb": 0.8}
 TRUTH = np.array(list(THETA.values()))
 
 
-def told(run: SimulatedRecording, name: str = "run") -> Recording:
+def make_recording(run: SimulatedRecording, name: str = "run") -> Recording:
     """What a user has of a simulated run."""
     return Recording(run.time, run.position, run.torque, name=name)
 
@@ -30,7 +30,7 @@ def recorded(
 ) -> list[Recording]:
     """Recordings of a plant, one of each experiment; a command [N m] takes the place of its excitation."""
     runs = simulate([(plant, experiment) for experiment in experiments], commands)
-    return [told(run, f"run {k}") for k, run in enumerate(runs, 1)]
+    return [make_recording(run, f"run {k}") for k, run in enumerate(runs, 1)]
 
 
 @dataclass(frozen=True)
@@ -107,29 +107,29 @@ OUTSIDE = {
 }
 
 
-def a_jump_at_every_sample() -> np.ndarray:
+def draw_jumps() -> np.ndarray:
     """A random binary command beside a slow one, 12 s at 250 Hz; its differences dwarf the noise of 0.02 N m."""
     return 3 * np.sin(9 * np.arange(3000) / 250) + np.random.default_rng(5).choice([-2.0, 2.0], 3000)
 
 
-def at_random() -> np.ndarray:
+def draw_random_torque() -> np.ndarray:
     """The first thing that an agent does: a new torque every millisecond, for 8 s, which hardly moves the arm."""
     return np.random.default_rng(0).uniform(-15.0, 15.0, 8000)
 
 
-def a_swing() -> np.ndarray:
+def make_swing_torque() -> np.ndarray:
     """Two tones, 12 s at 500 Hz, that a pendulum follows at up to 10 rad/s."""
     time = np.arange(6000) / 500
     return 5 * np.sin(4 * time) + 2 * np.sin(11 * time)
 
 
-def in_creep() -> np.ndarray:
+def make_creep_torque() -> np.ndarray:
     """Two tones that hardly overcome friction, 16 s at 500 Hz."""
     time = np.arange(8000) / 500
     return 0.85 * (np.sin(12.07 * time) + np.sin(2.25 * time))
 
 
-def on_two_levels() -> np.ndarray:
+def draw_two_levels() -> np.ndarray:
     """A torque of one size, forwards or backwards for 0.2 s, 12 s at 1 kHz."""
     return 3.5 * np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 200)
 
@@ -146,18 +146,20 @@ OF_THE_PAPER = Plant(0.0895, 2.01, 0.3638, 0.9163)
 WALLS = (-4.17, 5.0)  # [rad]
 STOPS = {"wall_lo": WALLS[0], "wall_hi": WALLS[1], "wall_k": 230.0, "wall_d": 2.1}
 SPECIAL = {  # of one test each
-    "jumpy": Case(experiment=JUMPY, command=a_jump_at_every_sample()),
-    "jumpy, drag and tilt": Case(DRAG_AND_TILT, experiment=JUMPY, command=a_jump_at_every_sample()),
+    "jumpy": Case(experiment=JUMPY, command=draw_jumps()),
+    "jumpy, drag and tilt": Case(DRAG_AND_TILT, experiment=JUMPY, command=draw_jumps()),
     "lower stop": Case({"hard_stop": {"wall_lo": -0.9, **ONE_STOP}}, experiment=run(70, 12.0)),
-    "random": Case(experiment=run(0, 8.0, 1000.0), command=at_random()),
+    "random": Case(experiment=run(0, 8.0, 1000.0), command=draw_random_torque()),
     "scale 0.7": Case(SPRING, experiment=run(50, 12.0, excitation="multisine", scale=0.7)),
     "scale 0.35": Case(SPRING, experiment=run(50, 12.0, excitation="multisine", scale=0.35)),
     "wide": Case(SPRING, experiment=run(51, 9.0, scale=0.8)),
-    "struck": Case(experiment=run(71, 12.0), command=a_swing() + BLOW),
+    "struck": Case(experiment=run(71, 12.0), command=make_swing_torque() + BLOW),
     **{f"bristles {seed}": Case(plant=BRISTLES, experiment=run(seed, 10.0, 1000.0, counts=65_536)) for seed in (1, 2)},
     **{f"gears {seed}": Case(GEARS, experiment=run(seed, 9.0, 200.0, excitation="pd_loop")) for seed in (41, 42, 43)},
-    "creep": Case(plant=CREEPING, experiment=run(3, 16.0), command=in_creep()),
-    "two levels": Case(experiment=run(0, 12.0, 1000.0, torque_noise=0.02), plant=OF_THE_PAPER, command=on_two_levels()),
+    "creep": Case(plant=CREEPING, experiment=run(3, 16.0), command=make_creep_torque()),
+    "two levels": Case(
+        experiment=run(0, 12.0, 1000.0, torque_noise=0.02), plant=OF_THE_PAPER, command=draw_two_levels()
+    ),
     "short": Case(experiment=run(31, 0.5, 250.0)),
     "brief": Case(experiment=run(31, 3.0, 250.0)),
     "bouncing": Case(
@@ -186,7 +188,7 @@ Some = str | Recording | Sequence[str | Recording]
 
 def diagnosed(train: Some, holdout: Some = (), **options: Any) -> Diagnosis:
     """What `diagnose` says of recordings, or of cases of the catalogue, with the effects of the library; made once."""
-    return _diagnosed(_listed(train), _listed(holdout), **options)
+    return _diagnosed(_list_recordings(train), _list_recordings(holdout), **options)
 
 
 @once("pendulum_env", "estimators")
@@ -194,11 +196,11 @@ def _diagnosed(train: list[Recording], holdout: list[Recording], **options: Any)
     return diagnose(train, holdout, **options)
 
 
-def _listed(some: Some) -> list[Recording]:
+def _list_recordings(some: Some) -> list[Recording]:
     several = [some] if isinstance(some, str | Recording) else some
     return [recording(one) if isinstance(one, str) else one for one in several]
 
 
-def plain() -> Model:
+def make_plain_model() -> Model:
     """The plant of the catalogue, with nothing hidden."""
     return Model.build(BASE, TRUTH)

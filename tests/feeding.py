@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 
-def fed(learner: Any, runs: Any, first: int = 0, last: int | None = None) -> list[Any]:
+def feed(learner: Any, runs: Any, first: int = 0, last: int | None = None) -> list[Any]:
     """What an estimator or a diagnoser says after each sample of a run, or of several at once.
 
     The torque comes with the sample that ends its period.
@@ -17,7 +17,7 @@ def fed(learner: Any, runs: Any, first: int = 0, last: int | None = None) -> lis
     return [learner.take(np.full(len(runs), time[k]), position[k], held[k]) for k in range(len(time))[first:last]]
 
 
-def played(env: Any, steps: int, first: int = 0) -> list[dict[str, Any]]:
+def play_two_tones(env: Any, steps: int, first: int = 0) -> list[dict[str, Any]]:
     """Infos of the steps of one or several pendulums at 200 Hz under the paper's two tones."""
     time = np.arange(first, first + steps) / 200
     torque = 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time)

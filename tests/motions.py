@@ -18,7 +18,7 @@ def recorded(seed: int, seconds: float = 8.0, rate: float = 200.0, scale: float 
     return Samples(time, np.sin(angle) @ size + drift * time, np.cos(angle) @ (size * w) + drift, torque)
 
 
-def moved(resistance: Callable[[np.ndarray, np.ndarray], np.ndarray], size: float = 1.0) -> Recording:
+def record_motion(resistance: Callable[[np.ndarray, np.ndarray], np.ndarray], size: float = 1.0) -> Recording:
     """Torque that a motion of three tones takes of a body against a torque of its position and velocity.
 
     It is that in the middle of each step, as held torque is.

@@ -4,6 +4,6 @@ from pendulum_env.recording import Recording
 from workbench.narrator.notes import describe_note
 
 
-def noted(recording: Recording) -> tuple[str, ...]:
+def list_notes(recording: Recording) -> tuple[str, ...]:
     """What was changed in a recording or guessed of it, in words."""
     return tuple(map(describe_note, recording.notes))

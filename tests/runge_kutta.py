@@ -10,7 +10,7 @@ Rate = Callable[..., Sequence[float]]
 Law = Callable[[float, float, float, float], float]  # of time, position, velocity and command
 
 
-def stepped(rate: Rate, t: float, x: Sequence[float], step: float) -> list[float]:
+def step_runge_kutta(rate: Rate, t: float, x: Sequence[float], step: float) -> list[float]:
     """States after a step from x at time t, where `rate(t, *x)` gives their derivatives."""
 
     def moved(slopes: Sequence[float], by: float) -> list[float]:
@@ -24,7 +24,7 @@ def stepped(rate: Rate, t: float, x: Sequence[float], step: float) -> list[float
     return moved(mean, step)
 
 
-def stick_and_slip(
+def simulate_stick_slip(
     net: Law, dry: Law, inertia: float, command: Sequence[float], period: float, start: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position, velocity (N + 1,) and whether each period ends in stick, from event to event with DOP853.

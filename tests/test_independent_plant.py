@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from tests.runge_kutta import stick_and_slip
+from tests.runge_kutta import simulate_stick_slip
 
 EXACT = {"counts": None, "torque_noise": 0.0}
 SIZES = {
@@ -36,7 +36,7 @@ def shooting(plant: Plant, rate: float, command: np.ndarray) -> np.ndarray:
         weight = p["gravity"] * np.sin(q) + p["tilt_cos"] * np.cos(q)
         return motor - weight - p["viscous"] * v - p["drag"] * v * abs(v) - p["asym_c"]
 
-    return stick_and_slip(net, dry, p["inertia"], command.tolist(), 1 / rate)[0][:-1]
+    return simulate_stick_slip(net, dry, p["inertia"], command.tolist(), 1 / rate)[0][:-1]
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def body() -> Body:
 
 
 @once("benchmarks")
-def recorded(
+def record_arm(
     plant: TwoLink = TwoLink(),  # noqa: B008  (frozen)
     seed: int = 0,
     *,

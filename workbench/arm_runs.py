@@ -13,7 +13,7 @@ from pendulum_env.arms import Body, BodyError, find_planar_links
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import MOST_TORQUE
-from pendulum_env.reading import LARGE
+from pendulum_env.reading import MAX_NUMBER
 from pendulum_env.recording import write_recording
 from workbench.errors import InputError
 from workbench.outputs import report_files
@@ -42,8 +42,8 @@ def record_arm(
             motion = design_excitation(body, seconds, **limits, rng=rng)
     with terminal.progress("simulating") as tell:
         recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
-    if not (np.abs(recording.position) <= LARGE).all():  # false for NaN, too
-        raise InputError(f"the joints turn by more than {LARGE:g} rad: hide less, or allow less torque")
+    if not (np.abs(recording.position) <= MAX_NUMBER).all():  # false for NaN, too
+        raise InputError(f"the joints turn by more than {MAX_NUMBER:g} rad: hide less, or allow less torque")
     write_recording(recording, arguments.output)
     terminal.say(recording.summary)
     terminal.say(f"the joints follow {motion}, condition of the regressor {motion.condition:.3g}")

@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, Term, list_nameable
-from pendulum_env.plant import hide, paper_plant, read_parameters
-from pendulum_env.reading import LARGE, quote_value
+from pendulum_env.plant import hide_effect, paper_plant, read_parameters
+from pendulum_env.reading import MAX_NUMBER, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import TOLD
 from pendulum_env.servo import KEYS, WORDS, ServoDrive
@@ -49,7 +49,7 @@ def keep_message(convert: Callable[[str], T]) -> Callable[[str], T]:
     return convert_text
 
 
-def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
+def convert_number(low: float, high: float = MAX_NUMBER) -> Callable[[str], float]:
     """Make a converter of text to a number from low to high; a whole number if both are int."""
     is_whole = isinstance(low, int) and isinstance(high, int)
     kind = int if is_whole else float
@@ -65,7 +65,7 @@ def convert_number(low: float, high: float = LARGE) -> Callable[[str], float]:
 
 
 def _parse_hidden_effect(text: str) -> str:
-    hide(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # without the joint, which is checked later
+    hide_effect(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # without the joint, which is checked later
     return text
 
 
@@ -159,8 +159,8 @@ def _bound(text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not (abs(value) <= LARGE or math.isinf(value)):
-        raise InputError(f"{quote_value(text)} should be a number from {-LARGE:g} to {LARGE:g}, or left out")
+    if not (abs(value) <= MAX_NUMBER or math.isinf(value)):
+        raise InputError(f"{quote_value(text)} should be a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}, or left out")
     return value
 
 
@@ -284,5 +284,5 @@ def make_plant(arguments: argparse.Namespace) -> Model:
     """Make the plant of the options with its hidden effects; raises ModelError if an effect is hidden twice."""
     plant: Model = arguments.theta or paper_plant()
     for text in arguments.effects:
-        plant = hide(plant, text)
+        plant = hide_effect(plant, text)
     return plant

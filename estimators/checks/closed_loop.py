@@ -24,7 +24,7 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
-from pendulum_env.tone import ONE, find_tone
+from pendulum_env.tone import ONE_FREQUENCY, find_tone
 
 SAME = 1.2  # ratio of frequencies below which they count as one
 
@@ -69,7 +69,7 @@ def have_one_frequency(recordings: Sequence[Recording]) -> bool:
     longest = [max(recording.segments, key=len) for recording in recordings]
     tones = [find_tone(segment.position, 1.0 / segment.rate) for segment in longest]
     frequencies = [frequency for frequency, _ in tones]
-    return min(share for _, share in tones) > ONE and max(frequencies) < SAME * min(frequencies)
+    return min(share for _, share in tones) > ONE_FREQUENCY and max(frequencies) < SAME * min(frequencies)
 
 
 def is_consistent(recordings: Sequence[Recording], data: TorqueWindows, residual: Array, parameters: int) -> bool:

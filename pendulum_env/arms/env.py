@@ -69,13 +69,13 @@ class SimulatedArm(gym.Env[Observation, Action]):
         for name in given:
             find("option of reset", name, RESET_OPTIONS)
         position, velocity = (
-            self._numbers(name, given.get(name, np.zeros(len(self.joints)))) for name in RESET_OPTIONS
+            self._check_numbers(name, given.get(name, np.zeros(len(self.joints)))) for name in RESET_OPTIONS
         )
         self._bodies.start(position, velocity)
         self._count, self._running = 0, True
-        self._before = self.sensor.position(position - velocity / self.rate)
+        self._previous_position = self.sensor.position(position - velocity / self.rate)
         none = np.zeros(len(self.joints))
-        observation, info = self._show(none, none > 0)
+        observation, info = self._make_observation(none, none > 0)
         if self.render_mode == "human":
             self.render()
         return observation, info
@@ -84,17 +84,17 @@ class SimulatedArm(gym.Env[Observation, Action]):
         """Hold torques for one period."""
         if not self._running:
             raise gym.error.ResetNeeded("the arm has not been started: call reset before step")
-        asked = self._numbers("action", action)
+        asked = self._check_numbers("action", action)
         torque = np.clip(asked, -self.max_torque, self.max_torque)
         self._bodies.advance(torque)
         self._count += 1
         measured = self.sensor.torque(torque, self.np_random)
-        observation, info = self._show(measured, is_beyond(asked, self.max_torque))
+        observation, info = self._make_observation(measured, is_beyond(asked, self.max_torque))
         if self.render_mode == "human":
             self.render()
         return observation, 0.0, False, False, info
 
-    def _numbers(self, name: str, values: Any) -> Array:
+    def _check_numbers(self, name: str, values: Any) -> Array:
         try:
             array = np.asarray(values, dtype=float)
         except (TypeError, ValueError):
@@ -103,10 +103,10 @@ class SimulatedArm(gym.Env[Observation, Action]):
             raise ValueError(f"{name} of an arm with {len(self.joints)} joints needs as many numbers, got {values}")
         return array
 
-    def _show(self, torque: Any, clipped: Mask) -> tuple[Observation, dict[str, Any]]:
+    def _make_observation(self, torque: Any, clipped: Mask) -> tuple[Observation, dict[str, Any]]:
         bodies = self._bodies
-        position, velocity = self.sensor.measure(bodies.position, bodies.velocity, self._before, self.rate)
-        self._before = position
+        position, velocity = self.sensor.measure(bodies.position, bodies.velocity, self._previous_position, self.rate)
+        self._previous_position = position
         bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
         observation = np.concatenate([np.cos(position), np.sin(position), bounded]).astype(np.float32)
         self._last = {

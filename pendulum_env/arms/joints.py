@@ -28,16 +28,16 @@ from pendulum_env.units import JointUnits
 T = TypeVar("T")
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # base friction of a joint
 DRAWS = 60  # samples of random motion
-OF_NO_LINK = 1e-6  # relative norm of a residual torque below which links explain the torque
-OF_THE_ARM = ("load_dependent_friction.output",)  # columns that effects at an arm's joint lack
+NEGLIGIBLE = 1e-6  # relative norm of a residual torque below which links explain the torque
+EXCLUDED_COLUMNS = ("load_dependent_friction.output",)  # columns that effects at an arm's joint lack
 # effects that depend on more than the motion of one joint
 NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")
-OF_A_TURN = ("cogging", "torque_ripple", "position_dependent_friction", "gravity_tilt", "encoder_eccentricity")
+REVOLUTE_ONLY = ("cogging", "torque_ripple", "position_dependent_friction", "gravity_tilt", "encoder_eccentricity")
 
 
-def can_sit(id: str, slides: bool = False) -> bool:
+def is_possible_at_joint(id: str, slides: bool = False) -> bool:
     """Return whether an effect is possible at a revolute or linear joint of an arm."""
-    return id not in NOT_DECENTRALISED and not (slides and (id in OF_A_TURN or id == Coupling.id))
+    return id not in NOT_DECENTRALISED and not (slides and (id in REVOLUTE_ONLY or id == Coupling.id))
 
 
 def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
@@ -57,7 +57,7 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
     units = JointUnits(slides=slides)
 
     def name_columns(columns: Sequence[Column]) -> tuple[Column, ...]:
-        of_joint = (column for column in columns if column.name not in OF_THE_ARM)
+        of_joint = (column for column in columns if column.name not in EXCLUDED_COLUMNS)
         return tuple(
             replace(column, name=f"{column.name}@{joint}", unit=units.unit(column.unit)) for column in of_joint
         )
@@ -115,7 +115,7 @@ def get_coupling(at: str, is_heavy: bool) -> type[Coupling]:
 
 def list_couplings(body: Body) -> tuple[type[Coupling], ...]:
     """List the couplings of adjacent revolute joints, with both signs."""
-    turning = [can_sit(Coupling.id, slides) for slides in body.slides]
+    turning = [is_possible_at_joint(Coupling.id, slides) for slides in body.slides]
     pairs = [pair for pair, both in zip(pairwise(body.joints), pairwise(turning), strict=True) if all(both)]
     return tuple(choose_coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
 
@@ -126,7 +126,7 @@ def choose_coupling(at: str, body: Body) -> type[Coupling]:
     q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
     felt, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
     left = felt - links @ np.linalg.lstsq(links, felt, rcond=None)[0]
-    return get_coupling(at, bool(np.linalg.norm(left) > OF_NO_LINK * np.linalg.norm(felt)))
+    return get_coupling(at, bool(np.linalg.norm(left) > NEGLIGIBLE * np.linalg.norm(felt)))
 
 
 def place_term(term: Term, joint: str, slides: bool = False) -> Term:
@@ -182,7 +182,7 @@ def list_effects(body: Mechanism) -> dict[str, type[Term]]:
 
 def joint_effects() -> dict[str, type[Term]]:
     """Return the library effects of an arm's joint and the coupling of two joints, by id."""
-    return {id: effect for id, effect in list_nameable().items() if can_sit(id)} | {Coupling.id: Coupling}
+    return {id: effect for id, effect in list_nameable().items() if is_possible_at_joint(id)} | {Coupling.id: Coupling}
 
 
 def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
@@ -196,7 +196,10 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
     joints = zip(body.joints, body.slides, strict=True)
     alone = [kind for kind in kinds if kind is not Coupling and not kind.at]
     placed = [
-        place_effect(kind, joint, slides) for joint, slides in joints for kind in alone if can_sit(kind.id, slides)
+        place_effect(kind, joint, slides)
+        for joint, slides in joints
+        for kind in alone
+        if is_possible_at_joint(kind.id, slides)
     ]
     return [*placed, *(list_couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
@@ -259,7 +262,7 @@ def parse_effect(
 
 def _refuse_sliding(id: str, joints: Iterable[str], sliding: Collection[str]) -> None:
     for joint in joints:
-        if joint in sliding and not can_sit(id, slides=True):
+        if joint in sliding and not is_possible_at_joint(id, slides=True):
             raise UserError(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
 
 
@@ -294,7 +297,7 @@ class Links(Term):
         one, other = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.body.joints)))
         other[:, joint] = one[:, joint]
         here, there = (self.body.torque(q, 0 * q, 0 * q)[:, joint] for q in (one, other))  # (DRAWS, P)
-        if not np.any((np.abs(here - there).max(axis=0) < OF_NO_LINK) & (np.abs(here).max(axis=0) > OF_NO_LINK)):
+        if not np.any((np.abs(here - there).max(axis=0) < NEGLIGIBLE) & (np.abs(here).max(axis=0) > NEGLIGIBLE)):
             return ()
         return ("one",) if self.body.slides[joint] else ("sine", "cosine")
 

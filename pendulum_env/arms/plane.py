@@ -10,7 +10,7 @@ from pendulum_env.plant import PAPER
 from pendulum_env.recording.study import GRAVITY
 from pendulum_env.settings import format_setting
 
-ALIKE = 1e-6  # relative tolerance of directions and lengths
+TOLERANCE = 1e-6  # relative tolerance of directions and lengths
 
 
 def get_friction(body: Body, shares: Array | None = None) -> list[tuple[float, float]]:
@@ -39,14 +39,14 @@ def find_planar_links(body: Body) -> tuple[Link, ...]:
     gravity, data = np.array(model.gravity.linear), model.createData()
     jacobian = np.reshape(pin.computeJointJacobians(model, data, np.zeros(count)), (6, count))  # flat if n = 1
     axes = jacobian[3:].T  # (n, 3), world frame, all joints at zero
-    up = -gravity / max(float(np.linalg.norm(gravity)), ALIKE)
+    up = -gravity / max(float(np.linalg.norm(gravity)), TOLERANCE)
     for joint, axis in zip(body.joints, axes, strict=True):
-        if abs(axis @ up) > ALIKE or axis @ axes[0] < 1 - ALIKE:
+        if abs(axis @ up) > TOLERANCE or axis @ axes[0] < 1 - TOLERANCE:
             raise BodyError(
                 f"{body.name}: joint '{joint}' does not turn in a vertical plane that all joints share, and the "
                 f"simulator knows planar arms only: simulate it with {format_setting('backend', 'mujoco')}"
             )
-    if abs(np.linalg.norm(gravity) - GRAVITY) > ALIKE * GRAVITY:
+    if abs(np.linalg.norm(gravity) - GRAVITY) > TOLERANCE * GRAVITY:
         raise BodyError(f"{body.name}: has another gravity than {GRAVITY:g} m/s^2, which the simulator has")
     if np.any(np.asarray(model.armature) > 0):
         raise BodyError(
@@ -64,7 +64,7 @@ def find_planar_links(body: Body) -> tuple[Link, ...]:
         to_center, last = centers[k] - joints[k], k + 1 == len(joints)
         line = to_center if last else joints[k + 1] - joints[k]
         length = float(np.linalg.norm(line))
-        if length <= ALIKE * np.ptp(centers, axis=0).max():
+        if length <= TOLERANCE * np.ptp(centers, axis=0).max():
             if not last:
                 raise BodyError(f"{body.name}: joints '{body.joints[k]}' and '{body.joints[k + 1]}' are in one place")
             line, length = np.array([0.0, -1.0]), float(np.sqrt(inertia / mass))  # centre of mass on the axis

@@ -21,7 +21,7 @@ import numpy as np
 from pendulum_env._typing import JSON
 from pendulum_env.errors import UserError, shorten_error
 from pendulum_env.lookup import find
-from pendulum_env.reading import LARGE, check_size, quote_value
+from pendulum_env.reading import MAX_NUMBER, check_size, quote_value
 from pendulum_env.settings import Blank, format_setting
 
 TURNS, SLIDES = "Revolute", "Prismatic"  # names in Pinocchio
@@ -134,8 +134,8 @@ def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, fl
     places = [place.homogeneous for place in list(model.jointPlacements)[1:]]
     solids = [link.toDynamicParameters() for link in list(model.inertias)[1:]]
     numbers = (*places, *solids, model.armature, model.damping, model.upperDryFrictionLimit, model.gravity.linear)
-    if not all((np.abs(of) <= LARGE).all() for of in (*numbers, ratios, offsets)):  # also refuses NaN
-        raise BodyError(f"holds a number beyond {LARGE:g}: give lengths in m and masses in kg")
+    if not all((np.abs(of) <= MAX_NUMBER).all() for of in (*numbers, ratios, offsets)):  # also refuses NaN
+        raise BodyError(f"holds a number beyond {MAX_NUMBER:g}: give lengths in m and masses in kg")
     if not np.allclose(axes, 1.0):
         raise BodyError("has a joint without an axis: give it one, of length 1")
     return {

@@ -36,7 +36,7 @@ class ConstrainedBody:
         import_mujoco()
         self._balance = balance
 
-    def take(self, balance: TorqueBalance) -> None:
+    def set_balance(self, balance: TorqueBalance) -> None:
         """Replace the torque balance, with the same state variables, and keep the state."""
         self._balance = balance
 

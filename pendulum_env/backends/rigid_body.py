@@ -44,9 +44,9 @@ class RigidBody:
             Machine(_write_half, (balance.terms, round_up(longest), is_first), 1) for is_first in (True, False)
         )
         self._free = [(place, parameter.name) for place, term in enumerate(balance.terms) for parameter in term.free]
-        self.take(balance)
+        self.set_balance(balance)
 
-    def take(self, balance: TorqueBalance) -> None:
+    def set_balance(self, balance: TorqueBalance) -> None:
         """Replace the parameters of the torque balance and keep the state."""
         self._balance = balance
         nonlinear = [getattr(balance.terms[place], name) for place, name in self._free]

@@ -18,7 +18,7 @@ class Engine(Protocol):
     def place(self, x: Samples, /) -> None:
         """Begin a new run in the state x (scalars)."""
 
-    def take(self, balance: TorqueBalance, /) -> None:
+    def set_balance(self, balance: TorqueBalance, /) -> None:
         """Replace the torque balance, with the same state variables, and keep the state."""
 
     def step(self, torque: float, h: float, /) -> tuple[float, float]:
@@ -30,9 +30,9 @@ class SteppedBody:
 
     def __init__(self, balance: TorqueBalance) -> None:
         """Set the torque balance."""
-        self.take(balance)
+        self.set_balance(balance)
 
-    def take(self, balance: TorqueBalance) -> None:
+    def set_balance(self, balance: TorqueBalance) -> None:
         """Replace the torque balance and keep the state."""
         self._balance = balance
 
@@ -58,11 +58,11 @@ class Simulator(Backend):
         self._engine = make(self._balance, self.period / self.substeps)
         self._command = CommandLine(setup.model.terms, self.period, self.substeps)
 
-    def take(self, terms: Sequence[Term], theta: Array) -> None:
+    def set_parameters(self, terms: Sequence[Term], theta: Array) -> None:
         """Replace the parameters, with the same terms and linear parameters theta (P,), and keep the state."""
         self._balance = TorqueBalance(terms, theta)
-        self._engine.take(self._balance)
-        self._command.take(terms)
+        self._engine.set_balance(self._balance)
+        self._command.set_delay(terms)
 
     def enable(self, start: Start) -> Sample:
         """Begin a run in the given state; return the measurement at time 0."""

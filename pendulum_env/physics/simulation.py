@@ -207,9 +207,9 @@ class CommandLine:
         """Make a delay line without previous commands; `period` is in seconds."""
         self._substeps, self._h = substeps, period / substeps
         self._past: Array | None = None  # commands of the last substeps, oldest first
-        self.take(terms)
+        self.set_delay(terms)
 
-    def take(self, terms: Sequence[Term]) -> None:
+    def set_delay(self, terms: Sequence[Term]) -> None:
         """Set the delay of other terms, and keep previous commands."""
         self._periods = sum(term.delay for term in terms) / self._h  # delay in substeps
 
@@ -222,7 +222,7 @@ class CommandLine:
         self._past = np.concatenate([before, now])[-int(self._periods) - 1 :]
         return iter(delay_torque(now, before, self._periods))
 
-    def forget(self, which: Mask) -> None:
+    def clear(self, which: Mask) -> None:
         """Clear the previous commands of the pendulums in the mask `which` (B,)."""
         self._past = None if self._past is None else np.where(which, 0.0, self._past)
 

@@ -24,14 +24,14 @@ class CleaningSettings:
     far: float = 10.0  # ratio of a glitch's deviation to those of its neighbours and of the recording
     pause: float = 1.0  # [s], gap between runs whose clocks restart
     long: float = 1.5  # least length of a step with lost rows, in median steps
-    moving: float = 3.0  # times the usual deviation from steady motion that a step has, if the joint is sure to move;
-    # and times the step after it that a jump has, from which no joint makes it
-    same: float = 1e-6  # of the usual step of time, up to which it stands still
-    alike: float = 0.25  # of a step, up to which others are the same motion
-    moved_on: float = 1.5  # times the step from row to row that a lost column makes across its empty cells
-    away: float = 0.2  # sine of the angle from the equilibrium at which a joint at rest is held
-    held: float = 0.1  # [s] twice the shortest rest of a joint that is held
-    least_steps: int = 20  # steps by its least change, from which a column that is always written repeats values, too
+    moving: float = 3.0  # least ratio of a moving joint's step to the usual deviation from steady motion, and of an
+    # impossible jump to the step after it
+    same: float = 1e-6  # largest step of a repeated time, as share of the median step
+    alike: float = 0.25  # largest relative difference of equal steps
+    moved_on: float = 1.5  # least ratio of steps across lost cells to steps between rows
+    away: float = 0.2  # least sine of the angle from equilibrium of a joint that is held
+    held: float = 0.1  # [s], twice the shortest initial hold
+    least_steps: int = 20  # least number of smallest steps of a column with rounded values
 
 
 CLEANING = CleaningSettings()

@@ -1,4 +1,4 @@
-"""Clocks that rows do not show: late stamps of uniform samples, and an encoder that is slower than its log."""
+"""Replace late time stamps of uniform samples, and resample an encoder that is slower than its log."""
 
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -17,34 +17,34 @@ from pendulum_env.recording.sampling import average_torque
 class JitterSettings:
     """Limits on deviations of time stamps from a uniform clock, and on the clock of a slow encoder."""
 
-    lost: float = 1.5  # periods from which a step may hold lost rows
-    pause: float = 5.0  # periods from which a step separates two parts, whose clocks may be shifted
-    precision: float = 0.1  # periods, standard error of the shift of the clock across a possible loss
-    most_rows: int = 50  # rows on either side that are averaged for it
-    white: float = 1.0  # least mean square of successive differences over the variance: 2 if white, 0 if it accumulates
-    spread: float = 0.5  # periods, largest standard deviation of the stamps
-    sure: float = 4.0  # standard errors
-    between: float = 0.5  # share of the jitter in the motion: 0 of late stamps, 1 of jittery sampling
-    several: float = 3.0  # least or usual differences of steps: a joint with such steps passes no sample at rest
-    least: float = 0.01  # quantile of the steps of an encoder that is its least one, whatever unwrapping rounds
-    slow: float = 1.05  # rows from one sample of an encoder to the next, from which it is slower than its log
-    chain: int = 5  # such changes one after the other, from which they show the clock of an encoder
-    same: float = 0.02  # rows by which a change of torque may miss those with a new sample, if it has their clock
-    early: float = 0.1  # rows by which a sample may be seen before its time
-    explained: float = 0.95  # share of the changes that are seen in the first row after their time
+    lost: float = 1.5  # [periods], least step with lost rows
+    pause: float = 5.0  # [periods], least step between parts with separate clocks
+    precision: float = 0.1  # [periods], standard error of the shift of the clock across a possible loss
+    most_rows: int = 50  # most rows on either side in the mean of this shift
+    white: float = 1.0  # least mean square of successive differences over the variance: 2 if white, 0 if accumulated
+    spread: float = 0.5  # [periods], largest standard deviation of the stamps
+    sure: float = 4.0  # [standard errors], least distance of the share of jitter from `between`
+    between: float = 0.5  # limit of the share of jitter in the motion: 0 for late stamps, 1 for jittery sampling
+    several: float = 3.0  # least step of a moving joint, in smallest steps or usual differences of steps
+    least: float = 0.01  # quantile of steps that gives the smallest step, robust to rounding by unwrapping
+    slow: float = 1.05  # [rows], least period of a slow encoder
+    chain: int = 5  # least number of consecutive changes that determine the clock of an encoder
+    same: float = 0.02  # [rows], tolerance of changes of torque with the clock of the encoder
+    early: float = 0.1  # [rows], tolerance of samples before their time
+    explained: float = 0.95  # least share of changes in the first row after a sample's time
 
 
 JITTER = JitterSettings()
-WEIGHTS = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # of the cubic through two samples on either side
-SPAN = 4  # rows on either side of a velocity, which shares only its middle row with `WEIGHTS`
+WEIGHTS = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # interpolation by the cubic through two samples on either side
+SPAN = 4  # rows on either side for velocity, more than for `WEIGHTS`
 
 
 def replace_late_stamps(log: Log, position: Array) -> None:
-    """Replace stamps by the line through them, if position (N,) shows that the samples were uniform.
+    """Replace time stamps by a fitted uniform clock, if position (N,) shows uniform samples.
 
-    The stamps jitter about a uniform clock if their deviations do not accumulate. The motion tells if the samples
-    jitter, too: position then deviates from a smooth curve over the row count by velocity times jitter.
-    Rows that were lost remain gaps. Time is left as it is in any other case.
+    Stamps jitter about a uniform clock if their deviations do not accumulate. If the samples jitter too, position
+    deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. Otherwise, time
+    is unchanged.
     """
     time = log.values["time"]
     steps = np.diff(time)
@@ -84,11 +84,12 @@ def replace_late_stamps(log: Log, position: Array) -> None:
 
 
 def _count_periods(time: Array, moves: Array, known: Index, period: float, width: int) -> Index:
-    """Count the periods from the first to each time (N,) of a part.
+    """Count the periods (N,) from the first to each time (N,) of a part.
 
-    `known` (N - 1,) holds the periods between rows, without rows that the logger lost. Such a row is looked for if
-    `width` is above 0: the mean of the clock over `width` rows after a long step differs from that before by a period
-    or more. Larger steps are tried first. The loss is where the joint moves (N - 1,) farthest for its neighbours.
+    `known` (N - 1,) holds the periods between rows without lost rows. With `width` above 0, lost rows are searched:
+    after a long step, the mean deviation of the clock over `width` rows increases by a period or more. Larger steps are
+    tried first. The loss is assigned to the step with the largest excess of motion `moves` (N - 1,) over its
+    neighbours.
     """
     counts = known.copy()
     if width and len(time) > 2:
@@ -111,7 +112,7 @@ def _count_periods(time: Array, moves: Array, known: Index, period: float, width
 
 
 def _fit_clock(time: Array, counts: Index, bounds: list[int]) -> tuple[Array, float]:
-    """Fit time (N,) [s] by counts (N,) of one period, from a start of each part; return the fit and the period [s]."""
+    """Fit time (N,) [s] by counts (N,) of a period and an offset per part; return fit (N,) [s] and period [s]."""
     lengths = np.diff(bounds)
     means = [np.repeat([values[a:b].mean() for a, b in pairwise(bounds)], lengths) for values in (time, counts)]
     passed = counts - means[1]
@@ -120,9 +121,9 @@ def _fit_clock(time: Array, counts: Index, bounds: list[int]) -> tuple[Array, fl
 
 
 def _estimate_jitter_share(late: Array, clock: Array, period: float, position: Array) -> tuple[float, float]:
-    """Estimate the share of jitter (N,) [s] that position (N,) shows on a clock (N,), and its standard error.
+    """Estimate the share of jitter (N,) [s] that is visible in position (N,), and its standard error.
 
-    Samples at fast motion count, with all neighbours present.
+    Only samples of fast motion with all neighbours are used; `clock` (N,) [s] has the given period [s].
     """
     present = clock[2 * SPAN :] - clock[: -2 * SPAN] < (2 * SPAN + 0.5) * period
     velocity = (position[2 * SPAN :] - position[: -2 * SPAN]) / (2 * SPAN * period)
@@ -142,9 +143,9 @@ def _estimate_jitter_share(late: Array, clock: Array, period: float, position: A
 
 
 def resample_slow_encoder(log: Log, position: Array) -> None:
-    """Resample a log to the clock of an encoder that is slower: values that it holds are no measurements.
+    """Resample a log to the clock of an encoder that is slower than the log and repeats values.
 
-    Samples are taken at the times of this clock. Torque with the same clock is taken with them, other torque averaged.
+    Position is sampled at the times of this clock. Torque with the same clock is sampled too, other torque is averaged.
     """
     time = log.values["time"]
     runs = log.values.get("segment", np.zeros_like(time))
@@ -157,7 +158,7 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
     torques: dict[str, list[Array]] = {quantity: [] for quantity in ("torque", "load_torque") if quantity in log.values}
     for number in dict.fromkeys(runs):
         here = np.flatnonzero(runs == number)
-        stamps, late = time[here], min(JITTER.early * row, (period - row) / 2)  # of a row that is sure to show a sample
+        stamps, late = time[here], min(JITTER.early * row, (period - row) / 2)  # margin within a row
         start = stamps[0] + (phases.get(number, stamps[0]) - stamps[0] + late) % period - late
         grid = np.arange(start, stamps[-1] - late, period)
         at = np.searchsorted(stamps, grid + late)
@@ -166,10 +167,9 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
         rows.append(here[at[is_seen]])
         for quantity, parts in torques.items():
             values = log.values[quantity][here]
-            passed = (stamps[1:][np.diff(values) != 0] - start + late) % period - late  # since the last sample
-            others = (passed < -JITTER.same * row) | (
-                passed > 0.999 * row
-            )  # changes between the rows with a new sample
+            passed = (stamps[1:][np.diff(values) != 0] - start + late) % period - late  # time since the last sample
+            # changes of torque in rows without a new sample; rounding may move a change one row later
+            others = (passed < -JITTER.same * row) | (passed > 0.999 * row)
             is_held = np.count_nonzero(others) <= (1 - JITTER.explained) * (1 - row / period) * len(others)
             parts.append((values[at] if is_held else average_torque(grid, period, stamps, values))[is_seen])
     samples, kept = np.concatenate(grids), np.concatenate(rows)
@@ -183,11 +183,11 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
 def _find_encoder_clock(
     time: Array, position: Array, runs: Array, row: float
 ) -> tuple[float, dict[float, float]] | None:
-    """Find the clock of an encoder that is slower than its log: its period [s], and a sample's time in each run [s].
+    """Find the clock of an encoder that is slower than its log; return its period [s] and a sample's time per run [s].
 
-    A position (N,) in motion by several least steps has a new value with each sample of its encoder. If rows in
-    between repeat the last value, and the rows (N,) with new values are the first after the times of a uniform clock,
-    this is the clock. Rows are `row` [s] apart.
+    Position (N,) that moves by several smallest steps has a new value with each sample of the encoder. If other rows
+    repeat the last value, and new values are in the first rows after the times of a uniform clock, this is the clock.
+    Rows are `row` [s] apart.
     """
     new = np.flatnonzero(np.diff(position)) + 1
     if len(new) < CLEANING.least_steps:
@@ -207,10 +207,10 @@ def _find_encoder_clock(
     rows = np.concatenate(chains)
     seen, run = time[rows], runs[rows]
     apart = np.concatenate([np.diff(chain, prepend=chain[0]) for chain in chains])
-    counts = np.cumsum(np.where(apart < mean + 1, 1, np.round(apart / mean))).astype(np.intp)  # a value may repeat
+    counts = np.cumsum(np.where(apart < mean + 1, 1, np.round(apart / mean))).astype(np.intp)  # values may repeat
     ends = np.cumsum([0, *map(len, chains)]).tolist()
     _, period = _fit_clock(seen, counts, ends)
-    for (a, b), (_, end) in pairwise(pairwise(ends)):  # the clock runs on from chain to chain
+    for (a, b), (_, end) in pairwise(pairwise(ends)):  # aligns the counts of chains to one clock
         offset = np.mean(seen[b:end] - period * counts[b:end]) - np.mean(seen[a:b] - period * counts[a:b])
         counts[b:end] += round(float(offset) / period)
     parts = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(seen)]

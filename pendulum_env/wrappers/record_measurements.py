@@ -44,7 +44,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # names of an arm's joints
         self._file: FileIO | None = None  # unbuffered: a killed process loses no written rows
         self._rows: list[str] = []
-        self._lost: OSError | None = None  # write error of this episode
+        self._write_error: OSError | None = None  # write error of this episode
 
     def get_file(self, episode: int) -> Path:
         """Return the file of an episode, counted from 1."""
@@ -53,7 +53,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; the next step opens a new file."""
         self._finish()
-        self._lost = None
+        self._write_error = None
         observation, info = self.env.reset(seed=seed, options=options)
         self._last, self._written = info, info["time"]
         return observation, info
@@ -65,8 +65,8 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             FileExistsError: at the first step, if the file exists and `overwrite` is False.
             OSError: if the measurements cannot be written; the message has the recorded time [s].
         """
-        if self._lost is not None:
-            raise self._lost
+        if self._write_error is not None:
+            raise self._write_error
         if self._file is None:
             self._open()
         observation, reward, terminated, truncated, info = self.env.step(action)
@@ -136,6 +136,6 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             with suppress(OSError):
                 self._file.close()
             self._file = None
-            told = f"{error.strerror}: {self._written:.3g} s were written: make room, and record again"
-            self._lost = OSError(error.errno, told, str(self.get_file(self._episode)))
-            raise self._lost from error
+            message = f"{error.strerror}: {self._written:.3g} s were written: make room, and record again"
+            self._write_error = OSError(error.errno, message, str(self.get_file(self._episode)))
+            raise self._write_error from error

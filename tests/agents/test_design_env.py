@@ -10,7 +10,7 @@ from agents import DESIGN, load
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS, INFORMATION_PRIOR, NOMINAL, TICK, Observer, decode_observation
 from pendulum_env.plant import PAPER
-from tests.runge_kutta import stick_and_slip
+from tests.runge_kutta import simulate_stick_slip
 
 HELD = 20  # samples in a tick
 
@@ -77,7 +77,7 @@ def test_an_observer_finds_the_parameters_of_a_motion_of_another_integrator(rate
     inertia, gravity, viscous, coulomb = 0.07, 2.4, 0.3, 1.1
     observer = Observer(CONSTRAINTS["peak"], 1.5, rate)
     command = np.repeat([6.0 * tones(k, 1)[0, 0] for k in range(75)], observer.samples_per_tick)
-    position, *_ = stick_and_slip(
+    position, *_ = simulate_stick_slip(
         lambda t, q, v, u: u - gravity * np.sin(q) - viscous * v, lambda *_: coulomb, inertia, command, 1 / rate
     )
     observer.start(np.zeros(1), np.zeros(1))

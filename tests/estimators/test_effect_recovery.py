@@ -8,7 +8,7 @@ from benchmarks.truth import Truth
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, effects
-from tests.cases import CASES, told
+from tests.cases import CASES, make_recording
 
 HIDDEN = {id: CASES[id].hidden[id] for id in effects()} | {
     "load_dependent_friction": {"load_mu": 0.1, "load_out": 0.3},
@@ -39,6 +39,6 @@ def test_known_effect_is_recovered_by_all_schemes(id):
     known = followed | known
     term = kind(**{shape.name: known.get(f"{id}.{shape.name}", shape.nominal) for shape in kind.nonlinear_parameters})
     theta = [known[column.name] for own in (*BASE, term) for column in own.columns]
-    found = identify(told(run), (*BASE, term))
+    found = identify(make_recording(run), (*BASE, term))
     for scheme in SCHEMES:
         np.testing.assert_allclose(found[scheme.id].model.theta, theta, LOOSE.get(id, TOLERANCE), err_msg=scheme.id)

@@ -14,7 +14,7 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # windows of mode human need 
 
 
 @pytest.fixture
-def emulated(tmp_path):
+def make_emulated_rig(tmp_path):
     """Make emulated rigs, which end with the test."""
     rigs, count = [], itertools.count()
 
@@ -41,7 +41,7 @@ def emulated(tmp_path):
 
 
 @pytest.fixture
-def host():
+def start_host():
     """Start host programs, which end with the test."""
     hosts = []
 

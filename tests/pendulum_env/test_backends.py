@@ -26,7 +26,7 @@ def settings(request, tmp_path, monkeypatch):
         write_recording(rollout(gym.make(PENDULUM), OpenLoop(signal, 1000.0), 1500, seed=0), file)
         return {"backend": "replay", "recording": file}
     if request.param in KINDS:
-        rig = request.getfixturevalue("emulated")(request.param, limits=PATIENT, first=2**31 - 1000)
+        rig = request.getfixturevalue("make_emulated_rig")(request.param, limits=PATIENT, first=2**31 - 1000)
         return {"backend": "dm1015b", "config": rig.config}
     if request.param == "package":
         install_bench(tmp_path, monkeypatch)

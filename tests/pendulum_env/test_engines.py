@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from pendulum_env.arms.joints import can_sit
+from pendulum_env.arms.joints import is_possible_at_joint
 from pendulum_env.arms.planar import GRAVITY, Link, PlanarBodies
 from pendulum_env.backends import BACKENDS, Sensor, Setup, Simulator, Start
 from pendulum_env.backends.rigid_body import RigidBody, make_body
@@ -16,7 +16,7 @@ from pendulum_env.backends.simulator import SteppedBody
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
 from pendulum_env.physics.simulation import TorqueBalance
-from pendulum_env.plant import PAPER, hide, paper_plant
+from pendulum_env.plant import PAPER, hide_effect, paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.terms import Clipped, Table
 
@@ -67,11 +67,11 @@ def free() -> np.ndarray:
 
 @pytest.mark.parametrize("effect", [None, *effects()])
 def test_every_effect_moves_every_engine_as_it_moves_the_model(effect):
-    model = paper_plant() if effect is None else hide(paper_plant(), SOONER.get(effect, effect))
+    model = paper_plant() if effect is None else hide_effect(paper_plant(), SOONER.get(effect, effect))
     expected = model.simulate(1e-3, TORQUE, 0.0, 0.0).position[:, 0]
     assert effect is None or np.std(expected - free()) > 4e-3
     for name, (run, error) in ENGINES.items():
-        if {"mujoco": find_spec("mujoco"), "arm": effect is None or can_sit(effect)}.get(name, True):
+        if {"mujoco": find_spec("mujoco"), "arm": effect is None or is_possible_at_joint(effect)}.get(name, True):
             path = run(TORQUE[: 600 if name == "NumPy" else None], model)  # NumPy takes its time
             assert np.sqrt(np.mean((path - expected[: len(path)]) ** 2)) < error, name
 

@@ -14,14 +14,14 @@ from workbench.export import Exported
 needs_compiler = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no C compiler")
 
 
-def module(text: str) -> ModuleType:
+def load_module(text: str) -> ModuleType:
     """The module of a text in Python."""
     made = ModuleType("exported")
     exec(text, made.__dict__)
     return made
 
 
-def library(text: str, folder: Path) -> ctypes.CDLL:
+def compile_library(text: str, folder: Path) -> ctypes.CDLL:
     """A file of C, compiled without a warning; a folder holds one, as a library is loaded once."""
     folder.mkdir(exist_ok=True)
     source, made = folder / "exported.c", folder / "exported.so"
@@ -31,7 +31,7 @@ def library(text: str, folder: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(made))
 
 
-def in_mujoco(exported: Exported, commands: np.ndarray, on: np.ndarray | None = None) -> np.ndarray:
+def simulate_in_mujoco(exported: Exported, commands: np.ndarray, on: np.ndarray | None = None) -> np.ndarray:
     """Position (N + 1,) from rest under torques or goals (N,), of a motor that may be off."""
     mujoco = pytest.importorskip("mujoco")
     world = mujoco.MjModel.from_xml_string(exported.content)
@@ -43,6 +43,6 @@ def in_mujoco(exported: Exported, commands: np.ndarray, on: np.ndarray | None = 
     return np.array(path)
 
 
-def off(path: np.ndarray, own: np.ndarray) -> float:
+def compute_error(path: np.ndarray, own: np.ndarray) -> float:
     """How far one path is from another, of its motion."""
     return float(np.sqrt(np.mean((path - own) ** 2)) / np.std(own))

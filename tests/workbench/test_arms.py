@@ -10,7 +10,7 @@ from benchmarks.two_link import TwoLink
 from pendulum_env.arms import read_arm_recording
 from pendulum_env.recording import write_recording
 from tests import robots, slow
-from tests.two_link import recorded
+from tests.two_link import record_arm
 from tests.workbench.pages import Page
 from workbench.cli import main
 
@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
     (folder / "loaded.toml").write_text('[[recording]]\nfile = "plain.csv"\nload = {mass = 1.0, length = 0.1}\n')
     (folder / "arm.toml").write_text('joints = ["elbow"]\n[[recording]]\nfile = "plain.csv"\n')
     for name, offset in (("plain", 0.0), ("hidden", 0.3)):
-        write_recording(recorded(ARM, seconds=8.0, offset=(0.0, offset)), folder / f"{name}.csv")
+        write_recording(record_arm(ARM, seconds=8.0, offset=(0.0, offset)), folder / f"{name}.csv")
     assert main([*map(str, of_arm(folder, "identify", "plain.csv", *QUICK, "-o", "plain.json"))]) == 0
     return folder
 
@@ -44,15 +44,15 @@ def curves(page, figure):
     return found.figures[plots.index(figure)]["data"]
 
 
-def test_identify_compare_and_diagnose_an_arm(done, folder):
-    out = done(*of_arm(folder, "identify", "plain.csv", "-o", "arm.json", "--json", "found.json"))
+def test_identify_compare_and_diagnose_an_arm(run_command, folder):
+    out = run_command(*of_arm(folder, "identify", "plain.csv", "-o", "arm.json", "--json", "found.json"))
     assert "Iyy@shoulder stands for Iyy@shoulder + 0.2025 m@elbow" in out and "filtered_hamiltonian" in out
     found = json.loads((folder / "found.json").read_text())
     assert found["schema"] == "pendulum-ident/identification@2"
     assert found["schemes"]["energy"]["theta"]["coulomb@elbow"]["value"] == pytest.approx(ARM.coulomb[1], rel=0.01)
 
     written = ("--json", "errors.json", "--report", "compared.html")
-    assert "Torque errors" in done(*of_arm(folder, "compare", "arm.json", "hidden.csv", *written))
+    assert "Torque errors" in run_command(*of_arm(folder, "compare", "arm.json", "hidden.csv", *written))
     for axis in ("position", "velocity", "time"):
         ((_, shoulder), (_, elbow)) = (curves(folder / "compared.html", f"joint-{k}-{axis}") for k in range(2))
         assert np.abs(shoulder["y"]).max() < 0.02  # [N m]
@@ -62,7 +62,7 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
 
     written = ("--only", "torque_offset,spring", "--json", "diagnosis.json", "-o", "better.json")
     written += ("--report", "found.html")
-    out = done(*of_arm(folder, "diagnose", "hidden.csv", *written))
+    out = run_command(*of_arm(folder, "diagnose", "hidden.csv", *written))
     brief = out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["A torque offset at elbow is missing", "torque_offset@elbow: c"] and len(brief) <= 8
     page = (folder / "found.html").read_text()
@@ -74,26 +74,26 @@ def test_identify_compare_and_diagnose_an_arm(done, folder):
     assert json.loads((folder / "diagnosis.json").read_text())["selected"] == ["torque_offset@elbow"]
 
 
-def test_torque_of_an_arm_that_is_logged_late_is_corrected_where_that_is_asked_for(done, folder):
+def test_torque_of_an_arm_that_is_logged_late_is_corrected_where_that_is_asked_for(run_command, folder):
     late = read_arm_recording(folder / "plain.csv", ("shoulder", "elbow"))
     samples = 4
     late = replace(late, torque=np.roll(late.torque, samples, axis=0)).slice(samples, None)
     write_recording(late, folder / "late.csv")
     for command in (("identify", "late.csv", *QUICK), ("compare", "plain.json", "late.csv")):
-        out = done(*of_arm(folder, *command, "--align"))
+        out = run_command(*of_arm(folder, *command, "--align"))
         delay = re.search(r"logged (\d+\.\d+) ± \S+ ms late\. It is corrected", out)
         assert float(delay[1]) == pytest.approx(1e3 * samples / late.rate, rel=0.05)
 
 
-def test_compare_tells_what_an_arm_carries(done, refused, folder):
+def test_compare_tells_what_an_arm_carries(run_command, run_refused, folder):
     """A body as heavy as the forearm, at the same place: twice its mass and moments."""
     heavy = replace(ARM, mass=(ARM.mass[0], 2 * ARM.mass[1]), inertia=(ARM.inertia[0], 2 * ARM.inertia[1]))
-    loaded = recorded(heavy, 3, seconds=8.0, rate=500.0, scale=(6.0, 3.5), noise=0.0)
+    loaded = record_arm(heavy, 3, seconds=8.0, rate=500.0, scale=(6.0, 3.5), noise=0.0)
     write_recording(loaded, folder / "heavy.csv")
-    out = done(*of_arm(folder, "compare", "plain.json", "heavy.csv"))
+    out = run_command(*of_arm(folder, "compare", "plain.json", "heavy.csv"))
     assert re.search(r"A payload of 0\.\d+ ± .* kg behind elbow would explain most of it: see --payload", out)
     written = ("--payload", "--without", "plain.csv", "--json", "payload.json")
-    out = done(*of_arm(folder, "compare", "plain.json", "heavy.csv", *written))
+    out = run_command(*of_arm(folder, "compare", "plain.json", "heavy.csv", *written))
     assert "Payload at the link behind elbow" in out and "no motion of the joints shows them" in out
     told = json.loads((folder / "payload.json").read_text())["payload"]
     assert told["theta"]["m"]["value"] == pytest.approx(ARM.mass[1], rel=0.02)
@@ -101,17 +101,17 @@ def test_compare_tells_what_an_arm_carries(done, refused, folder):
         (("--payload", "wrist"), "unknown joint 'wrist'"),
         (("--without", "plain.csv"), "say --payload, too"),
     ):
-        assert said in refused(*of_arm(folder, "compare", "plain.json", "heavy.csv", *wrong))
+        assert said in run_refused(*of_arm(folder, "compare", "plain.json", "heavy.csv", *wrong))
 
 
-def test_effects_at_joints_and_couplings_are_added_and_looked_for(done, refused, folder):
-    out = done(*of_arm(folder, "add", "plain.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json"))
+def test_effects_at_joints_and_couplings_are_added_and_looked_for(run_command, run_refused, folder):
+    out = run_command(*of_arm(folder, "add", "plain.json", "torque_offset@elbow", "hidden.csv", "-o", "added.json"))
     assert "torque_offset@elbow lowers the held-out errors: torque at elbow to" in out
     theta = json.loads((folder / "added.json").read_text())["theta"]
     assert theta["torque_offset@elbow"]["value"] == pytest.approx(0.3, rel=0.03)
-    out = done(*of_arm(folder, "add", "plain.json", "coupling@shoulder,elbow", "hidden.csv"))
+    out = run_command(*of_arm(folder, "add", "plain.json", "coupling@shoulder,elbow", "hidden.csv"))
     assert "coupling.viscous@shoulder,elbow" in out
-    done(*of_arm(folder, "diagnose", "hidden.csv", "--only", "coupling,spring", "--json", "told.json"))
+    run_command(*of_arm(folder, "diagnose", "hidden.csv", "--only", "coupling,spring", "--json", "told.json"))
     judged = {one["effect"] for one in json.loads((folder / "told.json").read_text())["candidates"]}
     pairs = {"coupling@shoulder,elbow", "coupling@shoulder,-elbow"}
     assert judged == {*pairs, "spring@shoulder", "spring@elbow"}
@@ -119,16 +119,16 @@ def test_effects_at_joints_and_couplings_are_added_and_looked_for(done, refused,
         ("stribeck@wrist", "plain.json", "unknown joint 'wrist'"),
         ("torque_offset@elbow", "added.json", "the model has 'torque_offset@elbow' already"),
     ):
-        assert said in refused(*of_arm(folder, "add", model, effect, "hidden.csv"))
+        assert said in run_refused(*of_arm(folder, "add", model, effect, "hidden.csv"))
 
 
-def test_a_model_knows_whether_it_has_rotors_and_whether_the_driver_takes_gravity_off(done, folder):
+def test_a_model_knows_whether_it_has_rotors_and_whether_the_driver_takes_gravity_off(run_command, folder):
     chosen = ("--seconds", "4", "--rate", "250", "--no-gravity", "-o", "light.csv")
-    done(*of_arm(folder, "record", *chosen))
+    run_command(*of_arm(folder, "record", *chosen))
     chosen = ("--no-gravity", "--rotors", "--scheme", "filtered_dynamic", "-o", "light.json")
-    done(*of_arm(folder, "identify", "light.csv", *chosen))
+    run_command(*of_arm(folder, "identify", "light.csv", *chosen))
     assert json.loads((folder / "light.json").read_text())["rotors"]
-    out = done(*of_arm(folder, "compare", "light.json", "light.csv"))
+    out = run_command(*of_arm(folder, "compare", "light.json", "light.csv"))
     assert all(float(line.split()[-2]) < 2 for line in out.splitlines() if line.endswith("%"))
 
 
@@ -151,8 +151,8 @@ def lift(tmp_path_factory):
     return folder
 
 
-def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lift):
-    out = done(*of_arm(lift, "identify", "run.csv", *MOVING, "--json", "found.json", "-o", "model.json"))
+def test_joints_that_do_not_move_are_held_where_the_recording_has_them(run_command, lift):
+    out = run_command(*of_arm(lift, "identify", "run.csv", *MOVING, "--json", "found.json", "-o", "model.json"))
     assert "held: left at 0.01 m, right at 0.01 m\n" in out and "gets" not in out
     rows = {line.split()[0]: line.split()[-2:] for line in out.splitlines() if "@torso" in line}
     assert rows["viscous@torso"] == ["N", "s/m"] and rows["m@torso"][1] == "kg" and rows["coulomb@torso"][1] == "N"
@@ -162,9 +162,9 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lif
     assert found["dynamic"]["theta"]["coulomb@torso"]["unit"] == "N"
     assert json.loads((lift / "model.json").read_text())["held"] == pytest.approx({"left": 0.01, "right": 0.01})
 
-    again = done(*of_arm(lift, "identify", "study.toml", "--scheme", "energy"))
+    again = run_command(*of_arm(lift, "identify", "study.toml", "--scheme", "energy"))
     assert "held: left at 0.01 m, right at 0.01 m\n" in again
-    out = done(*of_arm(lift, "compare", "model.json", "moved.csv", "--report", "page.html", "--json", "e.json"))
+    out = run_command(*of_arm(lift, "compare", "model.json", "moved.csv", "--report", "page.html", "--json", "e.json"))
     assert "warning: left gets 0.02 m away from there in moved: name it in --joints if it moves" in out
     assert "position_torso converted to m from column 'position_torso [mm]'" in out
     units = json.loads((lift / "e.json").read_text())["units"]
@@ -175,12 +175,12 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(done, lif
     assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
 
 
-def test_a_base_that_floats_is_taken_as_bolted_down_and_listed(done, folder, tmp_path):
+def test_a_base_that_floats_is_taken_as_bolted_down_and_listed(run_command, folder, tmp_path):
     text = (folder / "arm.urdf").read_text().replace('<link name="base"/>', '<link name="world"/><link name="base"/>')
     root = '<joint name="root" type="floating"><parent link="world"/><child link="base"/></joint></robot>'
     (tmp_path / "arm.urdf").write_text(text.replace("</robot>", root))
     asked = ("identify", str(folder / "plain.csv"), "--scheme", "energy")
-    assert "held: root at zero" in done(*of_arm(tmp_path, *asked))
+    assert "held: root at zero" in run_command(*of_arm(tmp_path, *asked))
 
 
 MISTAKES = {
@@ -224,24 +224,24 @@ MISTAKES = {
 @pytest.mark.parametrize(
     ("place", "words", "told"), [(place, *mistake) for place, mistakes in MISTAKES.items() for mistake in mistakes]
 )
-def test_mistakes_are_one_line(request, refused, monkeypatch, place, words, told):
+def test_mistakes_are_one_line(request, run_refused, monkeypatch, place, words, told):
     monkeypatch.chdir(request.getfixturevalue(place or "folder"))
-    assert re.search(told, refused(*words.split(), *(["--robot", "arm.urdf"] if place else [])))
+    assert re.search(told, run_refused(*words.split(), *(["--robot", "arm.urdf"] if place else [])))
 
 
 @pytest.mark.parametrize("words", ["record -o x.csv", "compare a.json plain.csv"])
-def test_without_pinocchio_the_pip_command_is_told(refused, folder, monkeypatch, words):
+def test_without_pinocchio_the_pip_command_is_told(run_refused, folder, monkeypatch, words):
     monkeypatch.setitem(sys.modules, "pinocchio", None)
-    assert "pip install 'pendulum-ident[arms]'" in refused(*of_arm(folder, *words.split()))
+    assert "pip install 'pendulum-ident[arms]'" in run_refused(*of_arm(folder, *words.split()))
 
 
-def test_currents_need_a_torque_constant_which_the_model_keeps(done, refused, folder):
+def test_currents_need_a_torque_constant_which_the_model_keeps(run_command, run_refused, folder):
     columns = ",".join(f"torque_{joint}=torque_{joint}:A*{{}}" for joint in ("shoulder", "elbow"))
-    told = refused(*of_arm(folder, "identify", "plain.csv", "--columns", columns.format(2, "?")))
+    told = run_refused(*of_arm(folder, "identify", "plain.csv", "--columns", columns.format(2, "?")))
     assert "joint 'elbow' has no torque constant" in told and "torque_elbow=torque_elbow:A*0.4" in told
     known = "--columns", columns.format(2, 2), "--scheme", "filtered_dynamic"
-    done(*of_arm(folder, "identify", "plain.csv", *known, "-o", "amperes.json"))
-    out = done(*of_arm(folder, "compare", "amperes.json", "plain.csv"))
+    run_command(*of_arm(folder, "identify", "plain.csv", *known, "-o", "amperes.json"))
+    out = run_command(*of_arm(folder, "compare", "amperes.json", "plain.csv"))
     assert "torque_elbow=torque_elbow:A*2" in out
     (row,) = [line.split() for line in out.splitlines() if line.startswith("elbow")]
     assert float(row[-2]) < 1.0  # [%]
@@ -256,7 +256,7 @@ ROBOTS = {  # three with grippers and one with a torso that slides, and their jo
 
 
 @pytest.mark.parametrize("robot", slow.but_first(["torso", "parallel", "angular", "driven"]))
-def test_a_robot_goes_through_all_commands(robot, tmp_path, done, monkeypatch):
+def test_a_robot_goes_through_all_commands(robot, tmp_path, run_command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     joints, at = ROBOTS[robot], ROBOTS[robot][-1]
     (tmp_path / "robot.urdf").write_text(robots.urdf(getattr(robots, robot.upper())))
@@ -265,21 +265,23 @@ def test_a_robot_goes_through_all_commands(robot, tmp_path, done, monkeypatch):
 
     usual = ("--seconds", "10", "--rate", "250")
     usual += () if robot == "torso" else ("--backend", "mujoco")  # which is taken where no plane holds all joints
-    done("record", *moving, *usual, "-o", "plain.csv")
-    out = done("record", *moving, *usual, "--seed", "1", "--effect", f"torque_offset@{at}=1.5", "-o", "hidden.csv")
+    run_command("record", *moving, *usual, "-o", "plain.csv")
+    out = run_command(
+        "record", *moving, *usual, "--seed", "1", "--effect", f"torque_offset@{at}=1.5", "-o", "hidden.csv"
+    )
     assert f"hidden: torque_offset@{at}" in out and ("held: left at zero" in out) == (robot != "driven")
-    done("identify", "plain.csv", *moving, "--scheme", "filtered_dynamic", "-o", "model.json")
-    out = done("compare", "model.json", "hidden.csv", *moving, "--report", "compared.html")
+    run_command("identify", "plain.csv", *moving, "--scheme", "filtered_dynamic", "-o", "model.json")
+    out = run_command("compare", "model.json", "hidden.csv", *moving, "--report", "compared.html")
     assert re.search(rf"^{at} ", out, re.M)
     found = ("--only", "torque_offset,quadratic_drag", "--report", "found.html", "-o", "better.json")
-    assert f"A torque offset at {at} is missing" in done("diagnose", "hidden.csv", *moving, *found)
+    assert f"A torque offset at {at} is missing" in run_command("diagnose", "hidden.csv", *moving, *found)
     theta = json.loads((tmp_path / "better.json").read_text())["theta"]
     assert theta[f"torque_offset@{at}"]["value"] == pytest.approx(1.5, rel=0.02)
     looked = ("--only", f"spring@{at}", "--json", "again.json")
-    done("diagnose", "hidden.csv", *moving, "--model", "better.json", *looked)
+    run_command("diagnose", "hidden.csv", *moving, "--model", "better.json", *looked)
     candidates = json.loads((tmp_path / "again.json").read_text())["candidates"]
     assert [one["effect"] for one in candidates] == [f"spring@{at}"]
-    assert "lowers" in done("add", "model.json", f"torque_offset@{at}", "hidden.csv", *moving)
-    done("export", "model.json", *asked, "--to", "mjcf", "-o", "model.xml")
-    out = done("compare", "model.json", "plain.csv", "--robot", "model.xml")  # what moved in the first one
+    assert "lowers" in run_command("add", "model.json", f"torque_offset@{at}", "hidden.csv", *moving)
+    run_command("export", "model.json", *asked, "--to", "mjcf", "-o", "model.xml")
+    out = run_command("compare", "model.json", "plain.csv", "--robot", "model.xml")  # what moved in the first one
     assert all(float(line.split()[-2]) < 5 for line in out.splitlines() if line.endswith(" %"))

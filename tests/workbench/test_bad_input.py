@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pendulum_env.plant import hide, paper_plant
+from pendulum_env.plant import hide_effect, paper_plant
 from workbench.cli import main
 from workbench.errors import LONGEST, InputError, format_mistake
 
@@ -110,63 +110,63 @@ def folder(tmp_path, monkeypatch):
     Path("run.csv").write_text("this is a letter\nand no recording\n")
     Path("table.csv").write_text("file\n\0\n")
     Path("empty").mkdir()
-    hide(paper_plant(), "cogging").save("model.json")
+    hide_effect(paper_plant(), "cogging").save("model.json")
     Path("none.json").write_text(json.dumps({**MODEL, "terms": []}))
 
 
 @pytest.mark.parametrize(("argv", "name", "content", "reason"), FILES, ids=range(len(FILES)))
-def test_a_document_that_cannot_be_is_refused_with_file_and_key(refused, argv, name, content, reason):
+def test_a_document_that_cannot_be_is_refused_with_file_and_key(run_refused, argv, name, content, reason):
     Path(name).write_text(content)
-    error = refused(*argv)
+    error = run_refused(*argv)
     assert name in error and reason in error
 
 
 @pytest.mark.parametrize(("words", "reason"), WORDS, ids=range(len(WORDS)))
-def test_words_that_make_no_sense_are_refused_with_one_line(refused, words, reason):
+def test_words_that_make_no_sense_are_refused_with_one_line(run_refused, words, reason):
     for library in (name for word, name in (("mjcf", "mujoco"), ("app ", "dash")) if word in words):
         pytest.importorskip(library)
-    assert reason in refused(words)
+    assert reason in run_refused(words)
 
 
-def test_a_port_that_is_taken_and_an_extra_that_is_not_there_are_told(refused, monkeypatch):
+def test_a_port_that_is_taken_and_an_extra_that_is_not_there_are_told(run_refused, monkeypatch):
     pytest.importorskip("dash")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        assert f"port {port} is taken" in refused("app", "--port", port, "--no-browser")
+        assert f"port {port} is taken" in run_refused("app", "--port", port, "--no-browser")
     monkeypatch.setattr("workbench.commands.app.find_spec", lambda name: None)
-    assert "pip install 'pendulum-ident[app]'" in refused("app", "--no-browser")
+    assert "pip install 'pendulum-ident[app]'" in run_refused("app", "--no-browser")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "pip install 'pendulum-ident[export]'" in refused("export", "model.json", "--to", "mjcf", "-o", "out")
+    assert "pip install 'pendulum-ident[export]'" in run_refused("export", "model.json", "--to", "mjcf", "-o", "out")
 
 
 def write(**columns):
     np.savetxt("run.csv", np.column_stack([*columns.values()]), "%.15g", ",", header=",".join(columns), comments="")
 
 
-def test_a_joint_that_only_sticks_and_angles_that_are_wrapped_are_told(refused, done):
+def test_a_joint_that_only_sticks_and_angles_that_are_wrapped_are_told(run_refused, run_command):
     time = np.arange(0, 8, 1e-3)
     write(time=time, position=1e-3 * (time > 4), torque=0.1 * np.sin(time))
     for command in ("identify", "diagnose"):
-        assert "motion" in refused(command, "run.csv", "-o", "out.json")
+        assert "motion" in run_refused(command, "run.csv", "-o", "out.json")
     position = np.angle(np.exp(1j * (3 * time + np.sin(5 * time))))
     write(time=time, position=position, torque=2 + 3 * np.sin(5 * time + 1))
-    assert "--unwrap" in refused("identify", "run.csv")
-    assert "unwrapped" in done("identify", "--unwrap", "run.csv", "--scheme", "filtered_power")
+    assert "--unwrap" in run_refused("identify", "run.csv")
+    assert "unwrapped" in run_command("identify", "--unwrap", "run.csv", "--scheme", "filtered_power")
 
 
 @pytest.mark.parametrize(("column", "value"), [("torque", 1e308), ("time", 1e300), ("velocity", 1e308)])
-def test_numbers_that_nothing_measures_are_left_out_with_their_row(done, column, value):
+def test_numbers_that_nothing_measures_are_left_out_with_their_row(run_command, column, value):
     time = np.arange(300) / 100
     columns = {"time": time, "position": np.sin(3 * time), "torque": 2 + np.cos(time), "velocity": 3 * np.cos(3 * time)}
     columns[column][150] = value
     write(**columns)
-    assert f"{column} is infinite in data row 151: left out" in done("identify", "run.csv")
+    assert f"{column} is infinite in data row 151: left out" in run_command("identify", "run.csv")
 
 
-def test_time_that_would_become_billions_of_samples_is_refused(refused):
+def test_time_that_would_become_billions_of_samples_is_refused(run_refused):
     time = np.concatenate([np.arange(400) * 1e-7, 1.0 + 10.0 * np.arange(50)])
     write(time=time, position=np.sin(time), torque=np.cos(time))
-    assert "450 samples would become 4.91e+09 on uniform time" in refused("identify", "run.csv")
+    assert "450 samples would become 4.91e+09 on uniform time" in run_refused("identify", "run.csv")
 
 
 @pytest.mark.parametrize(

@@ -54,26 +54,28 @@ def held(name):
     return json.loads(Path(name).read_text())
 
 
-def test_version_and_commands_are_said(done):
-    assert re.fullmatch(r"pendulum-ident (\d+\.\d+\S*|\(not installed\))\n", done("--version"))
-    assert all(name in done("--help") and "--plugin FILE.py" in done(f"{name} --help") for name in COMMANDS)
+def test_version_and_commands_are_said(run_command):
+    assert re.fullmatch(r"pendulum-ident (\d+\.\d+\S*|\(not installed\))\n", run_command("--version"))
+    assert all(
+        name in run_command("--help") and "--plugin FILE.py" in run_command(f"{name} --help") for name in COMMANDS
+    )
 
 
-def test_record_writes_what_can_be_read_says_what_is_hidden_and_repeats_itself_with_the_same_seed(done):
+def test_record_writes_what_can_be_read_says_what_is_hidden_and_repeats_itself_with_the_same_seed(run_command):
     asked = "record --seconds 2 --rate 500 --excitation prbs --theta inertia=0.1"
     for name, seed in (("one", 0), ("again", 0), ("other", 1)):
         hidden = "--effect cogging:order=9 --effect spring"
-        assert "hidden: cogging, spring" in done(f"{asked} {hidden} --seed {seed} -o {name}.csv")
+        assert "hidden: cogging, spring" in run_command(f"{asked} {hidden} --seed {seed} -o {name}.csv")
     recording = read_recording("one.csv")
     assert len(recording) == 1000 and recording.rate == pytest.approx(500)
     one, again, other = (Path(f"{name}.csv").read_bytes() for name in ("one", "again", "other"))
     assert one == again != other
 
 
-def test_degrees_change_what_is_printed_and_drawn_and_no_file(runs, done):
+def test_degrees_change_what_is_printed_and_drawn_and_no_file(runs, run_command):
     said, files = {}, {}
     for unit, option in (("rad", ""), ("deg", "--degrees")):
-        said[unit] = done(f"compare base.json holdout.csv --json {unit}.json --report {unit}.html {option}")
+        said[unit] = run_command(f"compare base.json holdout.csv --json {unit}.json --report {unit}.html {option}")
         files[unit] = Path(f"{unit}.html").read_text()
     assert held("rad.json") == held("deg.json")
     rad, deg = (re.findall(rf"([\d.]+).{unit} in free run", files[unit])[0] for unit in said)
@@ -81,8 +83,8 @@ def test_degrees_change_what_is_printed_and_drawn_and_no_file(runs, done):
     assert "[rad]" in said["rad"] and "[rad]" not in said["deg"] and "velocity q' [rad/s]" not in files["deg"]
 
 
-def test_identify_prints_six_schemes_and_saves_a_model(runs, done):
-    out = done("identify train.csv -o model.json --json found.json")
+def test_identify_prints_six_schemes_and_saves_a_model(runs, run_command):
+    out = run_command("identify train.csv -o model.json --json found.json")
     schemes = ("dynamic", "filtered_dynamic", "energy", "filtered_power", "hamiltonian", "filtered_hamiltonian")
     assert all(any(line.startswith(f"{scheme} ") for line in out.splitlines()) for scheme in schemes)
     assert Model.load("model.json").estimates["inertia"].value == pytest.approx(0.0895, rel=0.02)
@@ -90,13 +92,13 @@ def test_identify_prints_six_schemes_and_saves_a_model(runs, done):
     assert data["schema"] == "pendulum-ident/identification@2" and set(data["schemes"]) == set(schemes)
     assert data["schemes"]["energy"]["residual"]["unit"] == "J"
     assert data["schemes"]["dynamic"]["theta"]["inertia"]["unit"] == "kg m^2"
-    out = done("identify train.csv --scheme filtered_power --columns position=position:m,torque=torque:N")
+    out = run_command("identify train.csv --scheme filtered_power --columns position=position:m,torque=torque:N")
     assert "filtered_power" in out and "hamiltonian" not in out
     assert "inertia [kg]" in out and "gravity [N]" in out  # of a joint that slides
 
 
-def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, done):
-    out = done("compare base.json train.csv holdout.csv --json c.json --report c.html")
+def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, run_command):
+    out = run_command("compare base.json train.csv holdout.csv --json c.json --report c.html")
     assert "\x1b" not in out  # plain where nobody watches
     assert "For q' from" in out and "more than 100 standard errors" in out
     assert re.search(r"mean residual \[N m\]", out) and re.search(r"█│ *$", out, re.M)
@@ -109,19 +111,19 @@ def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, done):
     assert "The model is off by" in told and "base model" not in told and "Where it fails" in told
 
 
-def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effects, monkeypatch, done):
+def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effects, monkeypatch, run_command):
     made = []  # once for both ways to tell it
     monkeypatch.setattr(
         "workbench.commands.diagnose.diagnose",
         lambda *some, **options: made.append(diagnose(*some, **options)) or made[0],
     )
     line = "diagnose train.csv --holdout holdout.csv --json d.json --report d.html -o m.json"
-    out = done(line)
+    out = run_command(line)
     brief = out.partition("\n\n")[2].splitlines()
     assert brief[:2] == ["Stribeck friction is missing", f"stribeck: {effects()['stribeck'].law}"]
     assert re.search(r" stribeck 0\.\d+ ± 0\.\d+ N m, ", brief[3]) and len(brief) <= 8
     monkeypatch.setattr("workbench.commands.diagnose.diagnose", lambda *_, **__: made[0])
-    out = done("diagnose train.csv --holdout holdout.csv -v")
+    out = run_command("diagnose train.csv --holdout holdout.csv -v")
     assert "+ stribeck" in out and "█" in out and re.search("^score: probability", out, re.M)
     assert re.search("^stribeck +selected ", out, re.M) and re.search("^cogging +rejected ", out, re.M)
     assert held("d.json")["selected"] == ["stribeck"] and Model.load("m.json").effects == ("stribeck",)
@@ -129,11 +131,11 @@ def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effect
     assert page.lstrip().lower().startswith("<!doctype html>") and f"<code>pendulum-ident {line}</code>" in page
 
 
-def test_a_horizon_is_in_what_compare_and_diagnose_write(runs, few_effects, done):
-    out = done("compare base.json train.csv --horizon 3 --json c.json --report c.html")
+def test_a_horizon_is_in_what_compare_and_diagnose_write(runs, few_effects, run_command):
+    out = run_command("compare base.json train.csv --horizon 3 --json c.json --report c.html")
     assert "over 3 s" in out and held("c.json")["horizon"] == 3.0
     assert "over 3 s" in Path("c.html").read_text(encoding="utf-8")
-    out = done(
+    out = run_command(
         "diagnose train.csv --holdout holdout.csv --horizon 3 --only cogging --json d.json --report d.html -o m.json"
     )
     refit = held("d.json")["horizon"]
@@ -143,26 +145,26 @@ def test_a_horizon_is_in_what_compare_and_diagnose_write(runs, few_effects, done
 
 
 @pytest.mark.parametrize(("option", "limit"), [("", 0.05), (" --significance 0.01", 0.01)])
-def test_diagnose_judges_gains_by_the_significance_that_is_asked_for(runs, few_effects, done, option, limit):
-    done(f"diagnose train.csv --holdout holdout.csv --json d.json{option}")
+def test_diagnose_judges_gains_by_the_significance_that_is_asked_for(runs, few_effects, run_command, option, limit):
+    run_command(f"diagnose train.csv --holdout holdout.csv --json d.json{option}")
     found = held("d.json")
     gates = [gate for one in found["candidates"] for gate in one["gates"] if gate["name"] == "p_value"]
     assert found["selected"] == ["stribeck"] and len(gates) > 1
     assert all(gate["limit"] == limit and gate["passed"] == (gate["value"] <= limit) for gate in gates)
 
 
-def test_record_plays_what_a_diagnosis_suggests(monkeypatch, done):
+def test_record_plays_what_a_diagnosis_suggests(monkeypatch, run_command):
     """Small swings under gravity look like a spring: the next experiment goes further, and no doubt is left."""
     known = {id: effects()[id] for id in ("spring", "gravity_tilt")}
     monkeypatch.setattr(estimators.arguments, "list_nameable", lambda: known)
     plant = "--theta coulomb=0.2,viscous=0.2 -o"
-    done(f"record --seconds 8 --amplitude 1 {plant} first.csv")
+    run_command(f"record --seconds 8 --amplitude 1 {plant} first.csv")
     outputs = "--json d.json --experiment torque.csv --report report.html"
-    out = done(f"diagnose first.csv {outputs} --max-torque 4 --max-angle 2.5 --max-speed 20")
+    out = run_command(f"diagnose first.csv {outputs} --max-torque 4 --max-angle 2.5 --max-speed 20")
     assert "To tell spring from gravity: record 20 s of" in out
     suggestion = held("d.json")["suggestion"]
     assert suggestion["settles"] == [{"effect": "spring", "instead": "gravity"}] and suggestion["peak_torque"] <= 4
-    done(f"record --excitation suggested --diagnosis d.json {plant} next.csv")
+    run_command(f"record --excitation suggested --diagnosis d.json {plant} next.csv")
     played = read_recording("next.csv")
     assert played.duration == pytest.approx(suggestion["seconds"], abs=0.01)
     assert np.abs(played.torque).max() == pytest.approx(suggestion["peak_torque"], abs=0.1)
@@ -172,13 +174,13 @@ def test_record_plays_what_a_diagnosis_suggests(monkeypatch, done):
     sent = np.interp(written["time"], played.time, played.torque)
     assert np.sqrt(np.mean((sent - written["torque"]) ** 2)) < 0.1 * np.std(sent)  # what is played, noise aside
     assert "The next experiment" in Path("report.html").read_text()
-    assert "none.csv is not written" in done("diagnose first.csv next.csv --json d.json --experiment none.csv")
+    assert "none.csv is not written" in run_command("diagnose first.csv next.csv --json d.json --experiment none.csv")
     assert held("d.json")["suggestion"] is None and not Path("none.csv").exists()
 
 
-def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, few_effects, monkeypatch, done):
+def test_demo_tells_the_story_and_reveals_the_truth(tmp_path, few_effects, monkeypatch, run_command):
     monkeypatch.setattr("workbench.commands.demo.SECONDS", 8.0)
-    out = done("demo --seed 3 -o report.html")
+    out = run_command("demo --seed 3 -o report.html")
     assert out.index("missing") < out.index("held-out error") < out.index("The truth") < out.index("hidden was")
     assert {file.name for file in tmp_path.iterdir()} == {"report.html", "report.train.csv", "report.holdout.csv"}
 
@@ -196,20 +198,20 @@ def test_the_verdict_of_the_demo_is_honest(selected, ambiguous, told):
     assert judge_diagnosis("spring", selected, ambiguous) == told
 
 
-def test_effects_are_listed_with_their_laws_or_told_how_they_show(done):
-    out = done("effects")
+def test_effects_are_listed_with_their_laws_or_told_how_they_show(run_command):
+    out = run_command("effects")
     assert all(id in out and kind.law in out for id, kind in effects().items())
-    out = done("effects", "backlash", *TABLES)
+    out = run_command("effects", "backlash", *TABLES)
     assert find_description("backlash").signature in out and "joint flexibility" in out and "stribeck:" not in out
     for id, table in TABLES.items():
         assert f"{id}: {table.law}\n" in out and str(table.__doc__).partition("\n")[0] in out
 
 
 @pytest.mark.parametrize(("before", "told"), [(None, ""), ("older", ", what is there is that of before")])
-def test_a_model_that_no_body_has_is_not_written(runs, done, before, told):
+def test_a_model_that_no_body_has_is_not_written(runs, run_command, before, told):
     if before is not None:
         Path("m.json").write_text(before)
-    out = " ".join(done("identify train.csv --columns torque=-torque -o m.json").split())
+    out = " ".join(run_command("identify train.csv --columns torque=-torque -o m.json").split())
     assert f"m.json is not written{told}: inertia came out as 0 " in out
     assert (Path("m.json").read_text() if Path("m.json").exists() else None) == before
 

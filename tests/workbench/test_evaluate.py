@@ -16,9 +16,9 @@ from workbench.commands.evaluate import print_figures
 from workbench.terminal import Terminal
 
 
-def figures(done, policy, workers, *more):
+def figures(run_command, policy, workers, *more):
     """What an evaluation of a file writes, without computing time, and what it prints."""
-    out = done(
+    out = run_command(
         "evaluate", policy, *more, "--plants", "2", "--seed", "2", "--workers", workers, "--json", "figures.json"
     )
     with open("figures.json", encoding="utf-8") as file:
@@ -34,7 +34,7 @@ def policy(tmp_path, monkeypatch):
     return "policy.npz"
 
 
-def test_a_file_an_own_class_and_a_model_of_stable_baselines_are_printed_beside_the_baseline(done, policy):
+def test_a_file_an_own_class_and_a_model_of_stable_baselines_are_printed_beside_the_baseline(run_command, policy):
     """The class and the model always play nothing, so they learn nothing."""
     lines = (
         "import numpy as np",
@@ -52,7 +52,7 @@ def test_a_file_an_own_class_and_a_model_of_stable_baselines_are_printed_beside_
         for parameter in model.policy.action_net.parameters():
             parameter.zero_()
     model.save("model.zip")
-    told, out = figures(done, policy, 1, "own_class_of_a_test:Rest", "own_class_of_a_test:Model")
+    told, out = figures(run_command, policy, 1, "own_class_of_a_test:Rest", "own_class_of_a_test:Model")
     assert list(told["policies"]) == ["two-tone", policy, "own_class_of_a_test:Rest", "own_class_of_a_test:Model"]
     assert [own["torque_peak"] > 0 for own in told["policies"].values()] == [True, True, False, False]
     assert told["policies"]["two-tone"]["gain"]["information"]["ratio"] == pytest.approx(1.0)
@@ -62,8 +62,8 @@ def test_a_file_an_own_class_and_a_model_of_stable_baselines_are_printed_beside_
 
 
 @pytest.mark.slow
-def test_processes_give_the_same_figures(done, policy):
-    assert figures(done, policy, 2)[0] == figures(done, policy, 1)[0]
+def test_processes_give_the_same_figures(run_command, policy):
+    assert figures(run_command, policy, 2)[0] == figures(run_command, policy, 1)[0]
 
 
 def test_what_a_policy_never_reaches_is_told_without_a_number(capsys):

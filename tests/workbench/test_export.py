@@ -13,11 +13,11 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import Column, Model, Term, effects
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.table import Extent, TorqueByAngle
-from pendulum_env.plant import PAPER, hide, paper_plant
+from pendulum_env.plant import PAPER, hide_effect, paper_plant
 from pendulum_env.units import JointUnits
 from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
-from tests.workbench.exported import in_mujoco, library, module, needs_compiler, off
+from tests.workbench.exported import compile_library, compute_error, load_module, needs_compiler, simulate_in_mujoco
 from workbench.export import ExportError, Request, export
 
 TORQUE = np.r_[0.0, np.where(np.arange(600) % 300 < 150, 3.0, -2.5), np.zeros(300)]  # [N m], comes to rest in the end
@@ -39,7 +39,7 @@ class Magnet(Term):
 def plant(*hidden: str) -> Model:
     model = paper_plant()
     for text in hidden:
-        model = model.add(TABLE(), 0.1) if text == "table" else hide(model, text)
+        model = model.add(TABLE(), 0.1) if text == "table" else hide_effect(model, text)
     return model
 
 
@@ -48,7 +48,7 @@ def simulated(model: Model, torque=TORQUE, position=0.2) -> np.ndarray:
 
 
 def in_python(text: str, torque=TORQUE) -> np.ndarray:
-    program = module(text)
+    program = load_module(text)
     state = program.start(0.2)
     path = [state.position]
     for k, value in enumerate(torque):  # Python's own numbers and NumPy's
@@ -58,7 +58,7 @@ def in_python(text: str, torque=TORQUE) -> np.ndarray:
 
 
 def in_c(text: str, folder, torque=TORQUE) -> np.ndarray:
-    compiled, state = library(text, folder), (ctypes.c_double * 100)()
+    compiled, state = compile_library(text, folder), (ctypes.c_double * 100)()
     compiled.pendulum_start.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double]
     compiled.pendulum_step.argtypes = [ctypes.c_void_p, ctypes.c_double]
     compiled.pendulum_start(state, 0.2, 0.0)
@@ -86,7 +86,7 @@ def test_python_is_the_simulators_own_step(hidden):
 
 @pytest.mark.parametrize("hidden", [*effects(), "dead_time=0.0043", CUBIC])
 def test_python_steps_a_batch_as_it_steps_each(hidden):
-    program = module(export(plant(hidden), "python").content)
+    program = load_module(export(plant(hidden), "python").content)
     position, velocity = np.array([[0.2, -3.0, 0.0, 0.4], [0.0, 5.0, -1.0, 0.0]])
     batch = program.start(position, velocity)
     singles = [program.start(*each) for each in zip(position.tolist(), velocity.tolist(), strict=True)]
@@ -100,12 +100,12 @@ def test_python_steps_a_batch_as_it_steps_each(hidden):
         np.testing.assert_allclose(np.broadcast_to(values, one_by_one.shape), one_by_one, rtol=1e-9, atol=1e-12)
 
 
-def test_python_needs_no_numpy_for_numbers(tmp_path, done):
+def test_python_needs_no_numpy_for_numbers(tmp_path, run_command):
     plant("stribeck", "dead_time=0.0043").save(tmp_path / "model.json")
-    (tmp_path / "arm.py").write_text(done("export", tmp_path / "model.json", "--to", "python"))
+    (tmp_path / "arm.py").write_text(run_command("export", tmp_path / "model.json", "--to", "python"))
     code = "import arm, sys; arm.step(arm.start(0.1), 2.5); print('numpy' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
-    assert done.stdout.split() == ["False"]
+    run_command = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert run_command.stdout.split() == ["False"]
 
 
 @needs_compiler
@@ -123,7 +123,11 @@ def test_friction_by_temperature_takes_the_temperature_as_an_input(tmp_path):
     law = TemperatureDependentFriction()
     model = paper_plant()
     exported = {language: export(model.add(law, [-0.002, 0.005]), language).content for language in ("python", "c")}
-    program, compiled, state = module(exported["python"]), library(exported["c"], tmp_path), (ctypes.c_double * 9)()
+    program, compiled, state = (
+        load_module(exported["python"]),
+        compile_library(exported["c"], tmp_path),
+        (ctypes.c_double * 9)(),
+    )
     compiled.pendulum_start.argtypes = [ctypes.c_void_p] + 2 * [ctypes.c_double]
     compiled.pendulum_step.argtypes = [ctypes.c_void_p] + 2 * [ctypes.c_double]
     values = {name: known.value for name, known in model.estimates.items()}
@@ -156,7 +160,7 @@ def test_mujoco_moves_the_exported_model_as_this_simulator_does(name):
     exported = export(plant(*hidden), "mjcf")
     assert not exported.notes
     torque = np.r_[0.0, excitation("paper", np.random.default_rng(0)).signal(np.arange(6000) / 1000)]
-    assert off(in_mujoco(exported, torque), simulated(plant(*hidden), torque, 0.0)[:, 0]) < 0.002
+    assert compute_error(simulate_in_mujoco(exported, torque), simulated(plant(*hidden), torque, 0.0)[:, 0]) < 0.002
 
 
 def test_friction_of_a_link_which_acts_at_the_motor_is_an_approximation():
@@ -213,13 +217,13 @@ def test_what_a_format_does_not_hold_is_refused_in_a_sentence(why):
         export(model, format, request)
 
 
-def test_the_command_writes_and_checks(tmp_path, done):
+def test_the_command_writes_and_checks(tmp_path, run_command):
     pytest.importorskip("mujoco")
     model, run, out = (tmp_path / name for name in ("model.json", "run.csv", "model.xml"))
     plant("actuator_lag", "dead_time=0.0043").save(model)
     hidden = ("--effect", "actuator_lag", "--effect", "dead_time=0.0043")
-    done("record", "--seconds", 6, "--seed", 1, "-o", run, *hidden)
-    said = done("export", model, "--to", "mjcf", "-o", out, "--check", run)
+    run_command("record", "--seconds", 6, "--seed", 1, "-o", run, *hidden)
+    said = run_command("export", model, "--to", "mjcf", "-o", out, "--check", run)
     assert out.read_text().startswith("<mujoco") and f"wrote {out}" in said
     errors = [float(line.split()[-2]) for line in said.splitlines() if line.endswith("%")]  # of the motion, in percent
     assert len(errors) == 3 and max(errors) < 1.0

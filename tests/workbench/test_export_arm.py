@@ -91,26 +91,26 @@ def test_mujoco_feels_the_torque_of_the_model(tmp_path, files, robot):
     assert np.abs(felt - expected).max() < 1e-4 * np.abs(expected).max()
 
 
-def test_what_mujoco_does_not_have_is_named_with_its_joint(tmp_path, files, refused):
+def test_what_mujoco_does_not_have_is_named_with_its_joint(tmp_path, files, run_refused):
     path, saved, new = files
     text = robots.urdf(robots.TORSO)
     model_of(tmp_path / "arm.urdf", text, lambda body: place_effect(Stribeck, "elbow")).save(saved)
     asked = ["export", saved, "--robot", path, "--to", "mjcf", "-o", new]
-    assert "mjcf cannot hold stribeck" in (said := refused(*asked)) and "(at elbow)" in said
+    assert "mjcf cannot hold stribeck" in (said := run_refused(*asked)) and "(at elbow)" in said
     assert main([*asked, "--approximate"]) == 0
     assert "cannot hold stribeck" in (tmp_path / "new.xml").read_text()
-    assert "an arm is exported to mjcf, not to c" in refused("export", saved, "--robot", path, "--to", "c")
-    assert "--robot" in refused("export", saved, "--to", "mjcf")
+    assert "an arm is exported to mjcf, not to c" in run_refused("export", saved, "--robot", path, "--to", "c")
+    assert "--robot" in run_refused("export", saved, "--to", "mjcf")
 
 
-def test_links_that_no_body_has_are_exported_only_as_the_nearest(tmp_path, files, refused):
+def test_links_that_no_body_has_are_exported_only_as_the_nearest(tmp_path, files, run_refused):
     path, saved, new = files
     model = model_of(tmp_path / "arm.urdf", TwoLink().urdf())
     k = model.body.names.index("Iyy@elbow")
     theta = np.where(np.arange(len(model.theta)) == k, -model.theta, model.theta)
     ArmModel.build(model.terms, theta, 1e-4 * np.abs(theta) + 1e-6).save(saved)
     asked = ["export", saved, "--robot", path, "--to", "mjcf", "-o", new]
-    said = refused(*asked)
+    said = run_refused(*asked)
     assert "no body has these parameters: the nearest is" in said and said.count("\n") == 1
     assert main([*asked, "--approximate"]) == 0
     assert "no body has these parameters" in (tmp_path / "new.xml").read_text()

@@ -7,10 +7,10 @@ import pytest
 
 from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.plant import hide, paper_plant
+from pendulum_env.plant import hide_effect, paper_plant
 from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Servos, simulate_servos
-from tests.workbench.exported import in_mujoco, module, off
+from tests.workbench.exported import compute_error, load_module, simulate_in_mujoco
 from workbench.export import ExportError, Request, export
 
 STEP, COUNT = 1e-3, 3000
@@ -37,7 +37,7 @@ DRIVES = {
 def joint(*hidden: str) -> Model:
     model = paper_plant(PLANT)
     for text in hidden:
-        model = model.add(BackEmf(), [0.05]) if text == "back-EMF" else hide(model, text)
+        model = model.add(BackEmf(), [0.05]) if text == "back-EMF" else hide_effect(model, text)
     return model
 
 
@@ -52,7 +52,7 @@ def in_the_loop(model: Model, drive: ServoDrive) -> np.ndarray:
 
 def in_python(model: Model, drive: ServoDrive) -> np.ndarray:
     """The same by the program that is exported."""
-    program = module(export(model, "python", Request(drive=drive)).content)
+    program = load_module(export(model, "python", Request(drive=drive)).content)
     state, path = program.start(), [0.0]
     for goal, on in zip(GOAL.tolist(), ON.tolist(), strict=True):
         state = program.step(state, goal, on=on)
@@ -71,7 +71,7 @@ def test_mujoco_s_own_servo_moves_a_joint_without_effects_alike(name):
     drive, model = replace(DRIVES[name], ki=0.0, rate=None, cutoff=None), joint("gravity_tilt=0.05")
     exported = export(model, "mjcf", Request(drive=drive))
     assert exported.notes == ()
-    assert off(in_mujoco(exported, GOAL, ON), in_the_loop(model, drive)) < 0.005
+    assert compute_error(simulate_in_mujoco(exported, GOAL, ON), in_the_loop(model, drive)) < 0.005
 
 
 def test_an_offset_of_the_torque_moves_its_limits_along():
@@ -129,12 +129,12 @@ def recorded(tmp_path_factory):
     return folder
 
 
-def test_an_export_proves_itself_in_the_loop(recorded, done, refused):
+def test_an_export_proves_itself_in_the_loop(recorded, run_command, run_refused):
     pytest.importorskip("mujoco")
     asked = ["export", str(recorded / "servo.json"), "--to", "mjcf", "--drive", "output=torque,kp=5,limit=4"]
-    said = done(*asked, "--approximate", "-o", recorded / "servo.xml", "--check", recorded / "study.toml")
+    said = run_command(*asked, "--approximate", "-o", recorded / "servo.xml", "--check", recorded / "study.toml")
     own, exported = (float(line.split()[-2]) for line in said.splitlines() if line.endswith("%"))
     assert own < 0.5 < exported < 10.0  # per cent of the motion: MuJoCo's gears rub as much under any load
     assert "<mujoco" in (recorded / "servo.xml").read_text()
-    told = refused(*asked, "--step", "0.003", "--approximate", "--check", recorded / "study.toml")
+    told = run_refused(*asked, "--step", "0.003", "--approximate", "--check", recorded / "study.toml")
     assert "--step should be a whole part of it" in told

@@ -14,7 +14,7 @@ from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from pendulum_env.servo import ServoDrive
 from tests.cases import recording
-from tests.two_link import recorded
+from tests.two_link import record_arm
 from tools.prose import ROOT
 from workbench.narrator.diagnosis import write_comparison, write_diagnosis
 from workbench.narrator.identification import write_identification
@@ -57,7 +57,7 @@ def files(request, tmp_path_factory):
         pytest.importorskip("pinocchio")
         robot = tmp_path_factory.mktemp("arm") / "arm.urdf"
         robot.write_text(TwoLink().urdf())
-        terms, runs = arm_base(read_body(robot)), [recorded(seconds=6.0, rate=500.0, offset=(0.0, 0.3))]
+        terms, runs = arm_base(read_body(robot)), [record_arm(seconds=6.0, rate=500.0, offset=(0.0, 0.3))]
     found, estimates = diagnose(runs, (), terms, only=FEW), identify(runs, terms, ["dynamic", "filtered_dynamic"])
     written = write_diagnosis(found), write_comparison(compare(found.model, runs)), write_identification(estimates)
     return [json.loads(json.dumps(one, allow_nan=False)) for one in written]

@@ -43,11 +43,11 @@ def bench(tmp_path_factory):
     return folder
 
 
-def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(bench, tmp_path, done):
-    told = done("identify", bench / "study.toml", "-o", tmp_path / "model.json")
+def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(bench, tmp_path, run_command):
+    told = run_command("identify", bench / "study.toml", "-o", tmp_path / "model.json")
     assert "monday.csv: 6 s at 500 Hz" in told and "tuesday.csv" not in told and "torque is i:A*0.5" in told
     assert Model.load(tmp_path / "model.json").estimates == Model.load(bench / "model.json").estimates
-    told = done("compare", tmp_path / "model.json", bench / "study.toml")
+    told = run_command("compare", tmp_path / "model.json", bench / "study.toml")
     assert "monday.csv: " in told and "tuesday.csv: " in told
 
 
@@ -65,28 +65,28 @@ def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(ben
         ("compare drive.json monday.csv", "log_format: "),
     ],
 )
-def test_mistakes_about_studies_are_one_line(bench, refused, words, match, monkeypatch):
+def test_mistakes_about_studies_are_one_line(bench, run_refused, words, match, monkeypatch):
     monkeypatch.chdir(bench)
     before = Path("monday.csv").read_bytes()
-    assert match in refused(*words.split())
+    assert match in run_refused(*words.split())
     assert Path("monday.csv").read_bytes() == before
 
 
-def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, done):
+def test_the_next_log_of_the_format_is_read_alike(bench, tmp_path, run_command):
     model, log = str(bench / "model.json"), str(bench / "tuesday.csv")
-    out = done("compare", model, log)
+    out = run_command("compare", model, log)
     assert f"read as {model} says: time=clock:ms, position=-Winkel [deg]-20 and torque=i:A*0.5" in out
     as_told = out.partition("Errors of")[2]
-    out = done("compare", model, log, "--columns", COLUMNS)
+    out = run_command("compare", model, log, "--columns", COLUMNS)
     assert "read as" not in out and out.partition("Errors of")[2] == as_told
     added = tmp_path / "added.json"
     assert main(["add", model, "torque_offset", log, "-o", str(added)]) == 0
     assert Model.load(added).log_format == Model.load(model).log_format != {}
 
 
-def test_columns_that_are_said_count_and_a_log_that_does_not_fit_is_one_sentence(bench, refused):
+def test_columns_that_are_said_count_and_a_log_that_does_not_fit_is_one_sentence(bench, run_refused):
     model, log = str(bench / "model.json"), str(bench / "plain-tuesday.csv")
-    said = refused("compare", model, log)
+    said = run_refused("compare", model, log)
     assert "no column is named 'clock', which is to be time" in said
     assert f"read as {model} says: name the columns of a log of another format, --columns QUANTITY=NAME" in said
     assert main(["compare", model, log, "--columns", "torque=torque"]) == 0
@@ -106,17 +106,17 @@ def test_a_study_says_it_itself_and_what_is_alike_in_it_is_kept(bench, tmp_path)
 
 
 @pytest.mark.slow
-def test_what_a_diagnosis_says_of_columns_can_be_pasted(bench, tmp_path, done):
+def test_what_a_diagnosis_says_of_columns_can_be_pasted(bench, tmp_path, run_command):
     """A turned sign, then a wrong zero, and then nothing is wrong; the report has the same options."""
     page = tmp_path / "report.html"
     log = ["diagnose", str(bench / "monday.csv"), "--holdout", str(bench / "tuesday.csv")]
     option = ["--columns", "time=clock:ms,position=-Winkel [deg],torque=-i:A*0.5"]
     for told in ("opposite signs", "zero of the position is 20.0"):
-        (line, *_) = (line for line in done(*log, *option, "--report", page).splitlines() if told in line)
+        (line, *_) = (line for line in run_command(*log, *option, "--report", page).splitlines() if told in line)
         pasted = re.search(r"Read it with (--columns .*) instead\.$", line)[1]
         assert pasted in html.unescape(page.read_text(encoding="utf-8"))
         option = shlex.split(pasted)
-    assert "Nothing is missing" in done(*log, *option, "-o", tmp_path / "m.json")
+    assert "Nothing is missing" in run_command(*log, *option, "-o", tmp_path / "m.json")
 
 
 K = 0.873  # [N m/A]
@@ -146,9 +146,11 @@ def weighed(tmp_path_factory) -> Path:
 FOUND = re.compile(r"torque constant 0\.87\d* ± 0\.\d+ N m/A, from 3 known loads")
 
 
-def test_a_torque_constant_is_identified_kept_and_used(weighed, tmp_path, capsys: pytest.CaptureFixture[str], done):
+def test_a_torque_constant_is_identified_kept_and_used(
+    weighed, tmp_path, capsys: pytest.CaptureFixture[str], run_command
+):
     study, model = str(weighed / "all.toml"), str(tmp_path / "model.json")
-    assert FOUND.search(done("identify", study, "-o", model, "--json", tmp_path / "identified.json"))
+    assert FOUND.search(run_command("identify", study, "-o", model, "--json", tmp_path / "identified.json"))
     data = json.loads((tmp_path / "identified.json").read_text())
     assert data["torque_constant"]["value"] == pytest.approx(K, rel=0.01)
     saved = json.loads(Path(model).read_text())["torque_constant"]
@@ -159,7 +161,7 @@ def test_a_torque_constant_is_identified_kept_and_used(weighed, tmp_path, capsys
 
 
 @pytest.mark.slow
-def test_without_loads_that_differ_nothing_is_said_in_newton_metres(weighed, tmp_path, done):
+def test_without_loads_that_differ_nothing_is_said_in_newton_metres(weighed, tmp_path, run_command):
     study, model, page = str(weighed / "one.toml"), str(tmp_path / "model.json"), tmp_path / "page.html"
     told = []
     for command in (
@@ -168,7 +170,7 @@ def test_without_loads_that_differ_nothing_is_said_in_newton_metres(weighed, tmp
         ["diagnose", study, "-v", "--json", str(tmp_path / "diagnosis.json"), "--report", str(page)],
         ["add", model, "stribeck", study],
     ):
-        told.append(done(*command))
+        told.append(run_command(*command))
     for k in (0, 2, 3):
         assert "The torque constant is unknown, and every parameter is per A" in told[k]
     assert "inertia [A s^2]" in told[0] and "torque [A]" in told[1] and "torque, fitted [A]" in told[2]

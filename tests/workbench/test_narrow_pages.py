@@ -12,7 +12,7 @@ from pendulum_env.recording import write_recording
 from tests import slow, two_link
 from tests.cases import diagnosed
 from tests.patience import wait_until
-from tests.workbench.app.plants import recorded
+from tests.workbench.app.plants import record_pendulum
 from workbench.cli import main
 from workbench.figure import Figure, axis, line
 from workbench.report import render, render_comparison
@@ -38,7 +38,7 @@ CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
 
 
 def found():
-    return diagnosed([recorded("run one", 1, 6.0)], [recorded("run two", 2, 6.0)])
+    return diagnosed([record_pendulum("run one", 1, 6.0)], [record_pendulum("run two", 2, 6.0)])
 
 
 def of_a_pendulum(folder: Path) -> str:
@@ -67,7 +67,7 @@ def of_a_comparison(folder: Path) -> str:
 def of_an_arm(folder: Path) -> str:
     robot, run = folder / "arm.urdf", folder / "run.csv"
     robot.write_text(TwoLink().urdf())
-    write_recording(two_link.recorded(TwoLink(), seconds=6.0, rate=500.0, offset=(0.0, 0.3)), run)
+    write_recording(two_link.record_arm(TwoLink(), seconds=6.0, rate=500.0, offset=(0.0, 0.3)), run)
     command = ["diagnose", run, "--robot", robot, "--only", "torque_offset", "--report", folder / "page.html"]
     assert main([*map(str, command)]) == 0
     return (folder / "page.html").read_text(encoding="utf-8")

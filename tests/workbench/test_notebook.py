@@ -16,7 +16,7 @@ from pendulum_env.formatting import format_estimate
 from pendulum_env.physics import Model, effects
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Note, NoteKind, Recording
-from tests.feeding import played
+from tests.feeding import play_two_tones
 from tests.terms import CubicDamping
 from workbench.narrator.diagnosis import describe_region, describe_result
 
@@ -54,7 +54,7 @@ def results(runs):
 def online(env):
     env = EstimateParameters(env, schemes=["energy"])
     env.reset(seed=0)
-    return played(env, 600)[-1]["estimates"]
+    return play_two_tones(env, 600)[-1]["estimates"]
 
 
 def shown(result) -> str:

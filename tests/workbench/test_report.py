@@ -16,7 +16,7 @@ from pendulum_env.formatting import format_number
 from pendulum_env.physics import Samples
 from pendulum_env.thinning import thin
 from tests.cases import diagnosed
-from tests.workbench.app.plants import recorded
+from tests.workbench.app.plants import record_pendulum
 from tests.workbench.pages import Page, values, whole
 from workbench.figure import insert_gaps, numbers
 from workbench.narrator.findings import describe_reason
@@ -29,7 +29,7 @@ REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out_recordings=("<r
 
 @pytest.fixture(scope="module")
 def diagnosis() -> Diagnosis:
-    return diagnosed([recorded("run one", 1, 6.0)], [recorded("run two", 2, 6.0)])
+    return diagnosed([record_pendulum("run one", 1, 6.0)], [record_pendulum("run two", 2, 6.0)])
 
 
 @pytest.fixture(scope="module")

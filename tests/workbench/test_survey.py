@@ -297,9 +297,9 @@ def recordings(tmp_path, swing):
     return tmp_path / "data"
 
 
-def test_the_command_writes_tables_of_diagnoses_and_of_a_damaged_file(recordings, done):
+def test_the_command_writes_tables_of_diagnoses_and_of_a_damaged_file(recordings, run_command):
     command = ["survey", str(recordings), "-o", str(recordings / "out"), "--only", ",".join(FEW), "--workers", "1"]
-    told = done(*command)
+    told = run_command(*command)
     assert "0 known from before, 1 diagnosed, 1 failed" in told and "no column for torque" in told
     good, damaged = pq.read_table(recordings / "out" / "survey.parquet").to_pylist()
     assert damaged["error"].startswith("no column for torque among") and damaged["inertia"] is None
@@ -310,16 +310,16 @@ def test_the_command_writes_tables_of_diagnoses_and_of_a_damaged_file(recordings
     assert good["error_after"] == found.steps[-1].errors["holdout"].torque_rms
     flat = pyarrow.csv.read_csv(recordings / "out" / "survey.csv")
     assert flat.column_names == list(good) and flat["inertia"].to_pylist() == [good["inertia"], None]
-    told = done(*command)  # the tables are no recordings
+    told = run_command(*command)  # the tables are no recordings
     assert "2 recordings of 1 machine: 1 known from before, 0 diagnosed, 1 failed" in told
 
 
 @pytest.mark.slow
-def test_a_dask_cluster_gives_the_same_table(recordings, tmp_path, done):
+def test_a_dask_cluster_gives_the_same_table(recordings, tmp_path, run_command):
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster:
         for output, where in (("there", ["--scheduler", cluster.scheduler_address]), ("here", ["--workers", "1"])):
-            done("survey", str(recordings), "-o", str(tmp_path / output), "--only", ",".join(FEW), *where)
+            run_command("survey", str(recordings), "-o", str(tmp_path / output), "--only", ",".join(FEW), *where)
     there, here = (pq.read_table(tmp_path / output / TABLES[0]) for output in ("there", "here"))
     assert there.equals(here) and there.num_rows > 0
 

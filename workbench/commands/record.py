@@ -8,7 +8,7 @@ from agents.network import POLICY_NAMES as SHIPPED
 from agents.observer import EPISODE
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED
-from pendulum_env.reading import LARGE
+from pendulum_env.reading import MAX_NUMBER
 from pendulum_env.recording import write_recording
 from pendulum_env.recording.checks import BOUNDS
 from pendulum_env.recording.writing import WRITERS
@@ -72,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--release",
-        type=options.convert_number(-LARGE, LARGE),
+        type=options.convert_number(-MAX_NUMBER, MAX_NUMBER),
         help="let the joint go at rest at this angle, without torque [rad]",
     )
     group = parser.add_argument_group("plant")
@@ -127,8 +127,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         record_rig(plan, samples, terminal)
         return
     recording = simulate(plan, rng, terminal)
-    if not (np.abs(recording.position) <= LARGE).all():  # false for NaN, too
-        raise InputError(f"the arm turns by more than {LARGE:g} rad: lower the torque, or what drives it")
+    if not (np.abs(recording.position) <= MAX_NUMBER).all():  # false for NaN, too
+        raise InputError(f"the arm turns by more than {MAX_NUMBER:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
         count = f", or turn it by less than one of the {arguments.counts} --counts" if arguments.counts else ""
         if plan.release is not None:

@@ -11,7 +11,7 @@ from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance, begin
 
-FIRM, CALM = 60.0, 2.0  # [rad/s], bandwidth and speed of the hand that holds the arm
+HAND_BANDWIDTH, HAND_SPEED = 60.0, 2.0  # [rad/s], bandwidth and speed of the hand that holds the arm
 
 
 class Motor:
@@ -50,7 +50,7 @@ class Motor:
         if self._deadline <= now:
             self._move(self._deadline)
             self.expired = True
-            self._tell(self.moment, "expired", self.watchdog)
+            self._log_event(self.moment, "expired", self.watchdog)
             self._cut_power(self.moment)
         self._move(now)
 
@@ -61,10 +61,10 @@ class Motor:
             self._cut_power(self.moment)
             return
         self.expired = False
-        self._act(self.moment, 0.0)
+        self._set_torque(self.moment, 0.0)
         if not self.powered:
             self.powered = True
-            self._tell(self.moment, "power", 1.0)
+            self._log_event(self.moment, "power", 1.0)
         self.feed()
 
     def feed(self) -> None:
@@ -76,9 +76,9 @@ class Motor:
     def command(self, torque: float) -> None:
         """Set the torque [N m], if the power is on."""
         self.advance()
-        self._tell(self.moment, "command", torque)
+        self._log_event(self.moment, "command", torque)
         if self.powered:
-            self._act(self.moment, torque)
+            self._set_torque(self.moment, torque)
 
     def hold(self, angle: float | None) -> None:
         """Turn the arm by hand to an angle [rad] and hold it, or release it for None."""
@@ -102,22 +102,22 @@ class Motor:
         if self._hand is None:
             return 0.0
         here, there = self._hand
-        here += min(max(there - here, -CALM * step), CALM * step)
+        here += min(max(there - here, -HAND_SPEED * step), HAND_SPEED * step)
         self._hand = here, there
-        return self._inertia * (FIRM**2 * (here - self._angle) - 2 * FIRM * self._speed)
+        return self._inertia * (HAND_BANDWIDTH**2 * (here - self._angle) - 2 * HAND_BANDWIDTH * self._speed)
 
-    def _act(self, at: float, torque: float) -> None:
+    def _set_torque(self, at: float, torque: float) -> None:
         if (torque == 0) != (self.torque == 0):
-            self._tell(at, "torque", torque)
+            self._log_event(at, "torque", torque)
         self.torque = torque
 
     def _cut_power(self, at: float) -> None:
         self._deadline = math.inf
-        self._act(at, 0.0)
+        self._set_torque(at, 0.0)
         if self.powered:
             self.powered = False
-            self._tell(at, "power", 0.0)
+            self._log_event(at, "power", 0.0)
 
-    def _tell(self, at: float, event: str, value: float) -> None:
+    def _log_event(self, at: float, event: str, value: float) -> None:
         if self._log >= 0:
             os.write(self._log, f"{at:.6f} {event} {value:.6g}\n".encode())

@@ -16,9 +16,9 @@ class Firmware:
 
     def answer(self, data: bytes) -> bytes:
         """Return the answer to received bytes."""
-        return b"".join(self._take(*frame) for frame in self._splitter.feed(data))
+        return b"".join(self._answer_frame(*frame) for frame in self._splitter.feed(data))
 
-    def _take(self, kind: int, sequence: int, *values: int) -> bytes:
+    def _answer_frame(self, kind: int, sequence: int, *values: int) -> bytes:
         motor = self.motor
         if kind == frames.TORQUE:
             torque = frames.MICRO * values[0]

@@ -19,7 +19,7 @@ from pendulum_env.backends.hardware import Settings, find_adapter, list_adapters
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.files import write_whole
 from pendulum_env.plant import PAPER
-from pendulum_env.reading import LARGE, NonNegative, Text, convert, read_text, read_toml
+from pendulum_env.reading import MAX_NUMBER, NonNegative, Text, convert, read_text, read_toml
 from pendulum_env.spaces import MAX_TORQUE
 
 CHECKED = ".checked"  # suffix of the note on the wiring that has passed the check
@@ -97,7 +97,7 @@ class DaqSettings:
     enable: Text  # digital output line to servo-enable, cleared by the card's watchdog
     fault: Text | None = None  # digital input line from the drive's fault output
     fault_active: Literal["low", "high"] = "low"
-    newton_metres_per_volt: Annotated[float, Meta(ge=0.001, le=LARGE)] = 1.5  # 15 N m at 10 V
+    newton_metres_per_volt: Annotated[float, Meta(ge=0.001, le=MAX_NUMBER)] = 1.5  # 15 N m at 10 V
     volts_offset: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0  # [V], voltage of zero torque
     decoding: Literal["X_1", "X_2", "X_4"] = "X_4"
     server: Text | None = None  # host:port of an NI gRPC device server; None: the local driver
@@ -113,7 +113,7 @@ class PlantRanges:
     """Ranges of the arm's parameters; motion that is impossible within them is a fault."""
 
     watch: bool = True  # whether the motion is checked
-    inertia: Annotated[float, Meta(ge=1e-6, le=LARGE)] = PAPER["inertia"]  # [kg m^2]
+    inertia: Annotated[float, Meta(ge=1e-6, le=MAX_NUMBER)] = PAPER["inertia"]  # [kg m^2]
     gravity: NonNegative = PAPER["gravity"]  # [N m], torque that holds the arm horizontal
     viscous: NonNegative = PAPER["viscous"]  # [N m s/rad]
     coulomb: NonNegative = PAPER["coulomb"]  # [N m], dry friction

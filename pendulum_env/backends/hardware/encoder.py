@@ -40,9 +40,9 @@ class Encoder:
         self._fastest = fastest
         self._last = settings.zero  # count
         self._total = 0  # counts since zero
-        self.forget()
+        self.reset_velocity()
 
-    def forget(self) -> None:
+    def reset_velocity(self) -> None:
         """Reset the velocity and keep the position."""
         self.velocity = 0.0
         self._since: tuple[float, float] | None = None  # time [s] and position [rad] of the velocity's first reading
@@ -52,7 +52,7 @@ class Encoder:
         """Return the last measured position of the arm [rad], unwrapped."""
         return self.step * self._total
 
-    def take(self, time: float, counts: int) -> float | None:
+    def add_reading(self, time: float, counts: int) -> float | None:
         """Add a reading of counts at a time [s].
 
         Returns:
@@ -96,7 +96,7 @@ class DriveClock:
         """Return the shortest one-way delay of a message [s]."""
         return self._doubt if self._doubt < math.inf else 0.0
 
-    def take(self, microseconds: int, asked: float, answered: float) -> float:
+    def convert_time(self, microseconds: int, asked: float, answered: float) -> float:
         """Return the monotonic time [s] of a reading of the drive's clock, between request and answer [s]."""
         passed = 0.0 if self._last is None else 1e-6 * ((microseconds - self._last) % TURNOVER)
         self._last = microseconds

@@ -38,11 +38,11 @@ class Guard:
         self._open = False
         self.torque = 0.0  # [N m], last sent
         self._motion = PlausibilityCheck(config.plant, self.encoder.step, motor.noise)
-        self._forget()
+        self._reset_checks()
 
-    def _forget(self) -> None:
+    def _reset_checks(self) -> None:
         """Reset the state of the checks."""
-        self.encoder.forget()
+        self.encoder.reset_velocity()
         self._motion.reset()
         self._written: float | None = None  # time of the last command [s]
         self._waited = 0.0  # [s], time spent in calls of the drive since the last command
@@ -59,10 +59,10 @@ class Guard:
         try:
             self._open = True
             self.encoder = Encoder(self.config.encoder, self.limits.hard_velocity)  # zero: see `EncoderSettings`
-            self._forget()
+            self._reset_checks()
             self.motor.open()
             reading = self.motor.read()
-            self.encoder.take(reading.time, reading.counts)
+            self.encoder.add_reading(reading.time, reading.counts)
         except BaseException as error:
             self.note(f"cannot open: {error}")
             self.close()
@@ -89,8 +89,8 @@ class Guard:
         Raises:
             Fault: if a fault is kept or occurs.
         """
-        self._refuse()
-        self._forget()
+        self._raise_kept_fault()
+        self._reset_checks()
         self.torque = 0.0
         try:
             self.powered = True  # set first: the next call may be interrupted
@@ -105,7 +105,7 @@ class Guard:
         Raises:
             Fault: if a fault is kept or occurs.
         """
-        self._refuse()
+        self._raise_kept_fault()
         if not self.powered:
             raise Fault("the drive has no power: reset the environment before stepping it")
         if not math.isfinite(torque):
@@ -133,7 +133,7 @@ class Guard:
             Fault: if a fault is kept, the drive reports one or does not answer, or the motion is too fast or
                 implausible.
         """
-        self._refuse()
+        self._raise_kept_fault()
         asked = time.monotonic()
         try:
             reading = self.motor.read()
@@ -142,7 +142,7 @@ class Guard:
             if self.powered and reading.fault is not None:
                 hung = f", after {1e3 * took:.0f} ms in which it did not answer" if took > self.limits.gap else ""
                 raise DriveError(f"the drive reports{hung}: {reading.fault}")
-            moved = self.encoder.take(reading.time, reading.counts)
+            moved = self.encoder.add_reading(reading.time, reading.counts)
         except DriveError as error:
             raise self.trip(str(error)) from error
         if self.powered:
@@ -155,7 +155,7 @@ class Guard:
                 )
         return reading.time, self.encoder.position
 
-    def _refuse(self) -> None:
+    def _raise_kept_fault(self) -> None:
         """Raise the fault that is kept, if any."""
         if self.fault is not None:
             raise Fault(self.fault)
@@ -187,9 +187,9 @@ class Guard:
             return
         failures = _brake_arm(self.motor, self.encoder, self.config, self.rise) if brake else []
         self.powered, self.torque = False, 0.0
-        for tell in (lambda: self.motor.write(0.0), self.motor.disable):  # both, even if the first fails
+        for switch_off in (lambda: self.motor.write(0.0), self.motor.disable):  # both, even if the first fails
             try:
-                tell()
+                switch_off()
             except Exception as error:
                 failures.append(error)
         for failure in failures:  # logged after the torque is removed
@@ -290,7 +290,7 @@ def _brake_arm(drive: Drive, encoder: Encoder, config: RigConfig, rise: float, s
             reading = drive.read()
             if reading.fault is not None:
                 break
-            encoder.take(reading.time, reading.counts)
+            encoder.add_reading(reading.time, reading.counts)
             slowest = min(slowest, abs(encoder.velocity))
     except Exception as error:
         return [error]

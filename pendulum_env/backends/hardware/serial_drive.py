@@ -74,7 +74,7 @@ class SerialDrive:
         self._refused = self._refused + 1 if self._on and state.torque != self._micro else 0
         if why is None and self._refused >= self.refusals:
             why = f"it does not set {frames.MICRO * self._micro:.3g} N m: firmware and limits.torque have to agree"
-        return Reading(self._clock.take(state.microseconds, *between), state.counts, why)
+        return Reading(self._clock.convert_time(state.microseconds, *between), state.counts, why)
 
     def disable(self) -> None:
         """Set zero torque and cut the power."""

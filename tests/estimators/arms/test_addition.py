@@ -11,7 +11,7 @@ from estimators import IdentificationError, add, compare, diagnose, identify
 from estimators.findings import Finding, Kind
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
-from tests.two_link import recorded
+from tests.two_link import record_arm
 from workbench.narrator.diagnosis import describe_addition
 
 DRAG = 0.06  # [N m s^2/rad^2]
@@ -19,7 +19,7 @@ DRAG = 0.06  # [N m s^2/rad^2]
 
 @pytest.fixture(scope="module")
 def recording():
-    return recorded(TwoLink(drag=(0.0, DRAG)))
+    return record_arm(TwoLink(drag=(0.0, DRAG)))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_no
     assert 10 <= finding.numbers["residual"].value < 100
     compared = compare(lacking, recording)
     assert {region.at for region in compared.regions} == {"elbow"}
-    whole = recorded(seed=1)
+    whole = record_arm(seed=1)
     found = identify(whole, arm_base(body))
     model = found["filtered_dynamic"].model
     assert not found.findings and not compare(model, whole).regions
@@ -63,7 +63,7 @@ def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_no
 
 
 def test_every_command_has_the_same_noise_floor_and_the_same_errors(body, recording, lacking):
-    other = recorded(TwoLink(drag=(0.0, DRAG)), 1)
+    other = record_arm(TwoLink(drag=(0.0, DRAG)), 1)
     added, found = add(lacking, "quadratic_drag@elbow", recording, other), diagnose(recording, other, arm_base(body))
     assert found.selected == ("quadratic_drag@elbow",)
     compared, unseen = (compare(found.model, run).joint for run in (recording, other))

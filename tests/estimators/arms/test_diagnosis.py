@@ -20,7 +20,7 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck, TemperatureDependentFriction
 from pendulum_env.physics.potential import Cogging, Spring
-from tests.two_link import recorded
+from tests.two_link import record_arm
 
 SOME = {"stribeck": Stribeck, "cogging": Cogging}
 
@@ -55,7 +55,7 @@ def test_torque_of_all_joints_that_was_sampled_is_late_by_half_a_sample(six, pla
 
 def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
     """Gears that rub under load hide that torque is late; beside their friction it shows, and nothing is left."""
-    plain, share = recorded(seed=0, seconds=8.0, rate=500.0), 0.4
+    plain, share = record_arm(seed=0, seconds=8.0, rate=500.0), 0.4
     drives = plain.torque * np.gradient(plain.position, 1 / plain.rate, axis=0) > 0
     asked = np.where(drives, plain.torque / (1 - share), plain.torque / (1 + share))  # of motors behind such gears
     late = replace(plain, torque=np.roll(asked, 1, axis=0)).slice(1, None)
@@ -73,7 +73,7 @@ HEAVY = replace(TwoLink(), mass=(1.2, 1.1), inertia=(0.02, 0.012))  # with 0.3 k
 
 @pytest.mark.parametrize(("fitted", "unseen"), [((0,), (4,)), ((0, 4), ()), ((4,), (0,))])
 def test_a_payload_in_some_recordings_is_identified_and_the_arm_is_found_without_it(body, fitted, unseen):
-    runs = [[recorded(HEAVY if seed == 4 else TwoLink(), seed=seed) for seed in part] for part in (fitted, unseen)]
+    runs = [[record_arm(HEAVY if seed == 4 else TwoLink(), seed=seed) for seed in part] for part in (fitted, unseen)]
     found = diagnose(*runs, arm_base(body), library=SOME)
     (payload,), (tried,) = found.findings, found.treatments
     assert payload.kind is Kind.PAYLOAD and payload == tried.treatment and tried.is_kept and tried.error_ratio < 0.1
@@ -91,7 +91,7 @@ def test_a_payload_in_some_recordings_is_identified_and_the_arm_is_found_without
 @pytest.mark.parametrize("friction", [TwoLink.viscous, (0.25, 0.25)])
 def test_recordings_that_agree_or_differ_in_friction_show_no_payload(body, friction):
     other = replace(TwoLink(), viscous=friction)
-    found = diagnose(recorded(seed=0), recorded(other, seed=1), arm_base(body), library=SOME)
+    found = diagnose(record_arm(seed=0), record_arm(other, seed=1), arm_base(body), library=SOME)
     assert found.treatments == found.findings == () and found.selected == ()
     if friction == TwoLink.viscous:
         assert not found.left and found.forbidden is None
@@ -154,7 +154,7 @@ def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelv
 
 
 def test_noise_of_an_encoder_that_is_not_white_is_left_unexplained(body):
-    run = recorded(rate=500.0, scale=(5.0, 2.5), noise=0.0)
+    run = record_arm(rate=500.0, scale=(5.0, 2.5), noise=0.0)
     wander = lfilter(*butter(4, 15.0, fs=500.0), np.random.default_rng(0).normal(size=run.position.shape), axis=0)
     noisy = replace(run, position=run.position + 4e-3 * wander / wander.std())
     base = arm_base(body)
@@ -195,7 +195,7 @@ def test_where_no_weight_acts_a_table_may_be_a_line(six):
 
 
 def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):
-    run = recorded(offset=(0.4, 0.3))
+    run = record_arm(offset=(0.4, 0.3))
     found = diagnose(run, (), arm_base(body), library={"torque_offset": TorqueOffset, "spring": Spring})
     assert set(found.selected) == {"torque_offset@shoulder", "torque_offset@elbow"}
     told = [candidate.effect for candidate in found.candidates]
@@ -211,7 +211,7 @@ def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):
 
 
 def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept(body, tmp_path):
-    run = recorded()
+    run = record_arm()
     velocity = np.gradient(run.position[:, 1], 1e-3)
     rubbing = 0.4 * np.exp(-((velocity / 0.5) ** 2)) * np.sign(velocity)
     logged = run.torque + np.column_stack([np.zeros_like(rubbing), rubbing])
@@ -225,7 +225,7 @@ def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept
 
 @pytest.mark.parametrize("offset", [0.0, 0.3])
 def test_a_joint_without_a_motor_hides_nothing_of_others(body, offset):
-    driven = recorded(scale=(3.5, 0.0), offset=(offset, 0.0))
+    driven = record_arm(scale=(3.5, 0.0), offset=(offset, 0.0))
     let_go = replace(driven, torque=driven.torque * [1.0, 0.0])
     found = diagnose(let_go, (), arm_base(body), library={"torque_offset": TorqueOffset, "spring": Spring})
     assert found.selected == (("torque_offset@shoulder",) if offset else ()) and not found.unexplained

@@ -18,14 +18,14 @@ from pendulum_env.arms.joints import Links, arm_base, choose_coupling, list_coup
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Column, Term, Viscous, effect
 from pendulum_env.physics.term import list_loads
-from tests.two_link import recorded
+from tests.two_link import record_arm
 
 TIME = np.arange(0, 8, 1e-3)
 
 
 @pytest.fixture(scope="module")
 def run():
-    return recorded(seconds=8.0)
+    return record_arm(seconds=8.0)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def prepared(run, base):
 
 @pytest.mark.parametrize("counts", [4096, 65_536])
 def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, base, counts):
-    coarse = RegressionData.from_arm([recorded(seconds=8.0, noise=1e-3, counts=counts)], base)
+    coarse = RegressionData.from_arm([record_arm(seconds=8.0, noise=1e-3, counts=counts)], base)
     left = coarse.joint_errors(coarse.residual(base))
     assert left == pytest.approx(coarse.floors, rel=0.25)
 
@@ -77,7 +77,7 @@ def test_terms_are_at_a_joint_of_the_arm_and_at_one(body, run):
 
 @pytest.mark.parametrize(("at", "is_heavy"), [("shoulder,-elbow", True), ("shoulder,elbow", False)])
 def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_heavy):
-    run = recorded(seconds=8.0, noise=1e-3)
+    run = record_arm(seconds=8.0, noise=1e-3)
     kind = choose_coupling(at, body)
     assert kind.is_heavy == is_heavy  # parallel axes: the elbow's link turns with their sum as well
     factors = list(list_loads(at).values())

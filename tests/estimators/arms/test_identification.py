@@ -19,7 +19,7 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.recording import Recording
 from tests.pendulum_env.arms.test_body import chain, written
-from tests.two_link import recorded
+from tests.two_link import record_arm
 
 ARM = TwoLink()
 RATE = 1000.0
@@ -28,7 +28,7 @@ LIVELY = {"scale": (5.0, 2.5), "counts": 1_024_000}  # the paper's encoder
 
 @pytest.fixture(scope="module")
 def recording():
-    return recorded(**LIVELY)
+    return record_arm(**LIVELY)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_a_joint_that_sticks_is_left_out_of_its_own_row_alone(body, truth):
 
 def test_torque_of_another_run_is_predicted(found, body, tmp_path):
     model = found["filtered_dynamic"].model
-    other = recorded(seed=7, seconds=5.0, **LIVELY)
+    other = record_arm(seed=7, seconds=5.0, **LIVELY)
     errors = compare(model, other).joint.errors
     assert max(errors.shares.values()) < 0.02
     wrong = ArmModel.build(model.terms, model.theta * np.where(np.arange(len(model.theta)) == 2, 1.2, 1.0))

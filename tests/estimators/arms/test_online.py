@@ -26,7 +26,7 @@ from pendulum_env.arms.joints import arm_base, place_effect
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
 from pendulum_env.physics import BASE, Model, effects
-from tests.two_link import JOINTS, recorded
+from tests.two_link import JOINTS, record_arm
 
 RATE, COUNTS, CHANGE = 500.0, 65_536, 7.0
 TWO = TwoLink()
@@ -35,7 +35,7 @@ LIVELY = (5.0, 2.5)
 
 @pytest.fixture(scope="module")
 def recording():
-    return recorded(seconds=5.0, rate=RATE, scale=LIVELY, noise=0.01)
+    return record_arm(seconds=5.0, rate=RATE, scale=LIVELY, noise=0.01)
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ def test_samples_and_schemes_that_make_no_sense_are_refused_at_once(links):
     ids=["none", "drag"],
 )
 def test_what_is_missing_is_told_with_its_joint(links, plant, group):
-    run = recorded(plant, seconds=9.0, rate=RATE, scale=LIVELY, counts=COUNTS)
+    run = record_arm(plant, seconds=9.0, rate=RATE, scale=LIVELY, counts=COUNTS)
     names = ("quadratic_drag", "cogging", "stribeck", "torque_offset")
     library = {f"{id}@{joint}": place_effect(effects()[id], joint) for id in names for joint in run.names}
     diagnoser = Diagnoser(RATE, links, library=library, smoothing=Smoothing.from_encoder(COUNTS, RATE))

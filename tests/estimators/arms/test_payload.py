@@ -12,7 +12,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.links import prepare_arm
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
-from tests.two_link import recorded
+from tests.two_link import record_arm
 
 EMPTY = TwoLink()
 MASS, PLACE, INERTIA = 0.5, 0.3, 0.004  # [kg], [m] down the forearm, [kg m^2] about its centre
@@ -32,7 +32,7 @@ def carrying(arm):
 
 
 def run(seed, is_loaded):
-    return recorded(carrying(EMPTY) if is_loaded else EMPTY, seed, rate=RATE, scale=(6.0, 3.5))
+    return record_arm(carrying(EMPTY) if is_loaded else EMPTY, seed, rate=RATE, scale=(6.0, 3.5))
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,9 @@ from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording, read_recording
 from tests import slow
 from tests.cases import TRUTH, recorded
-from tests.notes import noted
+from tests.notes import list_notes
 from tests.two_link import body
-from tests.two_link import recorded as arm_recorded
+from tests.two_link import record_arm as arm_recorded
 
 KINDS = ("two_tone", "multisine", "chirp", "prbs", "steps")
 
@@ -242,7 +242,9 @@ def test_corrected_torque_is_that_which_acted():
     assert len(good) - 7 < kept < len(good)
     np.testing.assert_array_equal(mended.time, good.time[:kept])
     assert np.sqrt(np.mean((mended.torque - good.torque[:kept]) ** 2)) < 0.05 * np.std(good.torque)
-    assert any(note.startswith("aligned: delay 10") or note.startswith("aligned: delay 9.9") for note in noted(mended))
+    assert any(
+        note.startswith("aligned: delay 10") or note.startswith("aligned: delay 9.9") for note in list_notes(mended)
+    )
     sharp = align([filtered := logged_filtered(good, 0.01)]).apply(filtered)
     assert np.sqrt(np.mean((sharp.torque - good.torque[1:]) ** 2)) < 0.05 * np.std(good.torque)
 

@@ -20,7 +20,7 @@ from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests import slow
-from tests.cases import diagnosed, told
+from tests.cases import diagnosed, make_recording
 
 PLANT = Plant()
 HEAVIER = replace(PLANT, inertia=1.1 * PLANT.inertia, gravity=1.1 * PLANT.gravity)
@@ -32,7 +32,7 @@ GEARED = replace(PLANT, effects={"load_dependent_friction": {"load_mu": 0.1}})
 def recorded(plants: list[Plant], seconds: float = 10.0) -> list[Recording]:
     """One recording of each plant at 500 Hz, under an excitation that differs from place to place."""
     cases = [(p, Experiment(500.0, seconds, KINDS[place % 3], seed=place)) for place, p in enumerate(plants)]
-    return [told(run, f"run {place}") for place, run in enumerate(simulate(cases))]
+    return [make_recording(run, f"run {place}") for place, run in enumerate(simulate(cases))]
 
 
 def test_recordings_of_one_plant_agree():
@@ -41,7 +41,7 @@ def test_recordings_of_one_plant_agree():
         sensors = {"rate": float(rng.choice([200.0, 500.0])), "counts": 65_536, "seconds": 10.0, "torque_noise": 0.05}
         plant = random_case(rng).plant
         cases += [(plant, random_case(rng, (), **sensors).train) for _ in range(3)]
-    runs = [told(run) for run in simulate(cases)]
+    runs = [make_recording(run) for run in simulate(cases)]
     assert [
         find_disagreements(fit_each_recording([prepare_windows(runs[j : j + 3])], BASE)) for j in range(0, 24, 3)
     ] == [()] * 8
@@ -52,13 +52,16 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
     (own,) = fit_each_recording([prepare_windows(recorded([PLANT]))], BASE)
     along = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e-4
 
-    def told(number: int, value: float) -> RecordingFit:
+    def make_recording(number: int, value: float) -> RecordingFit:
         known = ComparedParameters(np.full(2, value), along, np.zeros(2))
         return replace(own, number=number, columns=own.columns[:2], known=known)
 
-    assert np.isfinite(pool_fits([told(1, 1.0), told(2, 1.0)]).theta).all()
-    assert find_disagreements([told(1, 1.0), told(2, 1.0), told(3, 1.0)]) == ()
-    assert [one.recording for one in find_disagreements([told(1, 1.0), told(2, 1.0), told(3, 2.0)])] == [3]
+    assert np.isfinite(pool_fits([make_recording(1, 1.0), make_recording(2, 1.0)]).theta).all()
+    assert find_disagreements([make_recording(1, 1.0), make_recording(2, 1.0), make_recording(3, 1.0)]) == ()
+    assert [
+        one.recording
+        for one in find_disagreements([make_recording(1, 1.0), make_recording(2, 1.0), make_recording(3, 2.0)])
+    ] == [3]
 
 
 @pytest.mark.parametrize("heavier", [0, 1, 2])
@@ -103,7 +106,7 @@ def test_what_is_no_other_plant_is_not_told():
 def test_an_effect_that_each_recording_alone_takes_for_its_own_friction_is_no_other_plant(order):
     """Torque of one size, up and down, makes friction under load dry friction, of another size under another torque."""
     small = [Experiment(500.0, 10.0, "prbs", scale=scale, seed=seed) for scale, seed in ((1.0, 1), (0.4, 2))]
-    runs = [told(run) for run in simulate([(GEARED, experiment) for experiment in small])]
+    runs = [make_recording(run) for run in simulate([(GEARED, experiment) for experiment in small])]
     assert find_disagreements(fit_each_recording([prepare_windows(runs)], BASE), only_if_all_fit=True)
     found = diagnosed([runs[k] for k in order], only=["load_dependent_friction", "stribeck", "quadratic_drag"])
     assert (found.selected, found.disagreements) == (("load_dependent_friction",), ())

@@ -4,7 +4,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.findings import Kind
 from tests.cases import diagnosed, recorded
-from tests.motions import moved
+from tests.motions import record_motion
 
 TIME = np.arange(6000) / 500.0
 SPRING = Plant(0.09, 2.0, 0.35, 0.3, {"spring": {"spring_k": 0.5, "spring_q0": 0.0}})
@@ -30,7 +30,7 @@ def test_gravity_is_conditional_where_an_effect_of_the_angle_is_seen_over_part_o
 @pytest.mark.parametrize("torque", [lambda q: 0.15 * q**3, lambda q: 0.2 * q * np.abs(q)], ids=["hardening", "hose"])
 def test_the_error_of_gravity_covers_the_other_laws_of_the_angle_that_fit_part_of_a_turn(torque):
     """A straight spring, less gravity, draws a weak cubic one; a wave of three to the turn draws q |q|."""
-    found = diagnosed([moved(lambda q, v: torque(q) + 0.1 * v, 0.8)], only=["spring", "cogging", "stribeck"])
+    found = diagnosed([record_motion(lambda q, v: torque(q) + 0.1 * v, 0.8)], only=["spring", "cogging", "stribeck"])
     gravity = found.model.estimates["gravity"]
     assert found.selected and abs(gravity.value - 2.0) < 3 * gravity.std
     inertia = found.model.estimates["inertia"]
@@ -38,6 +38,6 @@ def test_the_error_of_gravity_covers_the_other_laws_of_the_angle_that_fit_part_o
 
 
 def test_a_spring_that_alone_fits_leaves_the_error_of_gravity_small():
-    found = diagnosed([moved(lambda q, v: 0.5 * q + 0.1 * v, 1.5)], only=["spring", "cogging", "stribeck"])
+    found = diagnosed([record_motion(lambda q, v: 0.5 * q + 0.1 * v, 1.5)], only=["spring", "cogging", "stribeck"])
     gravity = found.model.estimates["gravity"]
     assert found.selected == ("spring",) and abs(gravity.value - 2.0) < 3 * gravity.std < 0.01 * 2.0

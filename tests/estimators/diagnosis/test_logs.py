@@ -14,7 +14,7 @@ from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow
-from tests.cases import BLOW, CASES, DRAG_AND_TILT, THETA, WALLS, diagnosed, plain, recorded, recording
+from tests.cases import BLOW, CASES, DRAG_AND_TILT, THETA, WALLS, diagnosed, make_plain_model, recorded, recording
 
 TIMING = {Kind.TORQUE_LATE, Kind.TORQUE_LATE_CORRECTED, Kind.ACTS_LATE}
 
@@ -124,7 +124,7 @@ def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out
     """The link swings on for seconds: where a recording is split, the state at the cut is known from before."""
     link = 0.06
     flexibility = effect("joint_flexibility")(resonance=19.0, damping=0.8, gravity=2 / link)
-    model = plain().add(flexibility, link)
+    model = make_plain_model().add(flexibility, link)
     rng, time = np.random.default_rng(0), np.arange(5000) / 500
     torque = 3 * np.sin(12.07 * time + 1) + 3 * np.sin(2.25 * time + 2)
     position = model.simulate(2e-3, torque, 0.0, 0.0).position[:-1, 0]

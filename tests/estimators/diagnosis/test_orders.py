@@ -11,7 +11,7 @@ from pendulum_env.physics import Samples
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 from tests import slow
-from tests.runge_kutta import stepped
+from tests.runge_kutta import step_runge_kutta
 
 INERTIA, VISCOUS, NOISE = 2e-4, 4e-4, 5e-4  # of a motor of the size of a palm, in SI units
 RATE, SECONDS, STEPS = 500.0, 12.0, 10
@@ -35,7 +35,7 @@ def turned(cogging: dict[int, tuple[float, float]], seed: int) -> Recording:
             return v, (held - VISCOUS * v - cogs) / INERTIA
 
         for _ in range(STEPS):
-            x = stepped(rate, 0.0, x, step)
+            x = step_runge_kutta(rate, 0.0, x, step)
     return Recording(time, path, torque + NOISE * rng.standard_normal(len(time)), name=f"rotor {seed}")
 
 

@@ -22,7 +22,7 @@ from tests.cases import (
     recorded,
     recording,
 )
-from tests.motions import moved
+from tests.motions import record_motion
 from tests.terms import CubicDamping
 
 
@@ -175,7 +175,7 @@ def test_what_predicts_most_of_it_is_named_though_the_residual_passes_for_noise(
 
 def test_a_spring_that_hardens_is_one_and_gravity_stays_what_it_is():
     """A cable gets stiffer as it winds: a straight spring, less a gravity that pulls up, imitates it."""
-    cable = moved(lambda q, v: 0.5 * q**3 + 0.1 * v)
+    cable = record_motion(lambda q, v: 0.5 * q**3 + 0.1 * v)
     found = diagnosed(cable, only=["spring", "stribeck", "hard_stop", "cogging"])
     assert found.selected == ("spring",) and not found.unexplained
     for name, true in (("spring.cubic", 0.5), ("gravity", 2.0), ("inertia", 0.09)):
@@ -187,12 +187,12 @@ def test_a_spring_that_hardens_is_one_and_gravity_stays_what_it_is():
 
 
 def test_friction_that_bends_down_over_speed_is_no_drag():
-    found = diagnosed(moved(lambda q, v: 0.2 * np.arcsinh(v / 0.4)), only=["quadratic_drag"])
+    found = diagnosed(record_motion(lambda q, v: 0.2 * np.arcsinh(v / 0.4)), only=["quadratic_drag"])
     assert found.selected == () and found.unexplained
 
 
 def test_friction_that_drives_is_said_of_what_is_found():
-    found = diagnosed(moved(lambda q, v: 0.3 * np.sign(v) * np.exp(-np.abs(v / 1.5))), only=["gravity_tilt"])
+    found = diagnosed(record_motion(lambda q, v: 0.3 * np.sign(v) * np.exp(-np.abs(v / 1.5))), only=["gravity_tilt"])
     viscous = found.model.estimates["viscous"]
     assert viscous.value == 0 and viscous.at_bound  # no body has less, and the data ask for it
     assert Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous",)) in found.findings

@@ -33,7 +33,7 @@ from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording, RecordingError, Source, read_recording, write_recording, write_study
 from pendulum_env.servo import ServoDrive
-from tests.notes import noted
+from tests.notes import list_notes
 from workbench.cli import main
 from workbench.narrator.diagnosis import describe_result
 
@@ -471,7 +471,7 @@ def test_output_of_a_controller_is_known_by_its_name_and_is_its_torque(
     np.savetxt(path, rows, delimiter=",", header=f"time,position,goal,{header}", comments="")
     own = read_recording(path, drive=drive, columns=columns)
     assert own.torque == pytest.approx(scale * output) and own.torque_unit == unit and own.has_logged_torque
-    assert are_driven([own]) and not any("to be found" in note for note in noted(own))
+    assert are_driven([own]) and not any("to be found" in note for note in list_notes(own))
 
 
 def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):

@@ -12,8 +12,8 @@ from estimators.wrappers import EstimateParameters
 from pendulum_env.plant import PAPER
 from pendulum_env.registration import PENDULUM
 from tests import slow
-from tests.feeding import played
-from tests.runge_kutta import stick_and_slip
+from tests.feeding import play_two_tones
+from tests.runge_kutta import simulate_stick_slip
 
 TRUTH = np.array([0.05, 1.5, 0.12, 0.35])
 RATE, COUNTS = 200.0, 16_384
@@ -22,7 +22,7 @@ RATE, COUNTS = 200.0, 16_384
 def moved(torque: np.ndarray, rate: float = RATE) -> np.ndarray:
     """Return positions of the plant under a torque."""
     inertia, gravity, viscous, coulomb = TRUTH
-    position, *_ = stick_and_slip(
+    position, *_ = simulate_stick_slip(
         lambda t, q, v, u: u - gravity * np.sin(q) - viscous * v, lambda *_: coulomb, inertia, torque, 1 / rate
     )
     return position[:-1]
@@ -102,7 +102,7 @@ def test_an_environment_that_tells_no_encoder_lets_it_be_learnt():
         env.unwrapped.counts = None  # as of an environment that does not tell
         env = EstimateParameters(env, schemes=["dynamic"], **options)
         env.reset(seed=0)
-        return played(env, 1200)[-1]["estimates"]["dynamic"]["theta"]
+        return play_two_tones(env, 1200)[-1]["estimates"]["dynamic"]["theta"]
 
     unknown, known, fine = last(), last(counts=COUNTS), last(counts=1_024_000)
     truth = np.array(list(PAPER.values()))

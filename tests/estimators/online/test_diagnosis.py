@@ -29,7 +29,7 @@ from pendulum_env.plant import PAPER
 from pendulum_env.registration import PENDULUM
 from pendulum_env.units import JointUnits
 from tests import cases, slow
-from tests.feeding import fed, played
+from tests.feeding import feed, play_two_tones
 
 RATE, COUNTS, SECONDS = 250.0, 65_536, 18.0
 HIDDEN = {
@@ -55,7 +55,7 @@ def diagnoser(terms=BASE, **options):
 
 def run(one, recording, first=0.0, last=SECONDS):
     """What it says in the end of the samples from `first` to `last` [s]."""
-    return fed(one, recording, round(first * RATE), round(last * RATE))[-1][0]
+    return feed(one, recording, round(first * RATE), round(last * RATE))[-1][0]
 
 
 @pytest.mark.parametrize("hidden", slow.but(["cogging"], HIDDEN))
@@ -150,7 +150,7 @@ def test_a_given_model_is_compared_in_its_unit_and_without_its_unknown_parameter
     model = Model.build(BASE, np.array(list(theta.values())))
     env = DiagnoseOnline(gym.make(PENDULUM, rate=200), candidates="cogging", model=model.withhold({"viscous"}))
     env.reset(seed=0)
-    *_, info = played(env, 2400)
+    *_, info = play_two_tones(env, 2400)
     assert info["diagnosis"].kind == "changed" and set(info["diagnosis"].changed) == {"gravity"}
     assert info["diagnosis"].changed["gravity"][0] == pytest.approx(PAPER["gravity"] - 1.6, rel=0.05)
     model.convert_units(JointUnits("A")).save(tmp_path / "current.json")
@@ -181,10 +181,10 @@ def test_a_wrapper_diagnoses_beside_others_and_adds():
     env = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     _, info = env.reset(seed=0)
     assert set(info["diagnosis"].not_run) == {"dead_time"}
-    *_, info = played(env, 1500)
+    *_, info = play_two_tones(env, 1500)
     assert info["diagnosis"].group == ("gravity_tilt",)
     env.get_wrapper_attr("add")("gravity_tilt")
-    *_, info = played(env, 1500, first=1500)
+    *_, info = play_two_tones(env, 1500, first=1500)
     said = info["diagnosis"]
     assert said.added == ("gravity_tilt",) and "dynamic" in info["estimates"]
     assert said.kind == "nothing" and said.theta["gravity_tilt"] == pytest.approx(0.3, rel=0.05)
@@ -220,7 +220,7 @@ def test_a_vector_twin_diagnoses_each_and_leaves_out_what_was_not_measured():
     env = OneWithout(gym.make_vec(PENDULUM, num_envs=3, rate=200.0, effects=["torque_offset=0.3"]))
     env = DiagnoseOnlineVector(env, candidates=["torque_offset"])
     env.reset(seed=0)
-    *_, info = played(env, 1200)
+    *_, info = play_two_tones(env, 1200)
     assert [said.group for said in info["diagnosis"]] == [("torque_offset",), ("torque_offset",), ()]
     env.diagnoser.reset(np.array([True, False, False]))
     assert [said.kind for said in env.diagnoser.diagnoses] == ["calibrating", "missing", "calibrating"]

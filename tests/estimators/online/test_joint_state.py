@@ -17,7 +17,7 @@ from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.physics import BASE, effect
 from pendulum_env.registration import PENDULUM
 from tests.cases import TRUTH
-from tests.feeding import fed, played
+from tests.feeding import feed, play_two_tones
 
 PERIOD = 0.02  # [s]
 
@@ -38,7 +38,7 @@ def estimator(n: int, **options) -> OnlineEstimator:
 @cache
 def slowly() -> tuple[OnlineEstimator, list[Estimates]]:
     one = estimator(12)
-    return one, fed(one, slow_runs())
+    return one, feed(one, slow_runs())
 
 
 @pytest.mark.slow
@@ -72,7 +72,7 @@ def test_it_borrows_a_regression_until_that_knows_enough_and_then_waits_for_noth
 @pytest.mark.slow
 def test_a_payload_picked_up_in_mid_run_is_tracked():
     runs = slow_runs(3, pay_t=8.0, pay_I=0.03, pay_mgl=0.6)
-    theta = fed(estimator(3, schemes=[JointState()], forgetting=0.98), runs)[-1].theta[:, 0]
+    theta = feed(estimator(3, schemes=[JointState()], forgetting=0.98), runs)[-1].theta[:, 0]
     np.testing.assert_allclose(np.median(theta, axis=0)[:2], [0.12, 2.6], rtol=0.04)
 
 
@@ -81,7 +81,7 @@ def test_a_joint_that_sticks_tells_nothing_and_costs_nothing():
     time = np.arange(0, 16, PERIOD)
     command = np.where((time < 4) | (time > 14), 3 * np.sin(12.07 * time) + 3 * np.sin(2.25 * time), 0.3)
     runs = simulate([(Plant(), Experiment(rate=1 / PERIOD, seconds=16.0, counts=65_536, torque_noise=0.05))], [command])
-    course = fed(estimator(1, schemes=[JointState()]), runs)
+    course = feed(estimator(1, schemes=[JointState()]), runs)
     assert course[int(3.9 / PERIOD)].usable[0, 0]
     before, after = (np.sqrt(np.diag(course[int(t / PERIOD)].P[0, 0])) for t in (7.0, 13.5))
     np.testing.assert_allclose(after, before, rtol=0.3)
@@ -92,12 +92,12 @@ def test_a_joint_that_sticks_tells_nothing_and_costs_nothing():
 def test_a_copy_goes_on_alike_and_lost_samples_keep_the_parameters():
     runs = slow_runs()[:1]
     one = estimator(1, schemes=[JointState()])
-    before = fed(one, runs, 0, 500)[-1]
+    before = feed(one, runs, 0, 500)[-1]
     np.testing.assert_array_equal(replace(before).covariance, before.covariance)
     copy = pickle.loads(pickle.dumps(one))
-    np.testing.assert_array_equal(fed(one, runs, 500, 520)[-1].theta, fed(copy, runs, 500, 520)[-1].theta)
+    np.testing.assert_array_equal(feed(one, runs, 500, 520)[-1].theta, feed(copy, runs, 500, 520)[-1].theta)
     copy.take(np.full(1, 10.4), np.full(1, np.nan), np.zeros(1))
-    after = fed(copy, runs, 521, 800)[-1]
+    after = feed(copy, runs, 521, 800)[-1]
     np.testing.assert_allclose(after.theta, before.theta, rtol=0.03)
     assert after.usable[0, 0]
 
@@ -109,7 +109,9 @@ def test_terms_with_memory_and_delay_are_those_of_the_model(id):
     term = {"actuator_lag": effect("actuator_lag")(0.03), "dead_time": effect("dead_time")(2 * PERIOD)}[id]
     experiment = Experiment(rate=1 / PERIOD, seconds=16.0, counts=65_536, torque_noise=0.05)
     runs = simulate([(Plant(effects={id: hidden}), experiment)])
-    right, wrong = (fed(estimator(1, terms=terms, schemes=[JointState()]), runs)[-1] for terms in ((*BASE, term), BASE))
+    right, wrong = (
+        feed(estimator(1, terms=terms, schemes=[JointState()]), runs)[-1] for terms in ((*BASE, term), BASE)
+    )
     np.testing.assert_allclose(right.theta[0, 0], TRUTH, rtol=0.04)
     assert np.abs(wrong.theta[0, 0] / TRUTH - 1).max() > 0.1
 
@@ -118,7 +120,7 @@ def test_it_runs_beside_the_others_in_a_wrapper():
     env = EstimateParameters(gym.make(PENDULUM, rate=200), schemes=["joint_state_ukf", "energy"], in_observation=True)
     observation, info = env.reset(seed=0)
     assert list(info["estimates"]) == ["energy", "joint_state_ukf"] and observation.shape == (3 + 2 * 2 * 4,)
-    *_, info = played(env, 900)
+    *_, info = play_two_tones(env, 900)
     np.testing.assert_allclose(info["estimates"]["joint_state_ukf"]["theta"], [0.0895, 2.01, 0.3638, 0.9163], rtol=0.02)
     several = EstimateParametersVector(gym.make_vec(PENDULUM, num_envs=2, rate=200), schemes=[*SCHEMES, JointState()])
     _, info = several.reset(seed=0)

@@ -20,7 +20,7 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, effect
 from tests import slow
 from tests.cases import TRUTH
-from tests.feeding import fed
+from tests.feeding import feed
 from tests.terms import Clipped, Table
 
 MORE = (
@@ -79,7 +79,7 @@ def test_a_recording_of_another_rate_number_or_length_is_refused(paper_run):
 )
 def test_filterpys_kalman_filter_finds_the_same_theta_and_covariances(options, close):
     (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=2.5, seed=1))])
-    both = [fed(OnlineEstimator(500.0, counts=COUNTS, recursion=name, **options), run) for name in RECURSIONS]
+    both = [feed(OnlineEstimator(500.0, counts=COUNTS, recursion=name, **options), run) for name in RECURSIONS]
     for k in (700, 1249):
         ours, theirs = (estimates[k] for estimates in both)
         np.testing.assert_allclose(theirs.theta, ours.theta, rtol=close)
@@ -95,7 +95,7 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
     """The base parameters, as offline to what happens within a sample."""
     terms = (*BASE, effect(id)())
     smoothing = choose_smoothing(paper_run)
-    now = fed(OnlineEstimator(paper_run.rate, terms, SCHEMES, smoothing=smoothing), paper_run)[-1]
+    now = feed(OnlineEstimator(paper_run.rate, terms, SCHEMES, smoothing=smoothing), paper_run)[-1]
     assert np.isfinite(now.theta).all()
     for s, scheme in enumerate(SCHEMES):
         equations, usable = scheme.regression(add_states(measure(paper_run, smoothing), terms), terms)
@@ -106,7 +106,7 @@ def test_terms_with_memory_are_estimated_with_the_others(id, paper_run):
 def test_a_law_that_is_no_formula_is_estimated_as_the_formula_it_holds(paper_run):
     recording = paper_run.slice(0, 4000)
     tables, formulas = (
-        fed(OnlineEstimator(recording.rate, (*BASE, kind()), MORE), recording)[-1] for kind in (Table, Clipped)
+        feed(OnlineEstimator(recording.rate, (*BASE, kind()), MORE), recording)[-1] for kind in (Table, Clipped)
     )
     assert np.abs(tables.theta[0, :, 4]).max() > 1e-3
     np.testing.assert_allclose(tables.theta, formulas.theta, rtol=1e-9, atol=1e-12)
@@ -147,34 +147,34 @@ def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_o
         return OnlineEstimator(paper_run.rate, terms, MORE, batch=batch, counts=COUNTS, **options)
 
     both, last = estimator(2), 2 * samples
-    early = fed(both, [paper_run] * 2, 0, samples)[-1]
+    early = feed(both, [paper_run] * 2, 0, samples)[-1]
     theta, spread = early.theta.copy(), early.compute_covariances()[0].copy()
     both.reset(np.array([False, True]))
     copy = pickle.loads(pickle.dumps(both))
-    after = fed(both, [paper_run] * 2, samples, last)[-1]
-    steady, fresh = fed(estimator(), paper_run, 0, last)[-1], fed(estimator(), paper_run, samples, last)[-1]
+    after = feed(both, [paper_run] * 2, samples, last)[-1]
+    steady, fresh = feed(estimator(), paper_run, 0, last)[-1], feed(estimator(), paper_run, samples, last)[-1]
     for b, alone in enumerate((steady, fresh)):
         np.testing.assert_allclose(after.theta[b], alone.theta[0], rtol=close)
         scale = np.sqrt(np.einsum("sii->si", alone.P[0]))
         scale = scale[..., None] * scale[:, None]
         np.testing.assert_allclose(after.P[b] / scale, alone.P[0] / scale, atol=close)
     np.testing.assert_allclose(after.covariance[0], steady.covariance[0], rtol=1e3 * close)
-    np.testing.assert_array_equal(fed(copy, [paper_run] * 2, samples, last)[-1].theta, after.theta)
+    np.testing.assert_array_equal(feed(copy, [paper_run] * 2, samples, last)[-1].theta, after.theta)
     np.testing.assert_array_equal(early.theta, theta)  # as it was handed out
     np.testing.assert_array_equal(early.compute_covariances()[0], spread)
 
 
 def test_nothing_is_told_across_a_gap_or_a_lost_sample(paper_run):
-    whole = fed(OnlineEstimator(paper_run.rate), paper_run)[-1]
+    whole = feed(OnlineEstimator(paper_run.rate), paper_run)[-1]
     before, after = paper_run.slice(0, 5000), paper_run.slice(5400, 10_000)
     gapped = OnlineEstimator(paper_run.rate)
-    fed(gapped, before)
+    feed(gapped, before)
     lost = pickle.loads(pickle.dumps(gapped))
-    now = fed(gapped, after)[-1]
+    now = feed(gapped, after)[-1]
     np.testing.assert_allclose(now.theta, whole.theta, rtol=5e-3)
     assert now.time[0] == pytest.approx(after.time[-1] - gapped.delay / paper_run.rate)
     lost.take(np.full(1, 5.2), np.full(1, np.nan), np.zeros(1))
-    np.testing.assert_allclose(now.theta, fed(lost, after)[-1].theta, rtol=1e-12)
+    np.testing.assert_allclose(now.theta, feed(lost, after)[-1].theta, rtol=1e-12)
 
 
 @cache
@@ -195,7 +195,7 @@ def coverage(now: Estimates) -> np.ndarray:
 @pytest.mark.parametrize("forgetting", [1.0, 0.998])
 def test_intervals_hold_the_truth_as_often_as_they_say(forgetting):
     """200 seeded runs: 90 to 99 %, for every scheme on average over its parameters; also after many memories."""
-    estimates = fed(OnlineEstimator(500.0, batch=200, forgetting=forgetting), stick_and_slip(200, 20.0))
+    estimates = feed(OnlineEstimator(500.0, batch=200, forgetting=forgetting), stick_and_slip(200, 20.0))
     for now in (estimates[4000], estimates[-1]):
         share = coverage(now)
         assert (share > 0.86).all(), share
@@ -209,7 +209,7 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
     command = np.repeat(np.random.default_rng(0).uniform(3.0, 6.0, 100), 100)
     (one_way,) = simulate([(Plant(), Experiment(rate=1000.0, seconds=10.0, torque_noise=0.05, seed=0))], [command])
     assert (np.diff(one_way.position[200:]) > 0).all()
-    now = fed(OnlineEstimator(1000.0, terms), one_way)[-1]
+    now = feed(OnlineEstimator(1000.0, terms), one_way)[-1]
     std = np.sqrt(np.einsum("bsii->bsi", now.covariance))[0]
     truth = np.r_[TRUTH, 0.0, 0.0]
     assert np.isfinite(std).all()
@@ -220,14 +220,14 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
 
 @pytest.mark.parametrize("memory", slow.but_first([{"forgetting": 0.997}, {}]), ids=str)
 def test_a_payload_picked_up_in_mid_run_is_tracked_by_who_forgets(memory):
-    theta = fed(OnlineEstimator(500.0, batch=20, **memory), stick_and_slip(20, 14.0, change=7.0))[-1].theta
+    theta = feed(OnlineEstimator(500.0, batch=20, **memory), stick_and_slip(20, 14.0, change=7.0))[-1].theta
     after = TRUTH + np.array([0.03, 0.6, 0.0, 0.0])
     error = np.median(np.abs(theta / after - 1), axis=0)[:, :2]
     assert (error < 0.03).all() if memory else (error > 0.05).all()
 
 
 def test_stick_teaches_nothing(sticky):
-    estimates = fed(OnlineEstimator(sticky.rate, schemes=SCHEMES[:1]), sticky)
+    estimates = feed(OnlineEstimator(sticky.rate, schemes=SCHEMES[:1]), sticky)
     used = np.array([now.usable[0, 0] for now in estimates])
     silent = np.array([(now.error[0, 0] == 0) and not now.regressor.any() for now in estimates])
     assert 0.05 < used.mean() < 0.8

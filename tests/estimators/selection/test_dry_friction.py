@@ -10,7 +10,7 @@ from estimators.selection.dry_friction import screen_dry_friction
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import BASE, effects, is_dry
 from pendulum_env.recording import MovedTorque, Recording
-from tests.cases import plain, recorded
+from tests.cases import make_plain_model, recorded
 from tests.slow import but_first
 
 RATE, SECONDS = 500.0, 12.0
@@ -50,7 +50,7 @@ def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, 
 def test_add_accepts_what_diagnose_finds_by_free_motion():
     fitted, held_out = swept(0.45, 0.08, 10)
     found = diagnose(fitted, held_out, only=FRICTION)
-    added = add(plain(), "stribeck", fitted, held_out)
+    added = add(make_plain_model(), "stribeck", fitted, held_out)
     assert found.selected == ("stribeck",) and added.objection is None
     for name, estimate in found.model.estimates.items():
         assert abs(added.after.model.estimates[name].value - estimate.value) <= 0.1 * estimate.std

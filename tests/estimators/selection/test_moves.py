@@ -16,7 +16,7 @@ from estimators.selection.search import search
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests.cases import recorded
-from tests.motions import moved
+from tests.motions import record_motion
 
 EFFECTS = ("quadratic_drag", "spring", "viscous_asymmetry", "torque_offset")
 DRAG, SPRING, ASYMMETRY, OFFSET = (effect(id)() for id in EFFECTS)
@@ -44,7 +44,7 @@ def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(evaluato
 
 def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_hardens():
     """Where the swing is small both fit alike, and only one of them leaves the weight what it is."""
-    run = moved(lambda q, v: 0.1 * v + 0.5 * q**3, size=0.8)
+    run = record_motion(lambda q, v: 0.1 * v + 0.5 * q**3, size=0.8)
     evaluator = ModelEvaluator(*split_recordings([run]), library={"spring": effect("spring")})
     straight, hardening = (trial.terms for trial in refine_variants(evaluator.train, BASE, effect("spring")))
     assert evaluator.model(straight).estimates["gravity"].value < 0 and not evaluator.is_significant(

@@ -19,7 +19,7 @@ from estimators.weak_form.windows import WindowAverages, cut
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
-from tests.cases import TRUTH, WALLS, recorded, recording, told
+from tests.cases import TRUTH, WALLS, make_recording, recorded, recording
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def sticky_runs() -> list[SimulatedRecording]:
 @pytest.mark.parametrize("half_width", [None, 0.05])
 def test_windows_never_touch_stick_or_a_reversal_and_a_turn_by_friction_is_no_knock(sticky_runs, which, half_width):
     run = sticky_runs[which]
-    (windows,) = prepare_windows([told(run)], half_width and [half_width]).windows
+    (windows,) = prepare_windows([make_recording(run)], half_width and [half_width]).windows
     reach = len(windows.kernel) // 2
     assert 0.02 < np.mean(~run.sliding)
     assert len(windows.centers) >= 20
@@ -48,7 +48,7 @@ def test_windows_never_touch_stick_or_a_reversal_and_a_turn_by_friction_is_no_kn
         assert abs(np.sign(run.velocity[window]).sum()) == 2 * reach + 3
         assert np.all(np.sign(windows.samples.velocity[window]) == np.sign(run.velocity[window]))
     assert len(windows.turning) > 0
-    assert knocked(RegressionData.from_recordings([told(run)])).contacts == 0
+    assert knocked(RegressionData.from_recordings([make_recording(run)])).contacts == 0
 
 
 def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Recording:
@@ -96,7 +96,7 @@ def noisy_runs() -> dict[str, SimulatedRecording]:
 
 @pytest.mark.parametrize("name", NOISY)
 def test_the_residual_of_the_true_model_is_the_noise_that_was_predicted(noisy_runs, name):
-    data = prepare_windows([told(noisy_runs[name])])
+    data = prepare_windows([make_recording(noisy_runs[name])])
     equations = data.equations(BASE)
     residual = equations.y - equations.phi @ TRUTH
     assert np.sqrt(np.mean(residual**2)) == pytest.approx(data.noise(TRUTH[0]), rel=0.3)
@@ -145,7 +145,7 @@ def coarse() -> SimulatedRecording:
 
 
 def test_averages_of_joined_recordings_are_those_of_each_however_dense_its_windows(sticky_runs):
-    one, other = prepare_windows([told(run) for run in sticky_runs[:2]]).windows
+    one, other = prepare_windows([make_recording(run) for run in sticky_runs[:2]]).windows
     for parts in (
         (one, other),
         (one.center_at_every_sample(), other),
@@ -159,7 +159,7 @@ def test_averages_of_joined_recordings_are_those_of_each_however_dense_its_windo
 
 @pytest.mark.parametrize("derive", [np.gradient, lambda q: np.diff(q, prepend=q[0])], ids=["central", "backward"])
 def test_a_velocity_that_was_computed_from_the_position_changes_nothing(coarse, derive):
-    plain = told(coarse)
+    plain = make_recording(coarse)
     other = replace(plain, velocity=derive(plain.position) * plain.rate)
     one, two = (join_windows([cut(own, 0.02)]).equations(BASE) for own in (plain, other))
     np.testing.assert_array_equal(one.phi, two.phi)
@@ -237,7 +237,7 @@ def test_a_turn_that_friction_of_another_law_makes_is_no_knock(hidden, terms):
 
 
 def test_a_delay_absorbs_no_noise_of_the_torque(coarse):
-    windows = prepare_windows([told(coarse)]).windows[0]
+    windows = prepare_windows([make_recording(coarse)]).windows[0]
     for delay in (0.001, 0.0025, 0.01, 0.1):
         assert 0.0 <= windows.compute_absorbed_noise(effect("dead_time")(delay)) < 0.1 * windows.raw_torque_noise**2
 

@@ -3,7 +3,7 @@ import pytest
 
 from pendulum_env.arms import ArmRecording, read_arm_recording
 from pendulum_env.recording import RecordingError, write_recording
-from tests.notes import noted
+from tests.notes import list_notes
 from tests.pendulum_env.recording.test_files import moved
 
 JOINTS = ("shoulder", "elbow")
@@ -88,7 +88,7 @@ def test_what_is_noted_of_a_column_can_be_pasted_for_its_joint(tmp_path):
     q = moved(torque, lambda t, q, v: 9.81 * q + 0.2 * v, start=1.0)  # on a spring: it could be degrees
     path = table(tmp_path / "run.csv", time=time, position_hip=q, torque_hip=torque)
     recording = read_arm_recording(path, ("hip",))
-    assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in noted(recording)[-1]
+    assert "read it with --columns position_hip=position_hip:deg,torque_hip=torque_hip" in list_notes(recording)[-1]
 
 
 def test_temperatures_of_some_joints_may_be_there(tmp_path):

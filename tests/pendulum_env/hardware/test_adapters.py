@@ -18,8 +18,8 @@ from tests.pendulum_env.rigs import PATIENT
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals of Unix")]
 
 
-def opened(emulated, kind, **tables):
-    rig = emulated(kind, limits=PATIENT, **tables)
+def opened(make_emulated_rig, kind, **tables):
+    rig = make_emulated_rig(kind, limits=PATIENT, **tables)
     drive = find_adapter((config := load(rig.config)).adapter)(config)
     try:
         drive.open()
@@ -29,9 +29,9 @@ def opened(emulated, kind, **tables):
     return rig, drive
 
 
-def test_power_that_is_gone_without_a_word_is_a_fault(emulated):
+def test_power_that_is_gone_without_a_word_is_a_fault(make_emulated_rig):
     """A microcontroller that starts anew has no power and no fault to tell of."""
-    _, drive = opened(emulated, "serial")
+    _, drive = opened(make_emulated_rig, "serial")
     assert drive.read().fault is None  # nobody has asked for power yet
     drive.enable()
     assert drive.read().fault is None
@@ -40,9 +40,9 @@ def test_power_that_is_gone_without_a_word_is_a_fault(emulated):
     drive.close()
 
 
-def test_a_torque_that_the_firmware_refuses_is_a_fault(emulated):
+def test_a_torque_that_the_firmware_refuses_is_a_fault(make_emulated_rig):
     """It knows what the motor stands, and keeps the last torque that was within."""
-    _, drive = opened(emulated, "serial")
+    _, drive = opened(make_emulated_rig, "serial")
     drive.enable()
     for torque, fault in ((1.0, False), (20.0, True)):
         for _ in range(10):
@@ -105,9 +105,9 @@ def test_what_is_not_there_is_named_with_its_key(tmp_path, kind, keys, said):
         gym.make(PENDULUM, backend="dm1015b", config=path)
 
 
-def test_a_voltage_that_reaches_less_torque_says_so(emulated):
+def test_a_voltage_that_reaches_less_torque_says_so(make_emulated_rig):
     """10 V are 15 N m here, and 5 N m at the scale in the file: more than these cannot be sent."""
-    _, drive = opened(emulated, "nidaq", nidaq={"newton_metres_per_volt": 0.5, "volts_offset": 1.0})
+    _, drive = opened(make_emulated_rig, "nidaq", nidaq={"newton_metres_per_volt": 0.5, "volts_offset": 1.0})
     drive.enable()
     sent = [drive.write(torque).torque for torque in (3.0, 6.0, -6.0)]
     drive.disable()
@@ -115,8 +115,8 @@ def test_a_voltage_that_reaches_less_torque_says_so(emulated):
     np.testing.assert_allclose(sent, [3.0, 4.5, -5.5])
 
 
-def test_servo_enable_falls_although_the_voltage_cannot_be_set(emulated, monkeypatch):
-    rig, drive = opened(emulated, "nidaq")
+def test_servo_enable_falls_although_the_voltage_cannot_be_set(make_emulated_rig, monkeypatch):
+    rig, drive = opened(make_emulated_rig, "nidaq")
     drive.enable()
 
     def broken(torque):

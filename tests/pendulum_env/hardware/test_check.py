@@ -43,8 +43,8 @@ def checked(rig):
     return helper
 
 
-def wired(emulated, kind, *, top="", **encoder):
-    rig = emulated(kind, limits=PATIENT, encoder={"counts": 1_024_000, **encoder})
+def wired(make_emulated_rig, kind, *, top="", **encoder):
+    rig = make_emulated_rig(kind, limits=PATIENT, encoder={"counts": 1_024_000, **encoder})
     rig.config.with_name("rig.toml.checked").unlink()
     rig.config.write_text(top + rig.config.read_text())
     return rig
@@ -57,8 +57,8 @@ def told(failed, remedy):
 
 
 @pytest.mark.parametrize("kind", slow.but_first(["serial", "nidaq"]))
-def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(emulated, kind):
-    rig = wired(emulated, kind)
+def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(make_emulated_rig, kind):
+    rig = wired(make_emulated_rig, kind)
     assert load(rig.config).max_torque == 2.0
     helper = checked(rig)
     assert load(rig.config).max_torque == 6.0
@@ -79,8 +79,8 @@ def test_a_rig_that_is_wired_right_passes_and_may_use_its_torque(emulated, kind)
         ({"top": "torque_sign = -1\n"}, "set torque_sign = 1"),
     ],
 )
-def test_a_rig_that_is_wired_wrong_is_told_what_to_change(emulated, wrong, remedy):
-    rig = wired(emulated, "serial", **wrong)
+def test_a_rig_that_is_wired_wrong_is_told_what_to_change(make_emulated_rig, wrong, remedy):
+    rig = wired(make_emulated_rig, "serial", **wrong)
     with pytest.raises(CheckFailed) as failed:
         checked(rig)
     told(failed, remedy)
@@ -88,9 +88,9 @@ def test_a_rig_that_is_wired_wrong_is_told_what_to_change(emulated, wrong, remed
     assert [0.0, *(value for _, event, value in rig.events() if event == "power")][-1] == 0
 
 
-def test_a_servo_enable_that_does_nothing_is_found(emulated, monkeypatch):
+def test_a_servo_enable_that_does_nothing_is_found(make_emulated_rig, monkeypatch):
     """Then no watchdog could take the torque away either."""
-    rig = wired(emulated, "nidaq")
+    rig = wired(make_emulated_rig, "nidaq")
     from pendulum_env.backends.hardware.nidaq import NiDaq
 
     reserve = NiDaq._reserve
@@ -107,8 +107,8 @@ def test_a_servo_enable_that_does_nothing_is_found(emulated, monkeypatch):
     assert max(commands) < 2.0 and commands[-1] == 0.0
 
 
-def test_the_check_on_the_command_line(emulated, monkeypatch, capsys):
-    rig = wired(emulated, "serial")
+def test_the_check_on_the_command_line(make_emulated_rig, monkeypatch, capsys):
+    rig = wired(make_emulated_rig, "serial")
     for answers, said in (
         (["", "n"], "software is never the emergency stop"),
         ([], "asks questions: run it in a terminal"),

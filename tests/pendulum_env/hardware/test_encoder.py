@@ -26,7 +26,7 @@ def test_an_encoder_unwraps_from_where_zero_is():
     def positions(counts, **settings):
         encoder = Encoder(EncoderSettings(counts=1000, **settings))
         for k, count in enumerate(counts):
-            encoder.take(float(k), count)
+            encoder.add_reading(float(k), count)
             yield encoder.position
 
     start = positions((2**31 - 250, 2**31, -(2**31) + 250))
@@ -37,12 +37,12 @@ def test_an_encoder_unwraps_from_where_zero_is():
 def test_velocity_is_taken_over_2_ms_and_a_jump_is_not_taken_in():
     encoder = Encoder(EncoderSettings(counts=1_000_000), fastest=35.0)
     for k in range(20):
-        moved = encoder.take(0.5e-3 * k, round(1000 * k))
+        moved = encoder.add_reading(0.5e-3 * k, round(1000 * k))
         assert (moved is None) == (k % 4 != 0 or k == 0)
     assert encoder.velocity == pytest.approx(2 * math.pi / 0.5)
     before = encoder.position
     with pytest.raises(DriveError, match=r"the encoder jumped by .* rad in 2\.5 ms: check its cable"):
-        encoder.take(10.5e-3, 100_000)
+        encoder.add_reading(10.5e-3, 100_000)
     assert encoder.position == before
 
 
@@ -99,7 +99,7 @@ def test_the_clock_of_a_drive_is_told_although_answers_are_late():
         to, back = 50e-6 + rng.exponential(100e-6, 2)
         taken = asked + to
         micro = int(1e6 * (taken * (1 + 50e-6)) + 2**32 - 3_000_000) % 2**32  # 50 ppm fast
-        errors.append(clock.take(micro, asked, taken + back) - taken)
+        errors.append(clock.convert_time(micro, asked, taken + back) - taken)
     errors = np.array(errors[500:])
     assert np.abs(errors).max() < 60e-6
     assert np.abs(np.diff(errors)).max() < 20e-6  # what is constant does not matter, what jumps does

@@ -45,10 +45,10 @@ env.close()
 class Scene:
     """A rig that runs, about to go wrong."""
 
-    def __init__(self, emulated, host, tmp_path, kind, trouble="", **options):
-        self.rig = emulated(kind, **options)
+    def __init__(self, make_emulated_rig, start_host, tmp_path, kind, trouble="", **options):
+        self.rig = make_emulated_rig(kind, **options)
         self.path = tmp_path / f"{self.rig.folder.name}.csv"
-        self.host = host(HOST, self.rig.config, self.path, trouble)
+        self.host = start_host(HOST, self.rig.config, self.path, trouble)
         line = self.host.process.stdout.readline()
         if line.startswith("fault") and any(slow in line for slow in SLOW):
             raise Disturbed(line)
@@ -92,8 +92,8 @@ one = pytest.mark.parametrize("kind", KINDS[:1])  # what does not depend on the 
 
 
 @pytest.fixture
-def scene(emulated, host, tmp_path):
-    return lambda kind, trouble="", **options: Scene(emulated, host, tmp_path, kind, trouble, **options)
+def scene(make_emulated_rig, start_host, tmp_path):
+    return lambda kind, trouble="", **options: Scene(make_emulated_rig, start_host, tmp_path, kind, trouble, **options)
 
 
 @each
@@ -150,9 +150,9 @@ def test_a_drive_that_hangs(scene, kind):
 
 
 @one
-def test_a_second_owner_is_refused_and_the_first_goes_on(scene, host, kind):
+def test_a_second_owner_is_refused_and_the_first_goes_on(scene, start_host, kind):
     s = scene(kind)
-    second = host(HOST, s.rig.config, s.path.with_name("second.csv"), "")
+    second = start_host(HOST, s.rig.config, s.path.with_name("second.csv"), "")
     drives = second.heard("")  # says nothing unless it has the rig
     if s.host.says(0.0):  # the first had to give it up
         second.close()

@@ -41,8 +41,8 @@ def make(rig, **options):
     return gym.make(PENDULUM, backend="dm1015b", config=rig.config, max_episode_steps=-1, **options)
 
 
-def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated):
-    rig = emulated("serial", rate=ONLINE, limits=PATIENT, encoder=HANGING)
+def test_six_estimators_find_the_emulated_plant_while_it_runs(make_emulated_rig):
+    rig = make_emulated_rig("serial", rate=ONLINE, limits=PATIENT, encoder=HANGING)
     signal = excitation("paper", np.random.default_rng(0))
 
     env = EstimateParameters(make(rig))
@@ -57,8 +57,8 @@ def test_six_estimators_find_the_emulated_plant_while_it_runs(emulated):
         np.testing.assert_allclose(estimate["theta"], TRUTH, rtol=0.02, err_msg=scheme)
 
 
-def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, capsys):
-    rig = emulated("serial", effects=["torque_offset=0.5"], limits=PATIENT, encoder=HANGING)
+def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(make_emulated_rig, capsys):
+    rig = make_emulated_rig("serial", effects=["torque_offset=0.5"], limits=PATIENT, encoder=HANGING)
     path = rig.folder / "run.csv"
     command = ["record", "--backend", "dm1015b", "--config", str(rig.config), "--seconds", "3", "-o", str(path)]
     code, said = main(command), capsys.readouterr()
@@ -70,8 +70,8 @@ def test_a_recording_of_the_rig_shows_what_is_hidden_in_it(emulated, capsys):
     assert found["torque_offset"].value == pytest.approx(0.5, abs=0.03)
 
 
-def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(emulated, capsys, monkeypatch):
-    rig = emulated("serial", limits=PATIENT)
+def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(make_emulated_rig, capsys, monkeypatch):
+    rig = make_emulated_rig("serial", limits=PATIENT)
     step = OpenLoop.predict
 
     def trouble(self, observation, state=None, *rest):
@@ -89,8 +89,8 @@ def test_record_keeps_what_was_measured_up_to_a_fault_and_says_so_in_one_line(em
     assert len(read_recording(path)) >= 700
 
 
-def test_a_fault_ends_the_episode_and_is_kept_until_it_is_cleared(emulated):
-    rig = emulated("serial", limits={**PATIENT, "stall_torque": 0.3, "stall_time": 0.05})
+def test_a_fault_ends_the_episode_and_is_kept_until_it_is_cleared(make_emulated_rig):
+    rig = make_emulated_rig("serial", limits={**PATIENT, "stall_torque": 0.3, "stall_time": 0.05})
     env = EstimateParameters(make(rig))
     env.reset()
     terminated = False
@@ -108,9 +108,9 @@ def test_a_fault_ends_the_episode_and_is_kept_until_it_is_cleared(emulated):
     assert rig.off_after() < 0.1
 
 
-def test_a_slow_learner_trips_nothing_between_episodes(emulated):
+def test_a_slow_learner_trips_nothing_between_episodes(make_emulated_rig):
     """The first step gives power, the watchdog takes it after the last one if nobody else does; neither is a fault."""
-    rig = emulated("serial", limits={"behind": 5.0})  # with the watchdog at 80 ms
+    rig = make_emulated_rig("serial", limits={"behind": 5.0})  # with the watchdog at 80 ms
     env = gym.make(PENDULUM, backend="dm1015b", config=rig.config, max_episode_steps=5)
     for _ in range(2):
         _, info = env.reset()
@@ -126,8 +126,8 @@ def test_a_slow_learner_trips_nothing_between_episodes(emulated):
     assert rig.off_after() < 0.1
 
 
-def test_an_environment_that_is_forgotten_lets_go(emulated):
-    rig = emulated("serial", limits=PATIENT)
+def test_an_environment_that_is_forgotten_lets_go(make_emulated_rig):
+    rig = make_emulated_rig("serial", limits=PATIENT)
     env = make(rig)
     env.reset()
     env.step(PUSH)
@@ -138,8 +138,8 @@ def test_an_environment_that_is_forgotten_lets_go(emulated):
     make(rig).close()  # and it can be opened again
 
 
-def test_handlers_of_signals_are_there_while_the_rig_is_open_and_restored_after(emulated):
-    rig = emulated("serial", limits=PATIENT)
+def test_handlers_of_signals_are_there_while_the_rig_is_open_and_restored_after(make_emulated_rig):
+    rig = make_emulated_rig("serial", limits=PATIENT)
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [signal.getsignal(number) for number in numbers]
     heard = []
@@ -156,10 +156,10 @@ def test_handlers_of_signals_are_there_while_the_rig_is_open_and_restored_after(
     assert [signal.getsignal(number) for number in numbers] == before
 
 
-def test_an_interrupt_while_the_rig_is_closed_leaves_no_handler_behind(emulated, monkeypatch):
+def test_an_interrupt_while_the_rig_is_closed_leaves_no_handler_behind(make_emulated_rig, monkeypatch):
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         pytest.skip("whoever started these tests has them ignore interrupts, as a shell does in the background")
-    rig = emulated("serial", limits=PATIENT)
+    rig = make_emulated_rig("serial", limits=PATIENT)
     before = signal.getsignal(signal.SIGINT)
     env = make(rig)
     guard = env.unwrapped.backend.guard

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pendulum_env.recording import RecordingError, read_recording, vocabulary
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.expression import Expression, normalise_name, parse_expression
-from tests.notes import noted
+from tests.notes import list_notes
 
 UNITS = {normalise_name(unit): unit for unit in ("rad", "deg", "rad/s", "N m", "A", "counts", "min-1")}
 NAMES = st.text(st.characters(exclude_categories=("Cs", "Cc", "Z"), exclude_characters=" "), min_size=1, max_size=12)
@@ -158,4 +158,4 @@ def test_a_current_of_unknown_gain_stays_one() -> None:
     recording = read_recording(log, columns={"torque": "-current:mA*?"})
     assert recording.torque_unit == "A"
     np.testing.assert_allclose(recording.torque, -np.cos(time))
-    assert "torque is in A, its gain to be found" in noted(recording)
+    assert "torque is in A, its gain to be found" in list_notes(recording)

@@ -15,7 +15,7 @@ from pendulum_env.errors import ColumnError
 from pendulum_env.physics import BASE, Model
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
 from pendulum_env.settings import format_argument, use_writer
-from tests.notes import noted
+from tests.notes import list_notes
 
 MODEL = Model.build(BASE, [0.09, 2.0, 0.35, 0.9])
 START = 1_700_000_000.25  # [s] since 1970
@@ -74,7 +74,7 @@ def test_tables_are_mended_and_refused_as_files_are(swing: Recording, kind: str)
     columns["angle_deg"][500] = 4e3
     recording = read_recording(KINDS[kind](columns))
     assert columns["angle_deg"][500] == 4e3  # what the caller has stays as it is
-    assert len(recording.starts) == 2 and any("jumps for one sample" in note for note in noted(recording))
+    assert len(recording.starts) == 2 and any("jumps for one sample" in note for note in list_notes(recording))
     columns["q"] = columns.pop("angle_deg")
     with pytest.raises(ColumnError, match=r"position.*q:deg"):
         read_recording(KINDS[kind](columns))

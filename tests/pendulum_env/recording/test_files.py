@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
-from tests.notes import noted
+from tests.notes import list_notes
 
 FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
 
@@ -71,9 +71,9 @@ def test_commanded_torque_is_the_second_choice(write: Write, columns: Columns) -
     torque = columns.pop("torque")
     both = read_recording(write(columns | {"tau_cmd": 2 * torque, "tau": torque}))
     np.testing.assert_allclose(both.torque, torque, atol=1e-8)
-    assert noted(both) == ("torque is taken from column 'tau'; 'tau_cmd' is there too",)
+    assert list_notes(both) == ("torque is taken from column 'tau'; 'tau_cmd' is there too",)
     alone = read_recording(write(columns | {"tau_cmd": torque}))
-    assert noted(alone) == ("torque is the commanded one, from column 'tau_cmd'",)
+    assert list_notes(alone) == ("torque is the commanded one, from column 'tau_cmd'",)
 
 
 def test_columns_of_a_telemetry_that_are_not_read_are_in_one_note(swing: Recording) -> None:
@@ -125,7 +125,7 @@ def test_iso_time_is_counted_from_the_first_row(write: Write, columns: dict, zon
 
     recording = read_recording(write(columns, edit=dated))
     np.testing.assert_allclose(recording.time, columns["time"], atol=1e-9)
-    assert noted(recording) == (f"time is counted from 2026-02-28{between}23:59:58.000000{zone}",)
+    assert list_notes(recording) == (f"time is counted from 2026-02-28{between}23:59:58.000000{zone}",)
 
 
 def changed(row: int, text: str) -> Callable:
@@ -199,7 +199,7 @@ def test_wrapped_angle_is_refused_and_unwrapped_on_request(write: Write, columns
         read_recording(path)
     recording = read_recording(path, unwrap=True)
     np.testing.assert_allclose(recording.position, turns, atol=1e-8)
-    assert noted(recording) == ("position unwrapped at 19 jumps of 2 pi",)
+    assert list_notes(recording) == ("position unwrapped at 19 jumps of 2 pi",)
     for unwrap in (False, True):
         with pytest.raises(RecordingError, match=r"wrapped at 360 degrees does: .* --columns position=position:deg"):
             read_recording(write(columns | {"position": np.degrees(wrapped)}), unwrap=unwrap)
@@ -294,7 +294,7 @@ def test_what_knows_no_gravity_is_not_taken_for_degrees(write: Write, make: Call
     assert np.ptp(columns["position"]) > 2 * np.pi  # less is no question
     recording = read_recording(write(columns, digits="%.17g"))
     assert np.ptp(recording.position) == pytest.approx(np.ptp(columns["position"]))
-    assert not any("degrees" in note for note in noted(recording))
+    assert not any("degrees" in note for note in list_notes(recording))
 
 
 @pytest.mark.parametrize("bent", [0.0, 30.0])
@@ -304,7 +304,7 @@ def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
         lambda t, q, v: 9.81 * (q + bent * (1 - np.cos(0.05 * q))) + 0.2 * v, start=1.0,
     )  # fmt: skip
     assert np.ptp(run["position"]) > 2 * np.pi
-    (note,) = noted(read_recording(write(run)))
+    (note,) = list_notes(read_recording(write(run)))
     assert "on which a spring acts; if it is degrees, read it with --columns position=position:deg" in note
 
 
@@ -347,7 +347,7 @@ def test_time_of_few_digits_shifts_nothing(rate: float, stamps: Callable) -> Non
     np.testing.assert_array_equal(recording.position, position)
     np.testing.assert_array_equal(recording.torque, torque)
     assert recording.rate == pytest.approx(rate, rel=1e-4)
-    assert any("by rounding only" in note for note in noted(recording))
+    assert any("by rounding only" in note for note in list_notes(recording))
 
 
 def test_a_motor_is_off_from_the_sample_that_says_so_on_where_jitter_is_resampled() -> None:
@@ -356,7 +356,7 @@ def test_a_motor_is_off_from_the_sample_that_says_so_on_where_jitter_is_resample
     on = (np.sin(5 * time) > -0.5).astype(float)
     read = read_recording({"time": time, "position": np.sin(3 * time), "torque": np.cos(3 * time), "enabled": on})
     last = np.array([on[time <= time[0] + now + 1e-9][-1] for now in read.time])
-    assert any("resampled" in note for note in noted(read))
+    assert any("resampled" in note for note in list_notes(read))
     np.testing.assert_array_equal(read.enabled, last)
 
 
@@ -368,7 +368,7 @@ def test_jitter_is_resampled_and_reported() -> None:
     assert recording.rate == pytest.approx(500.0)
     np.testing.assert_allclose(recording.position, np.sin(12 * recording.time), atol=1e-5)
     assert np.abs(np.sin(12 * time) - np.sin(12 * recording.time)).max() > 1e-3  # had it been left alone
-    assert noted(recording)[0].startswith("resampled to 500 Hz: steps were 1.4")
+    assert list_notes(recording)[0].startswith("resampled to 500 Hz: steps were 1.4")
 
 
 def test_resampling_keeps_the_impulse_of_the_torque() -> None:
@@ -390,7 +390,7 @@ def test_resampling_keeps_the_impulse_of_the_torque() -> None:
 def test_lost_samples_are_filled_in_without_touching_the_others(swing: Recording, gone, note) -> None:
     whole = {"time": swing.time, "position": swing.position, "velocity": swing.velocity, "torque": swing.torque}
     recording = read_recording({name: np.delete(column, gone) for name, column in whole.items()})
-    assert noted(recording) == (note,)
+    assert list_notes(recording) == (note,)
     assert len(recording) == len(swing)
     for name, column in whole.items():
         np.testing.assert_allclose(np.delete(getattr(recording, name), gone), np.delete(column, gone), atol=1e-12)
@@ -402,11 +402,11 @@ def test_a_sample_lost_at_1_khz_is_told_from_a_clock_printed_in_milliseconds() -
     time = np.arange(5000) / 1000
     one = read_recording({"t": np.delete(time, 2000), "q": np.delete(np.sin(time), 2000), "u": time[1:]})
     assert len(one) == 5000 and one.rate == pytest.approx(1000)
-    assert "missing after" in noted(one)[0] and not any("rounding" in note for note in noted(one))
+    assert "missing after" in list_notes(one)[0] and not any("rounding" in note for note in list_notes(one))
     slow = np.arange(5000) / 999  # every 1000th step is of 2 ms
     other = read_recording({"t": np.round(slow, 3), "q": np.sin(slow), "u": time})
     assert len(other) == 5000
-    assert "by rounding only" in noted(other)[0]
+    assert "by rounding only" in list_notes(other)[0]
 
 
 @pytest.mark.parametrize("every", [50, 200, 1000])
@@ -417,4 +417,4 @@ def test_samples_lost_at_regular_intervals_are_told_by_the_motion(every: int) ->
     recording = read_recording({name: values[kept] for name, values in signals.items()})
     assert len(recording) == len(time)
     assert recording.position == pytest.approx(signals["position"], abs=1e-5)
-    assert "missing" in noted(recording)[0] or "resampled" in noted(recording)[0]
+    assert "missing" in list_notes(recording)[0] or "resampled" in list_notes(recording)[0]

@@ -18,7 +18,7 @@ from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.formats import read_table
 from pendulum_env.recording.preview import read_preview
-from tests.notes import noted
+from tests.notes import list_notes
 
 TIME = np.arange(1000) / 250
 
@@ -244,7 +244,7 @@ def test_bags_of_ros(tmp_path: Path, kind: str) -> None:
     assert_read(recording, atol=1e-6)
     other = read_recording(path, columns=elbow | {"torque": "/motor/torque/data"})
     assert_read(other, atol=1e-6)
-    assert "torque is taken from /motor/torque at the times of /joint_states" in noted(other)
+    assert "torque is taken from /motor/torque at the times of /joint_states" in list_notes(other)
     seen = read_preview(path)
     assert {"/motor/torque/data", *elbow.values()} < set(seen.headers) and all(x is not None for x in seen.values)
     np.testing.assert_allclose(seen.values[seen.headers.index(elbow["position"])], signals()["position"], atol=1e-6)

@@ -9,7 +9,7 @@ import scipy.integrate
 
 from pendulum_env.arms import ArmRecording, read_arm_recording
 from pendulum_env.recording import RecordingError, read_recording
-from tests.notes import noted
+from tests.notes import list_notes
 
 TIME = np.arange(600) / 100
 ANGLE = 1.2 * np.exp(-0.2 * TIME) * np.cos(5 * TIME)
@@ -38,7 +38,7 @@ def test_a_file_without_torque_is_a_free_swing(tmp_path: Path, header: str) -> N
     recording = read_recording(table(tmp_path / "swing.csv", header, *HARMLESS[header]))
     assert not recording.torque.any() and recording.torque.shape == recording.position.shape
     np.testing.assert_allclose(recording.position, ANGLE, atol=1e-6)
-    assert any("free swing" in note for note in noted(recording))
+    assert any("free swing" in note for note in list_notes(recording))
 
 
 @pytest.mark.parametrize("name", ["m1", "Kraft", "load [V]", "F (N)", "setpoint", "current"])
@@ -49,7 +49,7 @@ def test_a_column_that_may_be_the_torque_is_asked_for(tmp_path: Path, name: str)
     assert "no column for torque" in str(refusal.value)
     for said in ("none", None):
         recording = read_recording(file, columns={"torque": said})
-        assert not recording.torque.any() and any("free swing" in note for note in noted(recording))
+        assert not recording.torque.any() and any("free swing" in note for note in list_notes(recording))
 
 
 @pytest.mark.parametrize(
@@ -68,7 +68,7 @@ def test_rest_before_the_release_is_left_out(start: float, hold: float, torque: 
     recording = read_recording({"time": np.arange(len(q)) / 120.0, "position": q, **columns})
     lost = (len(q) - len(recording)) / 120.0
     assert lost == pytest.approx(hold, abs=0.05)
-    assert any("held" in note for note in noted(recording)) == (hold > 0)
+    assert any("held" in note for note in list_notes(recording)) == (hold > 0)
 
 
 def test_the_line_that_is_offered_keeps_what_was_said_and_a_column_named_none_is_a_column(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pendulum_env.recording import RecordingError, read_recording
-from tests.notes import noted
+from tests.notes import list_notes
 
 Columns = dict[str, np.ndarray]
 COUNT = 2 * np.pi / 16384  # [rad] of a 14-bit encoder
@@ -41,7 +41,7 @@ def test_gaps_end_segments_and_are_told() -> None:
     assert recording.starts == (0, *(begins - np.concatenate([[0], np.cumsum(lengths[:-1])])))
     assert recording.rate == pytest.approx(1000)
     np.testing.assert_array_equal(recording.position, np.delete(whole["position"], gone))
-    (note,) = noted(recording)
+    (note,) = list_notes(recording)
     assert note.startswith("10 gaps of 0.0") and "after 1.999, 4.499, 6.999, 9.499, 11.999 s and 5 more times" in note
 
 
@@ -59,7 +59,7 @@ def test_segments_too_short_to_use_are_left_out_and_told_and_refused_where_there
     gone = np.concatenate([np.arange(2000, 2100), np.arange(2150, 2300)])  # leaves 50 samples between
     recording = read_recording(without(columns, gone))
     assert [len(part) for part in recording.segments] == [2000, 2700]
-    assert "50 samples in a segment shorter than 0.2 s are left out" in noted(recording)
+    assert "50 samples in a segment shorter than 0.2 s are left out" in list_notes(recording)
     time = np.concatenate([np.arange(50) / 1000 + second for second in range(20)])
     with pytest.raises(RecordingError, match=r"none of its 20 segments lasts 0\.2 s"):
         read_recording(motion(time))
@@ -74,16 +74,16 @@ def test_cells_that_are_empty_are_as_good_as_lost(columns) -> None:
     truth = motion(recording.time)
     for quantity in ("position", "torque", "velocity"):
         np.testing.assert_allclose(getattr(recording, quantity), truth[quantity], atol=1e-4)
-    assert "torque is empty or NaN in data row 101: left out" in noted(recording)
+    assert "torque is empty or NaN in data row 101: left out" in list_notes(recording)
     rows = "2001, 2002, 2003, 2004, 2005 and 395 more"
-    assert f"position is empty or NaN in 400 data rows ({rows}): left out" in noted(recording)
+    assert f"position is empty or NaN in 400 data rows ({rows}): left out" in list_notes(recording)
 
 
 def test_an_optional_column_that_is_mostly_empty_is_left_out(columns) -> None:
     columns["velocity"][np.arange(5000) % 10 > 0] = np.nan
     recording = read_recording(columns)
     assert recording.velocity is None and len(recording) == 5000
-    assert noted(recording) == ("velocity is left out: it is empty or NaN in 4500 of 5000 rows",)
+    assert list_notes(recording) == ("velocity is left out: it is empty or NaN in 4500 of 5000 rows",)
 
 
 def test_a_log_that_was_cut_off_is_read_up_to_there(tmp_path: Path, columns: Columns) -> None:
@@ -91,7 +91,7 @@ def test_a_log_that_was_cut_off_is_read_up_to_there(tmp_path: Path, columns: Col
     (tmp_path / "run.csv").write_text("\n".join([*lines[:-1], "4.99"]))
     recording = read_recording(tmp_path / "run.csv")
     np.testing.assert_array_equal(recording.position, columns["position"][:-1])
-    assert noted(recording) == ("the last row is cut off: left out",)
+    assert list_notes(recording) == ("the last row is cut off: left out",)
 
 
 def test_topics_in_rows_of_their_own_are_brought_together(tmp_path: Path, columns: Columns) -> None:
@@ -109,7 +109,7 @@ def test_topics_in_rows_of_their_own_are_brought_together(tmp_path: Path, column
     np.testing.assert_array_equal(recording.position, columns["position"])
     np.testing.assert_array_equal(recording.torque, torque)
     np.testing.assert_allclose(recording.velocity[:4990], columns["velocity"][:4990], atol=0.01)
-    assert "torque stands in other rows than position: taken as it was last" in noted(recording)
+    assert "torque stands in other rows than position: taken as it was last" in list_notes(recording)
 
 
 @pytest.mark.parametrize("later", [0.0, 1e-10])
@@ -118,7 +118,7 @@ def test_rows_that_came_twice_are_left_out(columns, later) -> None:
     twice["time"][8] += later
     recording = read_recording(twice)
     np.testing.assert_array_equal(recording.position, columns["position"])
-    assert noted(recording)[0].startswith("time repeats that of the row before in 5 data rows (9, 1010,")
+    assert list_notes(recording)[0].startswith("time repeats that of the row before in 5 data rows (9, 1010,")
 
 
 def test_a_glitch_of_one_sample_is_left_out_and_told(columns) -> None:
@@ -126,7 +126,7 @@ def test_a_glitch_of_one_sample_is_left_out_and_told(columns) -> None:
     columns["position"][[777, 3000]] += [1.0, -2000.0]
     recording = read_recording(columns)
     np.testing.assert_allclose(recording.position, truth, atol=1e-6)
-    assert noted(recording)[0] == "position jumps for one sample in 2 data rows (778 and 3001): left out"
+    assert list_notes(recording)[0] == "position jumps for one sample in 2 data rows (778 and 3001): left out"
 
 
 @pytest.mark.parametrize("run", [1, 2, 30])
@@ -137,7 +137,7 @@ def test_a_value_that_stays_behind_the_motion_is_left_out_and_told(run: int) -> 
     truth = columns["position"].copy()
     columns["position"][3000 : 3000 + run] = columns["position"][2999]
     recording = read_recording(columns, columns={"position": "position:rad"})
-    assert noted(recording)[0].startswith("position stays behind while the joint moves on in")
+    assert list_notes(recording)[0].startswith("position stays behind while the joint moves on in")
     assert len(recording.starts) == 1 + (run > 3)
     kept = np.isin(time, recording.time)
     assert np.abs(recording.position - truth[kept]).max() < 2 * COUNT
@@ -153,7 +153,7 @@ def test_a_value_that_freezes_in_any_motion_leaves_a_gap(rate: int, run: int) ->
     gone = np.arange(first, first + run)
     np.testing.assert_allclose(recording.position, np.delete(truth, gone), rtol=0, atol=1e-9)
     assert recording.starts == (0, first)
-    assert noted(recording)[0].startswith("position stays behind while the joint moves on in")
+    assert list_notes(recording)[0].startswith("position stays behind while the joint moves on in")
 
 
 def test_a_jump_after_rest_at_the_seam_of_two_runs_is_no_frozen_value() -> None:

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from tests.notes import noted
+from tests.notes import list_notes
 
 TURN = 2 * np.pi
 
@@ -58,7 +58,7 @@ def test_lost_cells_are_no_values_that_are_held(tmp_path: Path, swing: Recording
     logs = (q, cells(held, lost=lost)), turning, (q, cells(ramp, lost=lost))
     for columns, quantity in zip(logs, ("torque", "position", "torque"), strict=True):
         recording = read(tmp_path, "time,position,torque", time, *columns)
-        assert any(note.startswith(f"{quantity} is empty") and "left out" in note for note in noted(recording))
+        assert any(note.startswith(f"{quantity} is empty") and "left out" in note for note in list_notes(recording))
 
 
 def test_truth_values_are_no_torque(tmp_path: Path, swing: Recording) -> None:
@@ -113,7 +113,7 @@ def test_columns_of_moteus_are_turns(swing: Recording, header: str) -> None:
     recording = read_recording(dict(zip(header.split(","), columns, strict=True)))
     assert recording.position == pytest.approx(0.2 * swing.position)
     assert recording.velocity == pytest.approx(0.2 * swing.velocity)
-    assert any("position converted to rad" in note for note in noted(recording))
+    assert any("position converted to rad" in note for note in list_notes(recording))
 
 
 @pytest.mark.parametrize("name", ["tau_est", "tauEst", "estimated_torque", "torque_est"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.recording import Recording, read_recording
-from tests.notes import noted
+from tests.notes import list_notes
 from workbench.narrator.notes import WARNING
 
 TIME = np.arange(2000) / 500
@@ -82,7 +82,7 @@ def test_a_turned_sign_turns_what_was_added_and_keeps_what_else_was_said(write):
 )
 def test_a_unit_that_is_said_wrongly_is_warned_of_in_the_words_that_refuse_a_guess(write, columns, named, remedy):
     """959 rad/s, said by a user to be rad/s, are no less absurd than a guess."""
-    (note,) = (note for note in noted(read_recording(write(**columns), columns=named)) if note.startswith(WARNING))
+    (note,) = (note for note in list_notes(read_recording(write(**columns), columns=named)) if note.startswith(WARNING))
     assert "faster than any arm" in note and note.endswith(remedy)
 
 

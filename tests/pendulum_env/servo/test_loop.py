@@ -16,7 +16,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Looks, Servos, simulate_servos
 from pendulum_env.servo.torque import compute_asked_torque
-from tests.runge_kutta import stepped
+from tests.runge_kutta import step_runge_kutta
 from tests.terms import Clipped, Table
 
 INERTIA, GRAVITY, VISCOUS = 0.02, 0.8, 0.1
@@ -66,7 +66,7 @@ def test_motion_is_that_of_an_independent_integrator(drive):
 
     step, y, exact = 4 * STEP, [0.0, 0.0, 0.0], [0.0]
     for k in range(len(goal) // 4):
-        y = stepped(rate, k * step, y, step)
+        y = step_runge_kutta(rate, k * step, y, step)
         exact.append(y[0])
     assert np.abs(path(drive, goal)[::4] - exact).max() < 2e-4 * np.ptp(exact)
 
@@ -169,7 +169,7 @@ def test_controller_at_the_output_reads_the_link(gap, resonance, term):
 
     y, exact = [0.0] * 4, [0.0]
     for k in range(len(goal)):
-        y = stepped(rate, k * STEP, y, STEP)
+        y = step_runge_kutta(rate, k * STEP, y, STEP)
         exact.append(y[2])
     followed = path(drive, goal, (*BASE, term), np.append(SMOOTH, LINK))
     at_motor = path(replace(drive, encoder="motor"), goal, (*BASE, term), np.append(SMOOTH, LINK))
@@ -214,7 +214,7 @@ def test_controller_sees_the_speed_between_the_positions_of_two_turns(control):
         seen += (1 - math.exp(-2 * math.pi * drive.cutoff * turn)) * ((y[0] - before) / turn - seen)
         before = y[0]
         y[2] = drive.kp * (1.0 - seen) if drive.acts_on_speed else drive.kp * (1.0 - y[0]) - drive.kd * seen
-        y = stepped(rate, k * turn, y, turn)
+        y = step_runge_kutta(rate, k * turn, y, turn)
         exact.append(y[0])
     assert path(drive, goal)[::steps] == pytest.approx(exact, abs=2e-4)
 

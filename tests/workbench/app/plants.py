@@ -11,18 +11,22 @@ from estimators.progress import no_progress
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
-from pendulum_env.plant import hide, paper_plant
+from pendulum_env.plant import hide_effect, paper_plant
 from pendulum_env.recording import Recording, Source, write_recording
 from workbench.cli import main
 
 
-def recorded(name: str, seed: int, seconds: float = 8.0, effect: str = "stribeck", rate: float = 500.0) -> Recording:
+def record_pendulum(
+    name: str, seed: int, seconds: float = 8.0, effect: str = "stribeck", rate: float = 500.0
+) -> Recording:
     """A pendulum that hides an effect."""
     rng = np.random.default_rng(seed)
-    return record(hide(paper_plant(), effect), excitation("paper", rng, seconds), seconds, rate, rng=rng, name=name)
+    return record(
+        hide_effect(paper_plant(), effect), excitation("paper", rng, seconds), seconds, rate, rng=rng, name=name
+    )
 
 
-def written(recording: Recording, folder: Path, held_out: bool = False) -> Source:
+def write_source(recording: Recording, folder: Path, held_out: bool = False) -> Source:
     """A recording in a file of its name."""
     write_recording(recording, folder / f"{recording.name}.csv")
     return Source(folder / f"{recording.name}.csv", "holdout" if held_out else "fit")
@@ -36,32 +40,32 @@ def loaded(recording: Recording, held_out: bool = False):
     return LoadedRecording(file, Source(Path(file), "holdout" if held_out else "fit"), recording)
 
 
-def url(content: bytes) -> str:
+def encode_url(content: bytes) -> str:
     """A file as the page sends it."""
     return f"data:application/octet-stream;base64,{base64.b64encode(content).decode()}"
 
 
-def press(does: str) -> str:
+def select_button(does: str) -> str:
     """Selector of a button by the action that it does."""
     return f'[id*=\'"do":"{does}"\']'
 
 
-def filled(name: str) -> str:
+def select_field(name: str) -> str:
     """Selector of a field by its name."""
     return f'[id=\'{{"field":"{name}"}}\']'
 
 
 def upload(session, name: str, content: bytes) -> None:
     """Drop a file on the page."""
-    session.act(lambda: session.receive([(name, url(content))], unwrap=False))
+    session.act(lambda: session.receive([(name, encode_url(content))], unwrap=False))
 
 
 def drop(session, *files: Path) -> None:
     """Drop several files on the page at once."""
-    session.act(lambda: session.receive([(file.name, url(file.read_bytes())) for file in files], unwrap=False))
+    session.act(lambda: session.receive([(file.name, encode_url(file.read_bytes())) for file in files], unwrap=False))
 
 
-def reloaded(state, folder: Path):
+def reload_session(state, folder: Path):
     """Another session, into which a study, a model and recordings are loaded as another session exports them."""
     from workbench.app.downloads import make_file
     from workbench.app.session import Session
@@ -70,16 +74,16 @@ def reloaded(state, folder: Path):
     read = [one.source.file for one in state.loaded] + ([] if state.robot is None else [state.robot.file])
     made |= {one.name: one.read_bytes() for one in read}
     session = Session(folder)
-    session.act(lambda: session.receive([(name, url(content)) for name, content in made.items()], unwrap=False))
+    session.act(lambda: session.receive([(name, encode_url(content)) for name, content in made.items()], unwrap=False))
     return session
 
 
-def fitted(state):
+def fit_state(state):
     """The state with its base model fitted."""
     return state.with_fit(state.make_fit_task()(no_progress))
 
 
-def comes_to_the_same(state) -> None:
+def assert_same_export(state) -> None:
     """Whether the commands of the stage Export make the state's model, in the working directory with its files."""
     from workbench.app.downloads import write_commands
 

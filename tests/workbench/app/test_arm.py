@@ -12,8 +12,8 @@ from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
-from tests.two_link import recorded
-from tests.workbench.app.plants import drop, reloaded, upload
+from tests.two_link import record_arm
+from tests.workbench.app.plants import drop, reload_session, upload
 from workbench.app.card import ColumnChoice
 from workbench.app.choices import SearchChoices
 from workbench.app.downloads import make_file, write_commands, write_study_text
@@ -29,7 +29,7 @@ TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
 def two_link(folder: Path, seconds: float = 6.0) -> tuple[Path, Path]:
     """The file of an arm of two links, and a recording in which the elbow's torque is off."""
     (folder / "arm.urdf").write_text(TWO.urdf())
-    write_recording(recorded(TWO, seconds=seconds, rate=500.0, offset=(0.0, OFFSET)), folder / "run.csv")
+    write_recording(record_arm(TWO, seconds=seconds, rate=500.0, offset=(0.0, OFFSET)), folder / "run.csv")
     return folder / "arm.urdf", folder / "run.csv"
 
 
@@ -118,7 +118,7 @@ def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_ter
     (tmp_path / "first.json").write_text(json.dumps(begun.json()))
     drop(session, tmp_path / "first.json")
     assert session.notice == "" and not session.state.failure_reason
-    again = reloaded(session.state, tmp_path / "again")
+    again = reload_session(session.state, tmp_path / "again")
     assert again.notice == "" and write_study_text(again.state) == write_study_text(session.state)
     assert replace(again.state.robot, file=robot) == session.state.robot
     assert [one.held_out for one in again.state.loaded] == [True, False]

@@ -18,7 +18,7 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import write_recording
 from tests import slow
 from tests.patience import PATIENCE
-from tests.workbench.app.plants import filled, press, recorded
+from tests.workbench.app.plants import record_pendulum, select_button, select_field
 
 WIDTHS = (420, 800, 1024, 1280, 1920)  # [px], from a telephone to a large screen
 MS = 1000 * PATIENCE  # as Playwright counts
@@ -26,8 +26,8 @@ STAGES = {
     "data": ".data .js-line",
     "model": ".model .js-line",
     "compare": ".compare .js-line",
-    "diagnose": press("diagnose"),
-    "add": filled("any"),
+    "diagnose": select_button("diagnose"),
+    "add": select_field("any"),
     "export": "#commands",
 }
 
@@ -36,7 +36,7 @@ STAGES = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with `swing.csv`, a pendulum with hidden Stribeck friction, and `broken.csv`."""
     folder = tmp_path_factory.mktemp("runs")
-    write_recording(recorded("swing", 1, 10.0, rate=250.0), folder / "swing.csv")
+    write_recording(record_pendulum("swing", 1, 10.0, rate=250.0), folder / "swing.csv")
     (folder / "broken.csv").write_text("time,position,torque\n0,0,0\n0.001,nan,0\n")
     return folder
 
@@ -44,7 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def loose(folder: Path) -> Path:
     """Recording of a pendulum with backlash, whose search takes seconds: long enough to see it run."""
-    write_recording(recorded("loose", 1, 20.0, "backlash", 1000.0), folder / "loose.csv")
+    write_recording(record_pendulum("loose", 1, 20.0, "backlash", 1000.0), folder / "loose.csv")
     return folder / "loose.csv"
 
 
@@ -103,10 +103,10 @@ class Tab:
 
     def choose(self, effect: str) -> None:
         """Pick an effect of the library by its name."""
-        self.page.click(filled("any"))
+        self.page.click(select_field("any"))
         self.page.fill(".dash-dropdown-search", effect)
         self.page.click(f".dash-dropdown-option:has-text('{effect}')")
-        self.page.wait_for_selector(f"{filled('any')}:has-text('{effect}')")
+        self.page.wait_for_selector(f"{select_field('any')}:has-text('{effect}')")
 
     def unreadable(self) -> list[str]:
         """Texts that are cut off by the window or by what holds them, or that lie on each other."""
@@ -183,7 +183,7 @@ def test_the_story_from_loading_to_undo(tab, folder):
     assert "the joint needs" in page.inner_text("#stage")
 
     tab.go("diagnose")
-    page.click(press("diagnose"))
+    page.click(select_button("diagnose"))
     page.wait_for_selector(".ranking")
     assert tab.title() == "Stribeck friction is missing"
     assert "lowers the held-out errors" in page.inner_text(".ranking tbody tr")
@@ -230,7 +230,7 @@ def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser,
     with served(str(loose)) as (address, server):
         tab, held = Tab(browser, address), []
         tab.go("diagnose")
-        tab.page.click(press("diagnose"))
+        tab.page.click(select_button("diagnose"))
         tab.page.wait_for_selector("#job progress")
         asks = re.compile("_dash-update-component")
 
@@ -286,10 +286,10 @@ def number_after(words: str, text: str) -> float:
 
 @pytest.mark.parametrize("width", slow.but_first([1400, 420]))
 def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, width):
-    swing = recorded("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
+    swing = record_pendulum("swing", 1, 10.0)  # logged by a servo with a gear of 6, its current 8 ms late
     rows = zip(1e3 * swing.time[4:], np.degrees(-6 * swing.position[4:]), swing.torque[:-4] / 0.091, strict=True)
     text = "".join(f"{t:.9g},{q:.9g},{i:.9g},on\n" for t, q, i in rows)
-    (folder / "servo.csv").write_text(f"clock,motor_angle [deg],iq,mode\n{text}")
+    (folder / "servo.csv").write_text(f"when,motor_angle [deg],iq,mode\n{text}")
     page, of = tab.page, '[id=\'{{"field":"{}","of":{}}}\']'.format
 
     def pick(what: str, column: int, label: str) -> None:
@@ -307,16 +307,16 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, w
     assert page.inner_text(of("unit", 0)) == "s (assumed)"
     pick("unit", 0, "ms")
     page.fill(of("then", 1), "*-1/6")
-    page.click(press("card-load"))
+    page.click(select_button("card-load"))
     page.wait_for_selector(".why:has-text(\"torque cannot be column 'iq' without a gain\")")
     page.fill(of("then", 2), "0.091")
     cut = "() => [...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth).length"
     assert page.evaluate(cut) == 0
-    page.click(press("card-load"))
-    page.wait_for_selector(press("align"))
+    page.click(select_button("card-load"))
+    page.wait_for_selector(select_button("align"))
     assert page.locator(".card").count() == 0 and "ms late" in page.inner_text("#stage")
     before = tab.title(), page.inner_text(".so-far .lead")
-    page.click(press("align"))
+    page.click(select_button("align"))
     page.wait_for_selector("p:has-text('It is corrected in all that follows')")
     assert (tab.title(), page.inner_text(".so-far .lead")) != before
     assert page.evaluate(cut) == 0 or width < 600  # the table of recordings goes on sideways there, and shows it
@@ -334,18 +334,18 @@ def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, bro
     tab.go("add")
     tab.choose("Quadratic drag")
     tab.go("diagnose")
-    page.click(press("diagnose"))
+    page.click(select_button("diagnose"))
     page.wait_for_selector("#job progress")
     page.reload()
-    page.click(press("cancel"))  # the same stage, too
+    page.click(select_button("cancel"))  # the same stage, too
     page.wait_for_selector("#job:empty", state="attached")
-    page.wait_for_selector(press("diagnose") + ":enabled")
+    page.wait_for_selector(select_button("diagnose") + ":enabled")
     page.wait_for_timeout(1000)  # nothing comes of it later either
     assert tab.title() == "Something is missing in this model" and page.locator(".ranking").count() == 0
     tab.go("add")
-    assert page.inner_text(filled("any")) == "Quadratic drag"  # it was chosen before
-    page.click(press("add-any"))
-    page.wait_for_selector(f"{press('back')}:has-text('add')")
+    assert page.inner_text(select_field("any")) == "Quadratic drag"  # it was chosen before
+    page.click(select_button("add-any"))
+    page.wait_for_selector(f"{select_button('back')}:has-text('add')")
     other.page.reload()
     other.page.wait_for_selector("#upload")
     assert other.title() == "What does your model lack?"
@@ -366,19 +366,19 @@ def test_a_keyboard_is_enough(tab):
             page.keyboard.press("Tab")
         raise AssertionError(f"{selector} cannot be reached with the tab key")
 
-    reach(press("demo"))
+    reach(select_button("demo"))
     page.wait_for_selector("td:has-text('demo-holdout')")
     page.wait_for_selector("#to-compare[href]")  # the model is fitted
     reach("#to-compare")
     page.wait_for_selector(STAGES["compare"])
     reach(".gallery summary")
     reach("#to-diagnose")
-    page.wait_for_selector(press("diagnose"))
-    reach(press("diagnose"))
+    page.wait_for_selector(select_button("diagnose"))
+    reach(select_button("diagnose"))
     page.wait_for_selector(".ranking")
     reach(".ranking .action.primary")
     page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
-    reach(press("back"))
+    reach(select_button("back"))
     page.wait_for_selector(".ranking .action.primary")
 
 

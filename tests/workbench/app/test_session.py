@@ -22,17 +22,17 @@ from pendulum_env.recording.study import read_sources
 from tests import slow
 from tests.cases import diagnosed
 from tests.estimators.diagnosis.test_experiment import first as wagged
-from tests.notes import noted
+from tests.notes import list_notes
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import (
-    comes_to_the_same,
-    fitted,
+    assert_same_export,
+    encode_url,
+    fit_state,
     loaded,
-    recorded,
-    reloaded,
+    record_pendulum,
+    reload_session,
     upload,
-    url,
-    written,
+    write_source,
 )
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit
 from workbench.app.choices import NO_CHOICES, SearchChoices
@@ -54,13 +54,13 @@ HOSTILE = ["../../etc/passwd.csv", "..\\..\\run.csv", "C:run.csv", "..", "", "a\
 
 @pytest.fixture(scope="module")
 def swing() -> Recording:
-    return recorded("swing", 1, 10.0)
+    return record_pendulum("swing", 1, 10.0)
 
 
 @pytest.fixture(scope="module")
 def state(swing: Recording) -> State:
     """A session's that looks for two effects alone."""
-    return fitted(State((loaded(swing),), asked=SearchChoices(only="stribeck,quadratic_drag")))
+    return fit_state(State((loaded(swing),), asked=SearchChoices(only="stribeck,quadratic_drag")))
 
 
 # ------------------------------------------------------------------------------------------------ files
@@ -68,7 +68,7 @@ def state(swing: Recording) -> State:
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_an_upload_lies_in_its_folder_whatever_its_name(tmp_path, name):
-    file = unpack(tmp_path, name, url(b"x"))
+    file = unpack(tmp_path, name, encode_url(b"x"))
     assert file.resolve().parent == tmp_path.resolve() and file.read_bytes() == b"x"
     assert len(file.name.encode()) < 200 and file.name.isprintable()
     assert clean_name("Montag früh (1).csv.gz") == "Montag früh (1).csv.gz"
@@ -80,8 +80,10 @@ def test_an_upload_that_is_damaged_is_refused(session):
 
 
 def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
-    good = written(replace(swing, name="good"), tmp_path).file.read_bytes()
-    files = [(name, url(content)) for name, content in (("good.csv", good), ("bad.csv", b"1,2,3"), ("worse.txt", b""))]
+    good = write_source(replace(swing, name="good"), tmp_path).file.read_bytes()
+    files = [
+        (name, encode_url(content)) for name, content in (("good.csv", good), ("bad.csv", b"1,2,3"), ("worse.txt", b""))
+    ]
     session.act(lambda: session.receive([*files, files[0]], unwrap=False))
     assert [one.id for one in session.state.loaded] == ["good.csv"]
     assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
@@ -89,9 +91,9 @@ def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
 
 
 def test_the_page_says_where_it_undoes_jumps(session, swing, tmp_path):
-    content = written(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path).file.read_bytes()
+    content = write_source(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path).file.read_bytes()
     for unwrap in ([], ["unwrap"]):
-        session.act(lambda unwrap=unwrap: session.receive([("swing.csv", url(content))], bool(unwrap)))
+        session.act(lambda unwrap=unwrap: session.receive([("swing.csv", encode_url(content))], bool(unwrap)))
         assert len(session.state.loaded) == len(unwrap) and ("unwrap" in session.notice) != bool(unwrap)
     session.act(lambda: session.hold_out("swing.csv", True))
     assert session.state.ladder == () and "every recording is held out" in session.state.failure_reason
@@ -125,7 +127,7 @@ def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_column
 
 
 def test_columns_of_a_loaded_recording_can_be_named_anew(session, swing, tmp_path):
-    file = written(replace(swing, velocity=np.gradient(swing.position, swing.time)), tmp_path).file
+    file = write_source(replace(swing, velocity=np.gradient(swing.position, swing.time)), tmp_path).file
     upload(session, "swing.csv", file.read_bytes())
     session.act(lambda: session.ask("swing.csv"))
     (card,) = session.cards
@@ -173,11 +175,11 @@ def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_save
     upload(session, "run.csv", servo(swing))
     session.act(lambda: session.answer(session.cards[0].set_choices(SERVO, False)))
     turned = replace(swing, name="check", position=np.mod(swing.position, 2 * np.pi))
-    held_out = replace(written(turned, tmp_path, held_out=True), unwrap=True)
+    held_out = replace(write_source(turned, tmp_path, held_out=True), unwrap=True)
     session.act(lambda: session.load([held_out]))
     state = session.state
     state = state.add_step(add(state.model, "stribeck", state.train, state.holdout))
-    again = reloaded(state, tmp_path / "again")
+    again = reload_session(state, tmp_path / "again")
     assert again.notice == "" and not again.cards and write_study_text(again.state) == write_study_text(state)
     for old, new in zip(state.loaded, again.state.loaded, strict=True):
         assert new.id == old.id and new.held_out == old.held_out
@@ -196,8 +198,8 @@ def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_save
 def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
     parts = (("fit", 0, 6), ("holdout", 6, 9))
     text = "".join(f'[[recording]]\nfile="runs/swing.csv"\nrole="{role}"\nrange=[{a},{b}]\n' for role, a, b in parts)
-    contents = {"swing.csv": written(swing, tmp_path).file.read_bytes(), "study.toml": text.encode()}
-    session.act(lambda: session.receive([(name, url(one)) for name, one in contents.items()], unwrap=False))
+    contents = {"swing.csv": write_source(swing, tmp_path).file.read_bytes(), "study.toml": text.encode()}
+    session.act(lambda: session.receive([(name, encode_url(one)) for name, one in contents.items()], unwrap=False))
     assert session.notice == "" and [one.held_out for one in session.state.loaded] == [False, True]
     assert [one.id for one in session.state.loaded] == ["swing.csv", "swing.csv (2)"]
     assert sum(one.recording.duration for one in session.state.loaded) == pytest.approx(9.0, abs=0.01)
@@ -208,7 +210,7 @@ def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
 
 
 def test_what_a_session_begins_with_is_read_as_the_user_asked_and_left_where_it_is(swing, tmp_path):
-    source = written(swing, tmp_path)
+    source = write_source(swing, tmp_path)
     source.file.write_text(source.file.read_text().replace("position", "Spalte"))
     sessions = Sessions([replace(source, columns={"position": "Spalte"})])
     session = sessions.find_session(IDS[0])
@@ -231,7 +233,7 @@ def late() -> Recording:
 
 
 def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(session, late):
-    session.state = fitted(State((loaded(late),)))
+    session.state = fit_state(State((loaded(late),)))
     said = str(data.show(session))
     assert "The torque is logged " in said and "ms late" in said and "'do': 'align'" in said
     before = session.state
@@ -241,7 +243,7 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
     errors = [one.ladder[-1].errors["holdout"].torque_rms for one in (before, after)]
     assert errors[1] < 1.15 * after.result.noise_floor < 0.5 * errors[0]
     session.act(lambda: session.keep(loaded(replace(late, name="again"), held_out=True)))
-    assert session.state.is_aligned and all("aligned: " in noted(one)[-1] for one in session.state.recordings)
+    assert session.state.is_aligned and all("aligned: " in list_notes(one)[-1] for one in session.state.recordings)
 
 
 # ------------------------------------------------------------------------------------------------ sessions
@@ -303,7 +305,7 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_f
 def worked(state: State) -> dict[str, State]:
     """States with a diagnosis and its effect added: from the paper's terms, and from a model file with one more."""
     drag = add(state.model, "quadratic_drag", state.train).after.model
-    begun = fitted(state.restart(terms=drag.terms, model_file="start.json"))
+    begun = fit_state(state.restart(terms=drag.terms, model_file="start.json"))
     states = {}
     for name, one in (("paper", state), ("file", begun)):
         named = one.add_diagnosis(diagnosed(one.train, base=one.base_terms, **one.asked.effects))
@@ -312,22 +314,22 @@ def worked(state: State) -> dict[str, State]:
 
 
 @pytest.mark.parametrize("begun", slow.but_first(["file", "paper"]))
-def test_the_command_line_comes_to_the_same_model(worked, begun, tmp_path, monkeypatch):
+def test_the_command_line_assert_same_export_model(worked, begun, tmp_path, monkeypatch):
     state = worked[begun]
-    written(state.train[0], tmp_path)
+    write_source(state.train[0], tmp_path)
     state.ladder[0].model.save(tmp_path / "start.json")
     monkeypatch.chdir(tmp_path)
     assert {"stribeck"} <= set(state.model.effects)
-    comes_to_the_same(state)
+    assert_same_export(state)
     assert "Stribeck friction is missing" in Path("report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("held_out", [False, True])
 def test_where_identify_fits_more_than_the_workbench_the_page_says_so(session, swing, tmp_path, monkeypatch, held_out):
-    recordings = [swing, recorded("check", 2, 4.0)][: 1 + held_out]
+    recordings = [swing, record_pendulum("check", 2, 4.0)][: 1 + held_out]
     for recording in recordings:
-        written(recording, tmp_path)
-    session.state = fitted(State(tuple(loaded(one, held_out=one is not swing) for one in recordings)))
+        write_source(recording, tmp_path)
+    session.state = fit_state(State(tuple(loaded(one, held_out=one is not swing) for one in recordings)))
     monkeypatch.chdir(tmp_path)
     (line,) = write_commands(session.state).splitlines()
     assert main(shlex.split(line)[1:]) == 0
@@ -347,7 +349,7 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
     monkeypatch.chdir(tmp_path)
     assert write_commands(session.state) == "pendulum-ident identify study.toml --align -o model.json"
     assert export.STUDY_NOTE in str(export.show(session))
-    comes_to_the_same(session.state)
+    assert_same_export(session.state)
 
 
 # ------------------------------------------------------------------------------------------------ stages
@@ -367,7 +369,7 @@ def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
     with pytest.raises(InputError, match="the diagnosis suggests no experiment"):
         make_file(session.state, "experiment")
     wagging, found = wagged("a spring at small angles")
-    session.act(lambda: session.load([written(wagging, tmp_path)]))
+    session.act(lambda: session.load([write_source(wagging, tmp_path)]))
     session.state = session.state.add_diagnosis(found)
     rows = np.loadtxt(io.BytesIO(make_file(session.state, "experiment")[1]), delimiter=",", skiprows=1)
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
@@ -383,7 +385,7 @@ def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_driv
     session = Session(folder)
     session.load([Source(plain), Source(asked)])
     (loaded,), (card,) = session.state.loaded, session.cards
-    assert any("free swing" in note for note in noted(loaded.recording)) and "torque=none" in card.why
+    assert any("free swing" in note for note in list_notes(loaded.recording)) and "torque=none" in card.why
     session.answer(card.fill_form({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
     assert not session.cards and not session.state.loaded[1].recording.torque.any()
 
@@ -413,7 +415,7 @@ ASKED = SearchChoices(
 def asked(session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Session:
     """A session with `swing.csv`, which lies in the working directory as well."""
     monkeypatch.chdir(tmp_path)
-    source = written(recorded("swing", 1, 10.0), tmp_path)
+    source = write_source(record_pendulum("swing", 1, 10.0), tmp_path)
     session.act(lambda: session.load([source]))
     return session
 
@@ -429,7 +431,7 @@ def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_bac
     session = Session(tmp_path / "session", workers)
 
     def load(name: str, seed: int) -> None:
-        session.act(lambda: session.load([written(recorded(name, seed, 4.0), tmp_path)]))
+        session.act(lambda: session.load([write_source(record_pendulum(name, seed, 4.0), tmp_path)]))
 
     def wait() -> None:
         assert session.job is not None and session.job.over.wait(PATIENCE)
@@ -461,7 +463,7 @@ def test_what_is_asked_for_gives_what_the_command_line_gives(asked):
     assert found is not None and {one.effect for one in found.candidates} == {"stribeck", "quadratic_drag"}
     made = asked.state.model.estimates
     assert made["gravity"].value == 2.01 and made["viscous"].value <= 0.2
-    comes_to_the_same(asked.state)
+    assert_same_export(asked.state)
     assert json.loads(Path("diagnosis.json").read_text()) == json.loads(json.dumps(write_diagnosis(found)))
 
 
@@ -483,12 +485,12 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(aske
     ("field", "wrong"),
     slow.but_first([("only", "stribek"), ("without", "--fix"), ("fix", "gravty=2"), ("bound", "viscous=1:0")]),
 )
-def test_a_mistake_is_told_in_the_words_of_the_command_line(asked, field, wrong, refused):
+def test_a_mistake_is_told_in_the_words_of_the_command_line(asked, field, wrong, run_refused):
     before = asked.state
     asked.act(lambda: diagnose.choose_search(asked, SearchChoices(**{field: wrong})))
     assert asked.state is before and asked.job is None
     mistake = asked.notice.partition(" Known: ")[0]  # the terminal shortens a long list
-    assert mistake != "" and mistake in refused("diagnose", "swing.csv", f"--{field}={wrong}")
+    assert mistake != "" and mistake in run_refused("diagnose", "swing.csv", f"--{field}={wrong}")
 
 
 def test_fields_of_the_form_become_options():

@@ -1,6 +1,6 @@
 """Every change of a session is taken back."""
 
-from tests.workbench.app.plants import recorded, upload, written
+from tests.workbench.app.plants import record_pendulum, upload, write_source
 from workbench.app.choices import SearchChoices
 from workbench.app.session import Session
 from workbench.app.stages.diagnose import choose_search
@@ -9,7 +9,7 @@ from workbench.app.state import State
 
 def test_every_change_is_taken_back_in_turn(tmp_path):
     session = Session(tmp_path / "session")
-    sources = [written(recorded(name, seed, 4.0), tmp_path) for name, seed in (("swing", 1), ("check", 2))]
+    sources = [write_source(record_pendulum(name, seed, 4.0), tmp_path) for name, seed in (("swing", 1), ("check", 2))]
     known: list[tuple[State, str]] = []
     for do, what in (
         (lambda: session.load(sources), "load swing, check"),
@@ -32,7 +32,7 @@ def test_every_change_is_taken_back_in_turn(tmp_path):
 
 def test_a_recording_that_was_removed_comes_back_though_another_took_its_name(tmp_path):
     session = Session(tmp_path / "session")
-    contents = [written(recorded("swing", seed, 4.0), tmp_path).file.read_bytes() for seed in (1, 2)]
+    contents = [write_source(record_pendulum("swing", seed, 4.0), tmp_path).file.read_bytes() for seed in (1, 2)]
     for content in contents:
         upload(session, "swing.csv", content)
         session.act(lambda: session.remove("swing.csv"))
