@@ -298,7 +298,7 @@ class ChannelFits(ChannelRows):
     def is_negligible(self, delay: float) -> bool:
         """Return whether a delay [s] is a small share of a sample, and torque is predicted as well without it."""
         # of smoothing, and integration
-        exactness = self.data.compute_largest_precision() * float(np.linalg.norm(self.data.weights[self.rows]))
+        exactness = self.data.compute_numerical_error() * float(np.linalg.norm(self.data.weights[self.rows]))
         errors = [np.linalg.norm(self.misfit(np.array([shift, 0.0]))) for shift in (0.0, delay)]
         before, after = np.hypot(errors, exactness)
         return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - SEARCH.error_margin) * before)
@@ -359,7 +359,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
     need not predict significantly better than no delay.
 
     In a closed loop the controller answers each torque that the columns lack, and a delay fits its answer: there a law
-    needs a residual of noise (see `closed_loop`), with `with_angle_columns` if these explain more.
+    needs a residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
 
     Recordings too short to tell, closed loops without such a residual, delays in the place of the inertia, and torque
     that a drive asked for give an alignment without a finding and with infinite standard errors.

@@ -51,7 +51,7 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
     tested.
     """
     gains: dict[tuple[Kind, str], dict[str, float]] = {}
-    for recording in (by_name for by_name in recordings if by_name.position.ndim == 1):
+    for recording in (recording for recording in recordings if recording.position.ndim == 1):
         gains_by_stride = (_estimate_feedback_gain(recording, stride) for stride in ANSWER.strides)
         if (gain := next((gain for gain in gains_by_stride if gain is not None), None)) is not None:
             kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE

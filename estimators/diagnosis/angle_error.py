@@ -1,4 +1,4 @@
-"""Standard errors of gravity beside an effect of the angle, whose law may be another one within part of a turn."""
+"""Standard errors of gravity beside an effect of the angle: other laws fit as well within part of a turn."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -34,7 +34,7 @@ class Candidate:
         error_ratio: held-out torque error with the effect over the error without.
         reason: finding that explains the verdict.
         gain: gain of the effect beside the other effects of the final model; None if unknown.
-        variants: number of compared variants, see `ModelEvaluator.n_variants`.
+        variants: number of compared variants, see `ModelEvaluator.count_compared_variants`.
         gates: tests of the effect, in order; a rejected effect failed the last.
         terms: terms of the evaluated model; empty if the effect was not tried.
     """

@@ -204,14 +204,14 @@ class RolloutRows:
         return self.score_terms(linear_fit.point.terms)
 
     def list_typical_sizes(self, terms: Terms) -> Array:
-        """Return the size of each linear parameter that matters (P,), see `LOOP.list_typical_sizes`."""
+        """Return the size of each linear parameter that matters (P,), see `LOOP.typical`."""
         return np.concatenate([np.empty(0), *(self._compute_typical_sizes(term) for term in terms)])
 
     @memoized
     def _compute_typical_sizes(self, term: Term) -> Array:
         """Return the size of each linear parameter of a term that matters (P,), by the recorded torque.
 
-        Its torque is `LOOP.list_typical_sizes` of the RMS torque.
+        Its torque is the share `LOOP.typical` of the RMS torque.
         """
         if self.guide is not None:
             return self.guide._compute_typical_sizes(term)

@@ -65,7 +65,7 @@ class Regressor(Protocol):
 
     @property
     def borrows(self) -> str | None:
-        """Return the id of the scheme whose inertia this scheme uses, or None; see `give`."""
+        """Return the id of the scheme whose inertia this scheme uses, or None; see `fit_equations`."""
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
         """Compute equations y = phi theta, phi (N, P), for the columns of the terms; fixed columns are moved to y."""

@@ -276,7 +276,7 @@ class TorqueRows:
             return linear_fit[1]
         balance, owner = self.equations(terms, by_noise=True), self.data.recording_of_window
         squares = np.bincount(owner, balance.error(self._solve_by_noise(terms)) ** 2).astype(float)
-        return weigh_recordings(squares, np.bincount(owner), self.data.compute_largest_precision())
+        return weigh_recordings(squares, np.bincount(owner), self.data.compute_numerical_error())
 
     @memoized
     def _solve_by_noise(self, terms: Terms) -> Array:
@@ -335,9 +335,7 @@ class TorqueRows:
             if (step := solve_all_folds(grams, weights, *bounds)) is None:
                 return None
             counts = np.bincount(owner, minlength=len(weights))
-            weights = weigh_recordings(
-                compute_entry_squares(grams, step), counts, self.data.compute_largest_precision()
-            )
+            weights = weigh_recordings(compute_entry_squares(grams, step), counts, self.data.compute_numerical_error())
         grams, start, *bounds = linearise(False)
         if (steps := solve_each_fold(grams, weights, *bounds)) is None:
             return None

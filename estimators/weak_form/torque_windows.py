@@ -240,14 +240,14 @@ class TorqueWindows:
         """Return the torque error of smoothing and integration [N m]."""
         return WEAK_FORM.precision * float(np.std(self.applied_torque()))
 
-    def compute_largest_precision(self) -> float:
-        """Return the largest `precision` of all joints [N m]."""
+    def compute_numerical_error(self) -> float:
+        """Return the largest numerical error of the joints' torque [N m], see `precision`."""
         return max(self.part(at).precision() for at in self.joints)
 
     def compute_negligible_residual(self, at: str) -> float:
         """Return the residual below which a joint of an arm has no structure [N m]; 0 for a pendulum."""
         return (
-            max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.compute_largest_precision())
+            max(NEGLIGIBLE * float(np.std(self.part(at).torque())), self.compute_numerical_error())
             if self.shared_columns
             else 0.0
         )

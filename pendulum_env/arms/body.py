@@ -39,7 +39,7 @@ STANDARD = (
     "Ixz",
     "Iyz",
     "Izz",
-)  # of a link, in its joint's frame
+)  # parameters of a link in its joint's frame
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # others: kg m^2
 LATE = ("rotor", "m")  # last to name a base parameter
 DIFFERENCE = 2e-6  # [s], step of the central difference; truncation and rounding errors are below 1e-9 at a few rad/s

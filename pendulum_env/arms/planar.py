@@ -3,7 +3,7 @@
 A `SimpleMotor` of rate zero between two links, with its force bounded by fc, is set-valued Coulomb friction. With
 complete bias correction in each step, pymunk's steps are a leapfrog: positions at the steps, velocities half a step
 later. The scheme is of second order and conserves energy without friction. If a joint reverses within a step, the step
-is repeated with the mean friction of the step.
+is repeated with the friction up to the reversal.
 """
 
 import re

@@ -57,7 +57,7 @@ class Sent(NamedTuple):
 
 
 class Drive(Protocol):
-    """Drive in torque mode. Order: `open, enable, (write, read) ..., disable, close`; all may raise DriveError."""
+    """Drive in torque mode: `open, enable, (write, read) ..., disable, close`. All but `close` may raise DriveError."""
 
     noise: float  # standard deviation of the time at which counts are taken [s]
 
