@@ -24,7 +24,7 @@ from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.columns import NONE, check_named, parse_column
 from pendulum_env.recording.formats import Readable, get_label
 from pendulum_env.recording.preview import Preview, read_preview
-from pendulum_env.recording.storage import describe_reading
+from pendulum_env.recording.storage import describe_reading, read_rows
 from pendulum_env.recording.study import Source
 from pendulum_env.settings import format_setting
 
@@ -156,7 +156,7 @@ def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str,
         if columns_of_joint["torque"] == NONE:
             raise ColumnError("an arm needs the torque of every joint: name its column")
         parse_column("torque", columns_of_joint["torque"], look.headers, can_find_gain=False)
-        read = read_recording(source, unwrap=unwrap, columns=columns_of_joint | unused)
+        read = read_rows(source, unwrap=unwrap, columns=columns_of_joint | unused, can_resample=False)  # rows of all
     except RecordingError as error:
         text = name_joint(joint, str(error).removeprefix(f"{label}: "))
         raise RecordingError(f"{label}: joint '{joint}': {text}") from None

@@ -22,9 +22,19 @@ from pendulum_env.servo.torque import complete_torque
 
 
 def build_recording(
-    name: str, table: RawTable, unwrap: bool, drive: ServoDrive | None, named: Mapping[str, str], log_format: JSON
+    name: str,
+    table: RawTable,
+    unwrap: bool,
+    drive: ServoDrive | None,
+    named: Mapping[str, str],
+    log_format: JSON,
+    *,
+    can_resample: bool,
 ) -> Recording:
-    """Convert a table to SI units, clean it, cut it at gaps and make time uniform; refuse implausible data."""
+    """Convert a table to SI units, clean it, cut it at gaps and make time uniform; refuse implausible data.
+
+    `can_resample` to the clock of an encoder that is slower than its log.
+    """
     columns, values = dict(table.columns), table.values
     notes = list(table.notes)
     if fraction := columns.pop("fraction", None):
@@ -74,7 +84,8 @@ def build_recording(
     if is_swing and np.ptp(log.values["position"]) > 0:
         cleaning.drop_initial_hold(log, unwrap_position())
     cleaning.start_from_zero(log)
-    jitter.resample_slow_encoder(log, unwrap_position())
+    if can_resample:
+        jitter.resample_slow_encoder(log, unwrap_position())
     cleaning.drop_spoilt_positions(log, unwrap_position())
     checks.refuse_too_few(log.values["time"])
     checks.refuse_still(log.values["position"])

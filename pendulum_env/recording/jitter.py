@@ -7,7 +7,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.cleaning import CLEANING, Log
+from pendulum_env.recording.cleaning import CLEANING, Log, note_rows
 from pendulum_env.recording.clock import STEPS
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.sampling import average_torque
@@ -17,7 +17,6 @@ from pendulum_env.recording.sampling import average_torque
 class JitterSettings:
     """Limits on deviations of time stamps from a uniform clock, and on the clock of a slow encoder."""
 
-    lost: float = 1.5  # [periods], least step with lost rows
     pause: float = 5.0  # [periods], least step between parts with separate clocks
     precision: float = 0.1  # [periods], standard error of the shift of the clock across a possible loss
     most_rows: int = 50  # most rows on either side in the mean of this shift
@@ -25,11 +24,9 @@ class JitterSettings:
     spread: float = 0.5  # [periods], largest standard deviation of the stamps
     sure: float = 4.0  # [standard errors], least distance of the share of jitter from `between`
     between: float = 0.5  # limit of the share of jitter in the motion: 0 for late stamps, 1 for jittery sampling
-    several: float = 3.0  # least step of a moving joint, in smallest steps or usual differences of steps
-    least: float = 0.01  # quantile of steps that gives the smallest step, robust to rounding by unwrapping
+    least: float = 0.01  # quantile that gives the smallest step and the smallest delay of rows, robust to outliers
     slow: float = 1.05  # [rows], least period of a slow encoder
     chain: int = 5  # least number of consecutive changes that determine the clock of an encoder
-    same: float = 0.02  # [rows], tolerance of changes of torque with the clock of the encoder
     early: float = 0.1  # [rows], tolerance of samples before their time
     explained: float = 0.95  # least share of changes in the first row after a sample's time
 
@@ -98,7 +95,7 @@ def _count_periods(time: Array, moves: Array, known: Index, period: float, width
         first, end = np.maximum(rows - width, 0), np.minimum(rows + width, len(time))
         shifts = (sums[end] - sums[rows]) / (end - rows) - (sums[rows] - sums[first]) / (rows - first)
         steps = np.diff(time)
-        places = np.flatnonzero((steps > JITTER.lost * period) & (shifts > 0.5 * period))
+        places = np.flatnonzero((steps > CLEANING.long * period) & (shifts > 0.5 * period))
         around = np.pad(moves, 1, mode="edge")
         excess = (moves - 0.5 * (around[:-2] + around[2:])) * np.sign(around[:-2] + around[2:])
         for k in places[np.argsort(-steps[places], kind="stable")]:
@@ -146,9 +143,14 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
     """Resample a log to the clock of an encoder that is slower than the log and repeats values.
 
     Position is sampled at the times of this clock. Torque with the same clock is sampled too, other torque is averaged.
+    Runs without enough motion to find the times of their samples are dropped. A log with a reference is
+    unchanged, because goals have a clock of their own.
     """
+    if "reference" in log.values:
+        return
     time = log.values["time"]
-    runs = log.values.get("segment", np.zeros_like(time))
+    segment = log.values.get("segment", np.zeros_like(time))
+    runs = np.cumsum(np.diff(segment, prepend=segment[0]) != 0)  # labels may recur
     row = float(np.median(np.diff(time)))
     clock = _find_encoder_clock(time, position, runs, row)
     if clock is None:
@@ -156,22 +158,25 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
     period, phases = clock
     grids, rows = list[Array](), list[Index]()
     torques: dict[str, list[Array]] = {quantity: [] for quantity in ("torque", "load_torque") if quantity in log.values}
-    for number in dict.fromkeys(runs):
+    for number, phase in phases.items():
         here = np.flatnonzero(runs == number)
         stamps, late = time[here], min(JITTER.early * row, (period - row) / 2)  # margin within a row
-        start = stamps[0] + (phases.get(number, stamps[0]) - stamps[0] + late) % period - late
+        start = stamps[0] + (phase - stamps[0] + late) % period - late
         grid = np.arange(start, stamps[-1] - late, period)
         at = np.searchsorted(stamps, grid + late)
-        is_seen = stamps[at] - grid < JITTER.lost * row
+        is_seen = stamps[at] - grid < CLEANING.long * row
         grids.append(grid[is_seen])
         rows.append(here[at[is_seen]])
         for quantity, parts in torques.items():
             values = log.values[quantity][here]
             passed = (stamps[1:][np.diff(values) != 0] - start + late) % period - late  # time since the last sample
-            # changes of torque in rows without a new sample; rounding may move a change one row later
-            others = (passed < -JITTER.same * row) | (passed > 0.999 * row)
+            others = passed > (1 - JITTER.least) * row  # changes in rows without a new sample
             is_held = np.count_nonzero(others) <= (1 - JITTER.explained) * (1 - row / period) * len(others)
             parts.append((values[at] if is_held else average_torque(grid, period, stamps, values))[is_seen])
+    if not (known := np.isin(runs, list(phases))).all():
+        log.notes.append(note_rows(NoteKind.SPOILT, log.rows[~known], "position", text="of unknown time"))
+    if "segment" in log.values:
+        log.values["segment"] = runs.astype(np.float64)
     samples, kept = np.concatenate(grids), np.concatenate(rows)
     log.values = {quantity: column[kept] for quantity, column in log.values.items()}
     log.values |= {quantity: np.concatenate(parts) for quantity, parts in torques.items()}
@@ -180,14 +185,16 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
     log.notes.append(Note(NoteKind.ENCODER_SLOW, ("position",), numbers))
 
 
-def _find_encoder_clock(
-    time: Array, position: Array, runs: Array, row: float
-) -> tuple[float, dict[float, float]] | None:
-    """Find the clock of an encoder that is slower than its log; return its period [s] and a sample's time per run [s].
+def _find_encoder_clock(time: Array, position: Array, runs: Index, row: float) -> tuple[float, dict[int, float]] | None:
+    """Find the clock of an encoder that is slower than its log.
 
     Position (N,) that moves by several smallest steps has a new value with each sample of the encoder. If other rows
     repeat the last value, and new values are in the first rows after the times of a uniform clock, this is the clock.
     Rows are `row` [s] apart.
+
+    Returns:
+        period [s] and the time of a sample [s] per run with at least `JITTER.chain` changes in fast motion; None if the
+        encoder has no such clock.
     """
     new = np.flatnonzero(np.diff(position)) + 1
     if len(new) < CLEANING.least_steps:
@@ -195,7 +202,7 @@ def _find_encoder_clock(
     moves = np.diff(position)[new - 1]
     sizes = np.abs(moves)
     usual = max(float(np.quantile(sizes, JITTER.least)), float(np.median(np.abs(np.diff(moves)))))
-    fast = (np.minimum(sizes[1:], sizes[:-1]) >= JITTER.several * usual) & (np.diff(runs[new]) == 0)
+    fast = (np.minimum(sizes[1:], sizes[:-1]) >= CLEANING.moving * usual) & (np.diff(runs[new]) == 0)
     apart = np.diff(new)[fast]
     if len(apart) < CLEANING.least_steps:
         return None
@@ -216,7 +223,7 @@ def _find_encoder_clock(
     parts = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(seen)]
     _, period = _fit_clock(seen, counts, parts)
     late = seen - period * counts
-    phases = {run[a]: float(np.quantile(late[a:b], JITTER.least)) for a, b in pairwise(parts)}
+    phases = {int(run[a]): float(np.quantile(late[a:b], JITTER.least)) for a, b in pairwise(parts)}
     late -= np.array([phases[number] for number in run])
     explained = np.mean((late > -JITTER.early * row) & (late < (1 + JITTER.early) * row))
     return (period, phases) if explained >= JITTER.explained and period <= STEPS[1] else None

@@ -33,7 +33,7 @@ class NoteKind(StrEnum):
     CLOCK_RESTARTED = "clock_restarted"
     CELLS_HELD = "cells_held"
     OTHER_ROWS = "other_rows"  # held or interpolated
-    SPOILT = "spoilt"  # count, places: rows; empty or infinite
+    SPOILT = "spoilt"  # count, places: rows; empty, infinite or of unknown time
     TIME_REPEATED = "time_repeated"  # count, places: rows
     GLITCHES = "glitches"  # count, places: rows
     STALE = "stale"  # count, places: rows

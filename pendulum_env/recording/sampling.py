@@ -14,7 +14,7 @@ import scipy
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
-from pendulum_env.recording.cleaning import Log
+from pendulum_env.recording.cleaning import CLEANING, Log
 from pendulum_env.recording.clock import compute_unevenness, is_uniform
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 
@@ -23,7 +23,6 @@ from pendulum_env.recording.notes import NAMED, Note, NoteKind
 class SamplingSettings:
     """Limits on gaps to bridge, on uneven steps, and on segments to keep."""
 
-    long: float = 1.5  # least length of a long step, in median steps
     whole: float = 0.25  # largest distance of a long step from a multiple of the median step, for lost samples
     in_a_row: int = 3  # most adjacent lost samples to fill, as torque is unknown there
     above_noise: float = 2.0  # largest interpolation error, relative to that due to noise
@@ -49,8 +48,8 @@ def cut_at_gaps(log: Log, position: Array) -> None:
     steps = np.diff(time)
     usual = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
-    if steps.max() > SAMPLING.long * usual and not is_rounded(time, position, log.resolution):
-        gaps = np.flatnonzero(steps > (count_bridgeable(time, position) + SAMPLING.long) * usual) + 1
+    if steps.max() > CLEANING.long * usual and not is_rounded(time, position, log.resolution):
+        gaps = np.flatnonzero(steps > (count_bridgeable(time, position) + CLEANING.long) * usual) + 1
     new = [int(gap) for gap in gaps if gap not in known]
     if new:
         sizes = steps[np.array(new) - 1]
@@ -88,7 +87,7 @@ def is_rounded(time: Array, position: Array, resolution: float) -> bool:
     """
     steps = np.diff(time)
     usual = float(np.median(steps))
-    places = np.flatnonzero(steps > SAMPLING.long * usual)
+    places = np.flatnonzero(steps > CLEANING.long * usual)
     regular = len(places) > 2 and np.ptp(np.diff(places)) <= 1
     return bool(regular and resolution > usual / 2 and not has_lost_samples(time, position))
 
@@ -99,9 +98,9 @@ def has_lost_samples(time: Array, position: Array) -> bool:
     Rounding also causes long steps, but without larger changes of position.
     """
     steps, moves = np.diff(time), np.diff(position)
-    long = np.flatnonzero(steps[1:-1] > SAMPLING.long * float(np.median(steps))) + 1
+    long = np.flatnonzero(steps[1:-1] > CLEANING.long * float(np.median(steps))) + 1
     beside = 0.5 * (moves[long - 1] + moves[long + 1])
-    return bool(moves[long] @ beside > SAMPLING.long * (beside @ beside))
+    return bool(moves[long] @ beside > CLEANING.long * (beside @ beside))
 
 
 def count_bridgeable(time: Array, position: Array) -> int:
@@ -111,7 +110,7 @@ def count_bridgeable(time: Array, position: Array) -> int:
     interpolated by the cubic through two samples on either side.
     """
     steps = np.diff(time)
-    q = position[_find_longest_run(steps <= SAMPLING.long * float(np.median(steps)))]
+    q = position[_find_longest_run(steps <= CLEANING.long * float(np.median(steps)))]
     if len(q) < 20:
         return 0
     noise = float(np.std(np.diff(q, 6))) / np.sqrt(924.0)  # 924: sum of squares of 1, -6, 15, ...
@@ -156,7 +155,7 @@ def resample_uniformly(log: Log) -> None:
     if is_uniform(time, log.starts):
         return
     steps = np.concatenate([np.diff(part["time"]) for part in parts])
-    slow = steps > SAMPLING.long * usual
+    slow = steps > CLEANING.long * usual
     period = float(np.mean(steps))
     off = max(compute_unevenness(part["time"], period) for part in parts)
     loses = len(parts) == 1 and has_lost_samples(time, log.values["position"])
@@ -174,7 +173,7 @@ def resample_uniformly(log: Log) -> None:
     numbers = {"rate": Quantity(1 / period, unit="Hz")}
     sizes = {"shortest": steps.min(), "longest": steps.max(), "std": steps.std()}
     numbers |= {name: Quantity(1e3 * float(size), unit="ms") for name, size in sizes.items()}
-    numbers |= {"slow": Quantity(int(np.count_nonzero(slow))), "ratio": Quantity(SAMPLING.long)} if slow.any() else {}
+    numbers |= {"slow": Quantity(int(np.count_nonzero(slow))), "ratio": Quantity(CLEANING.long)} if slow.any() else {}
     log.notes.append(Note(NoteKind.RESAMPLED, numbers=numbers))
 
 
@@ -214,7 +213,7 @@ def _count_lost(time: Array, usual: float) -> Index:
     """Return the number of lost samples (N - 1,) between adjacent times (N,) [s]."""
     ratio = np.diff(time) / usual
     counts = np.round(ratio).astype(np.intp)
-    return np.where((ratio > SAMPLING.long) & (np.abs(ratio - counts) <= SAMPLING.whole), counts - 1, 0)
+    return np.where((ratio > CLEANING.long) & (np.abs(ratio - counts) <= SAMPLING.whole), counts - 1, 0)
 
 
 def _insert_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:

@@ -52,6 +52,19 @@ def read_recording(
         RecordingError: if the file cannot be read or its content is implausible; the message is one sentence with the
             file, the data row (from 1, without header and blank lines), the reason and the remedy.
     """
+    return read_rows(source, unwrap=unwrap, columns=columns, drive=drive, name=name, can_resample=True)
+
+
+def read_rows(
+    source: Readable,
+    *,
+    unwrap: bool,
+    columns: Mapping[str, str | None] | None,
+    drive: ServoDrive | None = None,
+    name: str | None = None,
+    can_resample: bool,
+) -> Recording:
+    """Read a recording as `read_recording`; `can_resample` to the clock of an encoder that is slower than its log."""
     check_named(columns)
     label, is_file = get_label(source, name), isinstance(source, str | os.PathLike)
     try:
@@ -59,7 +72,8 @@ def read_recording(
         output = getattr(drive, "output", None)
         named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
         table = read_table(source, partial(find_columns, named=named, output=output))
-        return build_recording(name, table, unwrap, drive, named, describe_reading(named, unwrap, drive))
+        log_format = describe_reading(named, unwrap, drive)
+        return build_recording(name, table, unwrap, drive, named, log_format, can_resample=can_resample)
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__
 

@@ -99,7 +99,7 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.STALE: "{quantity} stays behind while the joint moves on in {places}: left out",
     NoteKind.ENCODER_SLOW: (
         "{quantity} has a new value every {rows:.3g} rows: samples are taken at {rate:.6g} Hz, the clock of its "
-        "encoder, and torque is averaged in between"
+        "encoder; torque with another clock is averaged in between"
     ),
     NoteKind.HELD_AT_FIRST: "{quantity} is held until {time:.2f} s: this part is left out, the swing after it is free",
     NoteKind.UNWRAPPED: "{quantity} unwrapped at {count:g} jumps of 2 pi",

@@ -190,6 +190,42 @@ def test_runs_of_a_slow_encoder_keep_their_seams() -> None:
     assert np.abs(first.position).max() < 1.01 and second.position.min() > 0.99
 
 
+@pytest.mark.parametrize("rate", [100.0, 250.0, 371.3])
+def test_a_run_whose_samples_have_no_known_time_is_left_out_with_a_note(rate: float) -> None:
+    long = held(rate, 0.0012)
+    slow = {name: column[:2000] for name, column in long.items()}
+    slow["position"] = slow["position"][0] + 1e-4 * (slow["time"] > 2)
+    short = [{name: column[:length] for name, column in long.items()} for length in range(1, 13)]
+    runs = [run for other in (*short, slow) for run in (long, other)]
+    labels = np.repeat(np.arange(len(runs)) % 3, [len(run["time"]) for run in runs])  # labels that recur
+    log = {name: np.concatenate([run[name] for run in runs]) for name in long} | {"segment": labels}
+    recording = read_recording(log, columns={"position": "position:rad"})
+    alone = read_recording(long, columns={"position": "position:rad"})
+    assert len(recording.segments) == len(runs) // 2
+    for part in recording.segments:
+        np.testing.assert_allclose(part.position, alone.position, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(part.torque, alone.torque, rtol=0, atol=1e-3)
+    note = next(note for note in recording.notes if note.kind is NoteKind.SPOILT)
+    assert note.places[0] == 10_001 and note.numbers["count"].value >= 2000 + 1 + 2
+
+
+def test_goals_of_a_loop_keep_their_rows_beside_a_slow_encoder() -> None:
+    log = held(100.0, 0.004)
+    goal = np.sign(np.sin(7 * log["time"]))
+    recording = read_recording(log | {"reference": goal}, columns={"position": "position:rad"})
+    np.testing.assert_array_equal(recording.reference, goal)
+    assert recording.rate == pytest.approx(500.0)
+
+
+@pytest.mark.parametrize("rate", [100.0, 130.0, 500.0])
+def test_joints_of_an_arm_keep_common_rows_beside_a_slow_encoder(rate: float) -> None:
+    hip, knee = held(100.0), held(rate, 0.004 * (rate < 500.0))
+    columns = {f"{name}_{joint}": log[name] for joint, log in (("hip", hip), ("knee", knee)) for name in list(log)[1:]}
+    recording = read_arm_recording(columns | {"time": hip["time"]}, ["hip", "knee"])
+    np.testing.assert_allclose(recording.time, hip["time"], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(recording.position, np.column_stack([hip["position"], knee["position"]]))
+
+
 @pytest.mark.parametrize("counts", [64, 512])
 def test_a_coarse_encoder_in_slow_motion_is_as_fast_as_its_log(counts: int) -> None:
     time, count = np.arange(20_000) / 1000, 2 * np.pi / counts
