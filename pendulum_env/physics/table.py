@@ -337,20 +337,6 @@ class GainByTime(ByTime):
     most = 5  # slow: temperature of the motor, charge of a battery
 
 
-@dataclass(frozen=True)
-class GainByDirection(Table):
-    """Motor torque that is lost in one direction and gained in the other: the joint receives tau - c |tau|."""
-
-    id = "gain_by_direction"
-    axis = "torque"
-    law = "c |tau|"
-    kind = "actuation"
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        return (Column(self.id, "1", force=lambda x: np.absolute(x.torque), of_torque=True),)
-
-
 def refuse_held(terms: Iterable[Term], new: Term) -> None:
     """Refuse a new term whose function a table of the model contains, as both would be indistinguishable.
 
@@ -381,5 +367,4 @@ COMPETING: tuple[type[Term], ...] = (  # tables that compete with effects
     FrictionBySpeed,
     TorqueByTime,
     GainByTime,
-    GainByDirection,
 )

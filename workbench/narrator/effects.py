@@ -208,7 +208,6 @@ EFFECTS: dict[str, Description] = {
     "friction_by_speed": Description(title="friction that varies with the speed", informative_experiment=""),
     "torque_by_time": Description(title="a torque that wanders with time", informative_experiment=""),
     "gain_by_time": Description(title="a motor gain that wanders with time", informative_experiment=""),
-    "gain_by_direction": Description(title="a motor gain that differs by direction", informative_experiment=""),
     "friction_drift": Description(
         title="friction that drifts with time",
         symptom="a change in time",

@@ -93,16 +93,6 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
     assert selection.table is not None and selection.table.id == "gain_by_time"
 
 
-@pytest.mark.slow
-def test_a_motor_gain_that_differs_by_direction_is_no_offset():
-    """The joint receives 1.05 or 0.95 of the recorded torque."""
-    runs = two_runs({}, 200.0, 8.0)
-    first, second = (replace(run, torque=run.torque / np.where(run.torque > 0, 1.05, 0.95)) for run in runs)
-    selection = search(ModelEvaluator(*split_recordings([first], [second])))
-    assert [step.added for step in selection.steps] == [None]
-    assert selection.table is not None and selection.table.id == "gain_by_direction"
-
-
 @pytest.mark.parametrize(("later", "explained"), [(9.0, (0.9, 1.0)), (14.0, (0.0, 0.05))])
 def test_what_explains_one_recording_and_not_the_next_explains_little(later, explained):
     """A tone that shakes the joint, and is another one by the next day."""
