@@ -57,7 +57,7 @@ def depends_on_past(drive: ServoDrive) -> bool:
 def _follow_controller(part: Recording, goal: Array) -> Array:
     """Return the mean output (N,) over each sample of a controller along the measured motion.
 
-    Without logged speed, the controller uses the difference of its last two positions.
+    Without logged speed, the controller uses the difference of its last two positions, at first that of the next two.
     """
     drive = part.actuator
     rate = drive.rate or max(part.rate, FINE)
@@ -70,7 +70,7 @@ def _follow_controller(part: Recording, goal: Array) -> Array:
     if part.velocity is not None:
         speed = np.interp(samples, known, part.velocity)
     elif drive.rate:
-        speed = np.diff(position, prepend=motion(-part.rate / rate)) * rate
+        speed = np.diff(position, prepend=2 * position[0] - position[min(1, count - 1)]) * rate
     else:
         speed = motion(np.minimum(samples, known[-1]), 1) * part.rate
     wanted = np.interp(samples, known, goal) if drive.goal == "ramp" else goal[last]

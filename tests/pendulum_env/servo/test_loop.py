@@ -380,3 +380,19 @@ def test_torque_that_a_controller_asks_for_along_a_motion_is_that_which_moves_th
     impulse = STEP * np.cumsum(torque - GRAVITY * np.sin(motion) - VISCOUS * velocity)
     error = impulse[::50] - INERTIA * velocity[::50]
     assert np.abs(error).max() < 0.03 * np.abs(INERTIA * velocity).max()
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 500.0])
+def test_torque_of_a_controller_at_the_begin_of_each_segment_is_that_of_its_speed_there(rate):
+    """A joint that swings through the begin of a log; a count a look is the error of the speed."""
+    drive = ServoDrive(output="torque", kp=5.0, kd=0.1, rate=rate, goal="held", derivative="error")
+    count, begins = math.tau / 4096, np.array([0.0, 3.0])
+    time = np.add.outer(begins, np.arange(500) / 500.0)
+    looks = np.add.outer(begins, np.floor(np.arange(500) / 500.0 * rate + 1e-6) / rate)
+    position, seen, before = (0.8 * np.sin(4.0 * t + 2.0) for t in (time, looks, looks - 1.0 / rate))
+    exact = -5.0 * seen - 0.1 * (seen - before) * rate
+    still, rounded = np.zeros(time.size), count * np.round(position.ravel() / count)
+    moved = Recording(time.ravel(), rounded, still, reference=still, drive=drive, starts=np.array([0, 500]))
+    assert len(moved.segments) == 2
+    error = compute_asked_torque(moved).reshape(exact.shape) - exact
+    assert np.abs(error[:, :2]).max() < 0.1 * count * 500.0
