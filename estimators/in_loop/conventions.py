@@ -36,32 +36,34 @@ def decide_conventions(
     """Decide once, by the base model and the fitted recordings, what the drives of all recordings leave open.
 
     Recordings without a drive stay as they are. Position control, velocity control and each shaft of the encoder are
-    decided apart. A convention that one drive declares, or that is decided, holds for all others of its kind.
+    decided apart. A convention that one drive declares, or that is decided, holds for all others of its kind. A kind
+    without fitted recordings is decided by its held-out ones.
 
     Raises:
         IdentificationError: if there is too little motion.
         RecordingError: if the drives of one kind cannot be simulated together.
     """
-    if all(recording.drive is None for recording in recordings):
-        return Conventions(tuple(recordings), tuple(holdout), ())
-    fitted, held = list(recordings), list(holdout)
+    every, count = [*recordings, *holdout], len(recordings)
     findings: list[Finding] = []
-    for kind in dict.fromkeys(map(_describe_loop, fitted)):
-        numbers, others = ([k for k, r in enumerate(part) if _describe_loop(r) == kind] for part in (fitted, held))
-        decided = _decide_together([fitted[k] for k in numbers], [held[k] for k in others], base)
-        for part, places, changed in ((fitted, numbers, decided.recordings), (held, others, decided.holdout)):
-            for k, recording in zip(places, changed, strict=True):
-                part[k] = recording
-        is_alone = len(numbers) == len(fitted)
-        names = tuple(fitted[k].name for k in numbers)
+    for numbers in _group_by_loop(every):
+        deciding = [k for k in numbers if k < count] or numbers
+        others = [k for k in numbers if k not in deciding]
+        decided = _decide_together([every[k] for k in deciding], [every[k] for k in others], base)
+        for k, recording in zip((*deciding, *others), (*decided.recordings, *decided.holdout), strict=True):
+            every[k] = recording
+        is_alone = deciding == list(range(count))
+        names = tuple(every[k].name for k in deciding)
         findings += [one if is_alone or one.recordings else replace(one, recordings=names) for one in decided.findings]
-    return Conventions(tuple(fitted), tuple(held), tuple(findings))
+    return Conventions(tuple(every[:count]), tuple(every[count:]), tuple(findings))
 
 
-def _describe_loop(recording: Recording) -> tuple[str, str] | None:
-    """Return the controlled quantity and the shaft of the encoder; None without a drive."""
-    drive = recording.drive
-    return None if drive is None else (drive.control, drive.encoder)
+def _group_by_loop(recordings: Sequence[Recording]) -> list[list[int]]:
+    """Return the indices of the recordings whose drives control the same quantity with encoders at the same shaft.
+
+    Recordings without a drive are one more group.
+    """
+    kinds = [None if r.drive is None else (r.drive.control, r.drive.encoder) for r in recordings]
+    return [[k for k, other in enumerate(kinds) if other == kind] for kind in dict.fromkeys(kinds)]
 
 
 def _decide_together(
@@ -92,12 +94,16 @@ def _decide_together(
 def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, str]) -> Recordings:
     """Return the recordings with the conventions of the log format of a model, where all their drives leave them open.
 
-    The convention of a controller that one drive declares holds for all.
+    The convention of a controller that one drive declares holds for all others of its kind, see `decide_conventions`.
     """
-    declared = find_declared_conventions([r.actuator for r in recordings])
-    recordings = _apply_settings(recordings, {**log_format, **declared})
+    applied = list(recordings)
+    for numbers in _group_by_loop(recordings):
+        own = [recordings[k] for k in numbers]
+        settings = {**log_format, **find_declared_conventions([r.actuator for r in own])}
+        for k, recording in zip(numbers, _apply_settings(own, settings), strict=True):
+            applied[k] = recording
     goal = log_format.get("goal")
-    return recordings if goal is None else with_goals(recordings, goal == "held")
+    return tuple(applied) if goal is None else with_goals(applied, goal == "held")
 
 
 def complete_conventions(recordings: Sequence[Recording], model: Model) -> Recordings:

@@ -16,7 +16,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
-from estimators.in_loop import apply_conventions
+from estimators.in_loop import apply_conventions, decide_conventions
 from estimators.in_loop.case import SERVO
 from estimators.in_loop.conclusion import find_torque_scale
 from estimators.in_loop.controller import read_controller
@@ -303,6 +303,27 @@ def test_conventions_that_one_drive_declares_hold_for_all_before_those_of_a_mode
     declared = replace(first, drive=replace(first.drive, windup="clamp"))
     for recording in apply_conventions([declared, second], {"windup": "free", "integral": "before"}):
         assert (recording.drive.windup, recording.drive.integral) == ("clamp", "before")
+
+
+def test_convention_of_a_position_drive_is_not_that_of_a_velocity_drive():
+    first, second = (integrating(3.0, k, "stop", "after") for k in range(2))
+    declared = replace(first, drive=replace(first.drive, windup="clamp"))
+    turned = replace(second, drive=replace(second.drive, control="velocity"))
+    applied = apply_conventions([declared, second, turned], {"integral": "before"})
+    assert [r.drive.windup for r in applied] == ["clamp", "clamp", None]
+    assert {r.drive.integral for r in applied} == {"before"}
+
+
+def test_kind_of_drive_that_is_only_held_out_is_decided_by_its_own_motion():
+    first, second = (integrating(3.0 + k, k, "clamp", "before") for k in range(2))
+    fitted = replace(first, drive=replace(first.drive, windup="stop", integral="after"))
+    other = replace(second, drive=replace(second.drive, encoder="output"))
+    for recordings in ([fitted], [replace(fitted, drive=None, reference=None)]):
+        decided = decide_conventions(recordings, [other])
+        (held_out,) = decided.holdout
+        assert (held_out.drive.windup, held_out.drive.integral) == ("clamp", "before")
+        (read,) = decided.findings
+        assert read.kind is Kind.CONTROLLER_READ and read.recordings == (other.name,)
 
 
 @pytest.mark.parametrize(("size", "is_kept"), [(0.0005, False), (0.002, True)])
