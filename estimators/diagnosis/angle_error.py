@@ -58,13 +58,13 @@ def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
 def _list_rivals(evaluator: ModelEvaluator, terms: Terms, effect: Term) -> Iterator[Estimate]:
     """Yield gravity with another law in the place of an effect of the angle, where held-out data allow that law.
 
-    The law has to keep the gravity of the model without the effect: its sign, and at most twice its value. A law that
-    contains the effect, as a spring that may harden, counts only if it changes gravity significantly: the simpler law
-    is likelier.
+    The law has to keep the inertia and the sign of gravity of the model without the effect, see `keeps_base`. Its
+    gravity is at most twice that of this model. A law that contains the effect, as a spring that may harden, counts
+    only if it changes gravity significantly: the simpler law is likelier.
     """
     others = remove_term(terms, effect)
     laws = [law for law in evaluator.library.values() if law.kind == "potential" and not law().has_impacts]
-    with_effect, without = (evaluator.fit(own).model.estimates[Gravity.id].value for own in (terms, others))
+    with_effect, without = (evaluator.fit_with_std(own).model.estimates[Gravity.id].value for own in (terms, others))
     for law in (law for law in laws if law.id not in list_ids(others)):
         trials = [*rank_variants(evaluator.train, others, law), *refine_variants(evaluator.train, others, law)]
         for rival in dict.fromkeys(trial.terms for trial in trials):

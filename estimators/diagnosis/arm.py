@@ -53,7 +53,7 @@ ARM = Case(
     refit=lambda found, start: found,
     refine=refine,
     unexplained=lambda trial: find_joint_residuals(trial.evaluator, trial.terms)[1],
-    present=lambda trial, step: replace(step, model=widen_by_timing(step.model, trial.data, trial.evaluator.train)),
+    present=lambda trial, step, _: replace(step, model=widen_by_timing(step.model, trial.data, trial.evaluator.train)),
     conclude=conclude_arm,
     reveal=lambda data, base, kind: data,
     treatments=(include_payload, align_with_effects),

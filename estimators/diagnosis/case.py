@@ -39,7 +39,7 @@ class Case:
         refine: returns the refitted result of a trial, without parameters that the data do not determine, and findings
             on these.
         unexplained: returns regions of the residual of the final model of a trial.
-        present: returns a step in the units of the user.
+        present: returns a step in the units of the user; a final step has the error of the law of the angle as well.
         conclude: adds findings and the next step to a diagnosis.
         reveal: returns data that show an effect, given the base terms and the effect, for `add`.
         treatments: candidate treatments of the data, in the order of their trials.
@@ -54,7 +54,7 @@ class Case:
     refit: Callable[[SearchResult, Model | None], SearchResult]
     refine: Callable[[Trial], tuple[SearchResult, Sequence[Finding]]]
     unexplained: Callable[[Trial], Sequence[Region]]
-    present: Callable[[Trial, Step], Step]
+    present: Callable[[Trial, Step, bool], Step]
     conclude: Callable[[Trial, Diagnosis], Diagnosis]
     reveal: Callable[[FitData, Terms, type[Term]], FitData]
     treatments: tuple[Treatment, ...]

@@ -70,5 +70,5 @@ def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
 
 def _present(trial: Trial, step: Step, is_final: bool) -> Step:
     """Return a step in the units of the user; a final model with an unexplained residual is marked as biased."""
-    step = trial.case.present(trial, step)
+    step = trial.case.present(trial, step, is_final)
     return replace(step, model=step.model.mark_biased()) if is_final and trial.unexplained else step

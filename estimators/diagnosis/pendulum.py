@@ -40,10 +40,14 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
 
 
-def present(trial: Trial, step: Step) -> Step:
-    """Return a step with all standard errors: of timing, angle, stops and torque constant; known values as given."""
+def present(trial: Trial, step: Step, is_final: bool) -> Step:
+    """Return a step with all standard errors: of timing, stops and torque constant; known values as given.
+
+    A final step has the error of the law of the angle as well.
+    """
     model = timing_error.widen_by_timing(step.model, trial.data, trial.evaluator.train)
-    model = stop_error.widen_ends(widen_by_law(model, trial.evaluator), trial.data.recordings)
+    model = widen_by_law(model, trial.evaluator) if is_final else model
+    model = stop_error.widen_ends(model, trial.data.recordings)
     model = add_torque_constant(model, trial.data.parts[0].data)
     return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
 

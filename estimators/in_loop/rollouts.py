@@ -177,7 +177,8 @@ class Rollouts:
     def creep_torque(self) -> float:
         """Return the standard deviation of the torque by which counts of the encoder help a joint over dry friction.
 
-        A controlled position is read up to half a count off, so that the torque lies anywhere between 0 and that much.
+        A controlled position is read up to half a count off. The torque [unit of the drive] is uniform between 0 and X,
+        that of half a count: the standard deviation is X/sqrt(12). Its mean X/2 remains as a bias of dry friction.
         """
         drives = [(recording.actuator, get_bus_voltage(recording)) for recording in self.recordings]
         stiffness = [np.mean(drive.scale(bus)) * drive.kp for drive, bus in drives if drive.acts_on_position]

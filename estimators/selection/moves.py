@@ -23,7 +23,7 @@ from estimators.weak_form.point import Point
 from pendulum_env.physics import Table, Term, has_link, has_stop, list_ids
 from pendulum_env.physics.terms import count_parameters, list_forms
 
-LINK_SHARE = 0.3  # of the friction, that a link has at first
+LINK_SHARE = 0.3  # of the friction, that a link has at first; fits to torque from 0.1, as in the loop, end elsewhere
 
 
 @dataclass(frozen=True)

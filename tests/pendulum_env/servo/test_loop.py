@@ -392,7 +392,7 @@ def test_torque_of_a_controller_at_the_begin_of_each_segment_is_that_of_its_spee
     position, seen, before = (0.8 * np.sin(4.0 * t + 2.0) for t in (time, looks, looks - 1.0 / rate))
     exact = -5.0 * seen - 0.1 * (seen - before) * rate
     still, rounded = np.zeros(time.size), count * np.round(position.ravel() / count)
-    moved = Recording(time.ravel(), rounded, still, reference=still, drive=drive, starts=np.array([0, 500]))
+    moved = Recording(time.ravel(), rounded, still, reference=still, drive=drive, starts=(0, 500))
     assert len(moved.segments) == 2
     error = compute_asked_torque(moved).reshape(exact.shape) - exact
     assert np.abs(error[:, :2]).max() < 0.1 * count * 500.0
