@@ -65,6 +65,9 @@ def select_recordings(
             raise TypeError(
                 f"{item.name}: is of {read_joints}, and the terms are of {term_joints}: give BASE, or arm_base(body)"
             )
+    names = {id(item) if isinstance(item, Recording) or is_data(item) else str(item) for item in sources}
+    if len(names) < len(sources):
+        raise ValueError("a recording is given twice: give each one once")
     if not recordings and not empty:
         raise ValueError("there is no recording to work on: give one or several")
     return tuple(r if r.time[0] == 0.0 else replace(r, time=r.time - r.time[0]) for r in recordings)

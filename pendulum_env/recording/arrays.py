@@ -86,7 +86,7 @@ def flatten_structures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
         for key, inner in value.items():
             yield from flatten_structures(f"{name}.{key}" if name else key, inner)
     elif isinstance(value, list) and len(value) > WIDEST and all(isinstance(row, dict) for row in value):
-        for key in value[0]:
+        for key in dict.fromkeys(key for row in value for key in row):  # rows may lack some
             yield from flatten_structures(
                 f"{name}.{key}", np.array([row.get(key, np.nan) for row in value], dtype=object)
             )

@@ -67,11 +67,11 @@ def refuse_counted_torque(values: Array, origin: Origin) -> None:
     if len(np.unique(finite)) > BOUNDS.whole:
         options = [
             _format_columns(origin.change_column("torque", **change))
-            for change in ({"unit": "mNm"}, {"factors": ("*0.001",)})
+            for change in ({"unit": "Nm"}, {"unit": "mNm"}, {"factors": ("*0.001",)})
         ]
         raise ColumnError(
-            f"torque has whole numbers alone, as a drive counts it: read column {column.header!r} with {options[0]}, "
-            f"or {options[1]} with the torque of a count [N m]"
+            f"torque has whole numbers alone, as a drive counts it: read column {column.header!r} with {options[0]} "
+            f"or {options[1]}, or {options[2]} with the torque of a count [N m]"
         )
 
 

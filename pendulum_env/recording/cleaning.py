@@ -13,6 +13,7 @@ from pendulum_env.recording.vocabulary import QUANTITIES
 
 OPTIONAL = QUANTITIES[3:]  # optional quantities
 TURN = 2 * np.pi  # [rad]
+ROWS = 5  # over which motion before a stand-still is measured
 HELD = ("torque", "enabled")  # quantities that are held until the next value
 
 
@@ -304,19 +305,48 @@ def _find_cuts(log: Log) -> Mask:
 
 
 def _find_stale_samples(q: Array, usual: float, cuts: Mask) -> Index:
-    """Return the samples of q (N,) that repeat the last one although the joint moves on, not before cuts (N - 1,)."""
+    """Return the samples of q (N,) that repeat the last one although the joint moves on, not before cuts (N - 1,).
+
+    A joint that moves before or after a stand-still, and jumps at its end, did not rest. The jump is compared with the
+    bends of motion alone, not of rest. Jumps of more than half a turn are left to `refuse_jumps`, since a wrapped angle
+    has them. If the step to the repeated value is a jump, too, the first sample of the run is also invalid.
+    """
     steps = np.diff(q)
     still = steps == 0
     turns = np.flatnonzero(np.diff(still, prepend=False, append=False))
     first, end = turns[::2], turns[1::2]  # steps of runs without motion
     inner = (first > 0) & (end < len(steps) - 1)
     first, end = first[inner], end[inner]
+    if not len(first):
+        return np.empty(0, dtype=np.intp)
     before, jump, after = steps[first - 1], steps[end], steps[end + 1]
     steady = 0.5 * (before + after)
     near = CLEANING.alike * np.abs(steady)
     stale = (np.abs(steady) >= CLEANING.moving * usual) & (np.abs(before - after) <= 2 * near)
     stale &= np.abs(jump / (end - first + 1) - steady) <= near
-    impossible = np.abs(jump) > np.maximum(CLEANING.far * usual, CLEANING.moving * np.abs(after))
-    stale |= impossible & (end - first > 1) & ~cuts[end]
-    runs = [np.arange(a + 1, b + 1) for a, b in zip(first[stale], end[stale], strict=True)]
+    bends = 0.5 * np.abs(np.diff(steps))[~(still[1:] & still[:-1])]
+    usual = max(usual, float(np.quantile(bends, 0.99)))
+    dropped = _is_impossible(before, steps[first - 2], usual) & (first > 1)
+    impossible = _is_impossible(jump, after, usual) & (end - first > 1) & ~cuts[end]
+    stale |= impossible & (_is_moving(q, first - dropped, -1, usual) | _is_moving(q, end + 1, 1, usual))
+    begin = np.where(dropped & impossible, first, first + 1)
+    runs = [np.arange(a, b + 1) for a, b in zip(begin[stale], end[stale], strict=True)]
     return np.concatenate([np.empty(0, dtype=np.intp), *runs])
+
+
+def _is_impossible(jump: Array, beside: Array, usual: float) -> Mask:
+    """Return whether jumps (M,) exceed the steps beside them (M,) and the usual bend, within half a turn."""
+    least = np.maximum(CLEANING.far * usual, CLEANING.moving * np.abs(beside))
+    return (np.abs(jump) > least) & (np.abs(jump) <= TURN / 2)
+
+
+def _is_moving(q: Array, at: Index, way: int, usual: float) -> Mask:
+    """Return whether the joint moves before samples of q (M,) with way -1, or after them with 1.
+
+    The travel over `ROWS` rows is compared with the next as many: a joint that comes to rest travels ever less.
+    """
+    last = len(q) - 1
+    near, next_, far = (q[np.clip(at + way * k * ROWS, 0, last)] for k in (0, 1, 2))
+    late, early = np.abs(near - next_), np.abs(next_ - far)
+    is_steady = (2 * late > early) & (CLEANING.moving * early > late) & ((near - next_) * (next_ - far) > 0)
+    return is_steady & (late > CLEANING.moving * usual)

@@ -57,6 +57,7 @@ ADDED = re.compile(
 )  # additions of programs to names
 VALUES = ("data", "value", "values")  # fields of a structure with samples
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
+CLOCKS = frozenset((*ALIASES["time"].split(), "in", "sim", "system"))  # words of the names of clocks
 QUOTED, LISTED = 40, 100  # characters of a header in a sentence, and of all together
 UNTOLD = Expression("")  # of a column that the user did not name
 NONE = "none"  # in place of a column: the quantity is omitted
@@ -324,9 +325,10 @@ def _find_positions(headers: Sequence[str], partner: FileColumn | None, unread: 
 
 
 def _find_clocks(headers: Sequence[str], dated: Collection[int], taken: Collection[int]) -> list[FileColumn]:
-    """Find columns of dates, or else those whose last word means time: `sim_time`, `system_time_ms`."""
+    """Find columns of dates, or else those of a clock by all words: `sim_time`, `system_time_ms`, not `cpu_time`."""
     of_dates = [FileColumn("time", headers[k].strip(), k, None) for k in dated if k not in taken]
-    return of_dates or [c for c in _read_all("time", headers, taken) if read_words(c.header).is_last]
+    read = [(column, read_words(column.header)) for column in _read_all("time", headers, taken)]
+    return of_dates or [column for column, one in read if one.is_last and one.label <= CLOCKS]
 
 
 def _find_fraction(seconds: FileColumn, headers: Sequence[str]) -> FileColumn | None:

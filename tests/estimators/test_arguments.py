@@ -55,6 +55,7 @@ WRONG = [
     *((lambda r, own=own: identify(r, own[0]), *own[1:]) for own in NO_TERMS),
     *((lambda r, own=own: diagnose(r, base=own[0]), *own[1:]) for own in NO_TERMS),
     *((lambda r, own=own: identify(r, schemes=own[0]), *own[1:]) for own in NO_SCHEMES),
+    (lambda r: identify([r, r]), ValueError, "a recording is given twice"),
     (lambda r: identify(r, bounds={"coulomb": 0.3}), TypeError, "give a dictionary, as in"),
     (lambda r: identify(r, bounds=["coulomb"]), TypeError, "give a dictionary, as in"),
     (lambda r: identify(r, fixed={"gravity": "2"}), TypeError, "give a dictionary, as in"),

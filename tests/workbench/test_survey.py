@@ -314,6 +314,14 @@ def test_the_command_writes_tables_of_diagnoses_and_of_a_damaged_file(recordings
     assert "2 recordings of 1 machine: 1 known from before, 0 diagnosed, 1 failed" in told
 
 
+def test_a_survey_of_failures_alone_fails(recordings, tmp_path, capsys):
+    (recordings / "elbow" / "2026-03-01.csv").unlink()
+    assert main(["survey", str(recordings), "-o", str(tmp_path / "out"), "--workers", "1"]) == 2
+    assert "no recording could be diagnosed" in capsys.readouterr().err
+    (row,) = pq.read_table(tmp_path / "out" / "survey.parquet").to_pylist()
+    assert row["error"].startswith("no column for torque")
+
+
 @pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_table(recordings, tmp_path, run_command):
     distributed = pytest.importorskip("distributed")

@@ -284,6 +284,13 @@ def test_a_current_that_no_joint_draws_is_asked_for_its_unit(told: str) -> None:
     assert read_recording(log, columns={"torque": "current*0.1"}).torque.max() == pytest.approx(160, rel=1e-3)
 
 
+def test_a_torque_of_whole_newton_metres_is_read_by_its_unit() -> None:
+    log = {"time": TIME, "angle": ANGLE, "torque": np.round(150 * np.cos(TIME))}
+    with pytest.raises(RecordingError, match="torque:Nm"):
+        read_recording(log)
+    np.testing.assert_array_equal(read_recording(log, columns={"torque": "torque:Nm"}).torque, log["torque"])
+
+
 def test_whole_numbers_that_jump_are_counts() -> None:
     counts = np.round(16384 * (TIME / 3 % 1.0))
     with pytest.raises(RecordingError, match="position=angle:counts/4096") as refusal:

@@ -147,6 +147,16 @@ def test_rows_and_columns_of_json(tmp_path: Path, name: str, make: Callable[[lis
     np.testing.assert_allclose(recording.torque, s["torque"])
 
 
+def test_rows_of_json_may_lack_a_value(tmp_path: Path) -> None:
+    names = ("time", "position", "torque")
+    rows = [dict(zip(names, row, strict=True)) for row in zip(*(signals()[n].tolist() for n in names), strict=True)]
+    del rows[0]["torque"]
+    (tmp_path / "run.json").write_text(json.dumps(rows))
+    recording = read_recording(tmp_path / "run.json")
+    np.testing.assert_allclose(recording.torque, signals()["torque"][1:])
+    assert "torque is empty or NaN in data row 1: left out" in list_notes(recording)
+
+
 # Excel
 
 

@@ -166,6 +166,38 @@ def test_a_jump_after_rest_at_the_seam_of_two_runs_is_no_frozen_value() -> None:
     assert recording.starts == (0, 5000)
 
 
+def test_a_dropout_is_left_out_with_its_first_sample(columns) -> None:
+    truth, gone = columns["position"].copy(), np.arange(3050, 3070)
+    columns["position"][gone] = 0.0
+    recording = read_recording(columns)
+    np.testing.assert_array_equal(recording.position, np.delete(truth, gone))
+    assert recording.starts == (0, 3050)
+
+
+@pytest.mark.parametrize("count", [COUNT, 1e-12])
+def test_rest_before_a_slip_in_a_coarse_log_is_true(count: float) -> None:
+    time = np.arange(4000) / 20
+    position = -np.cos(np.pi * np.minimum(time, 150.0) / 25)  # moves, then rests between slips
+    for slip in (3200, 3500, 3700):
+        position[slip:] += 0.3
+        position[slip + 1 :] += 0.02
+    columns = {"time": time, "position": count * np.round(position / count), "torque": np.cos(time)}
+    recording = read_recording(columns, columns={"position": "position:rad"})
+    assert recording.notes == ()
+    np.testing.assert_array_equal(recording.position, columns["position"])
+
+
+@pytest.mark.parametrize(("rate", "held", "turn"), [(100, 1, 64), (100, 1, 256), (500, 5, 2**20), (1000, 5, 2**20)])
+def test_an_angle_that_repeats_before_its_wrap_is_no_frozen_value(rate: int, held: int, turn: int) -> None:
+    time = np.arange(20 * rate) / rate
+    turns = np.repeat((8 * time if held > 1 else time)[::held], held)
+    position = 2 * np.pi / turn * np.round(turns * turn / (2 * np.pi))
+    columns = {"time": time, "position": np.angle(np.exp(1j * position)), "torque": np.cos(time)}
+    with pytest.raises(RecordingError, match="as an angle wrapped at 2 pi does"):
+        read_recording(columns)
+    assert read_recording(columns, unwrap=True).starts == (0,)
+
+
 def test_what_joints_do_is_no_glitch() -> None:
     time = np.arange(5000) / 1000
     resting = np.where(time % 1 < 0.5, np.sin(np.pi * (time % 1) / 0.5), 0.0)  # moves, stops, and rests
