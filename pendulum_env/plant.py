@@ -73,7 +73,7 @@ def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
     return {name: values[name] * float(rng.uniform(0.8, 1.5)) for name in linear} | nonlinear
 
 
-def hide_effect(plant: Model, text: str) -> Model:
+def hide(plant: Model, text: str) -> Model:
     """Add an effect, given as text, to a plant.
 
     `stribeck` has its typical size, `stribeck=0.4,0.3` sets the parameters in order, and `cogging:order=14,sin=0.2` by
@@ -162,7 +162,7 @@ def _parse_number(part: str, text: str) -> float:
 
 
 def list_effects(effects: Effects) -> tuple[str, ...]:
-    """Convert effects to texts for `hide_effect`.
+    """Convert effects to texts for `hide`.
 
     Args:
         effects: a text such as `stribeck=0.4`, several texts, sizes by id `{"stribeck": 0.4}`, parameters by id and
@@ -218,5 +218,5 @@ def make_plant(
     else:
         plant = paper_plant(theta)
     for text in list_effects(effects):
-        plant = hide_effect(plant, text)
+        plant = hide(plant, text)
     return plant

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model, Term, list_nameable
-from pendulum_env.plant import hide_effect, paper_plant, read_parameters
+from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import MAX_NUMBER, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import TOLD
@@ -65,7 +65,7 @@ def convert_number(low: float, high: float = MAX_NUMBER) -> Callable[[str], floa
 
 
 def _parse_hidden_effect(text: str) -> str:
-    hide_effect(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # without the joint, which is checked later
+    hide(paper_plant(), re.sub("@[^=:]*", "", text, count=1))  # without the joint, which is checked later
     return text
 
 
@@ -284,5 +284,5 @@ def make_plant(arguments: argparse.Namespace) -> Model:
     """Make the plant of the options with its hidden effects; raises ModelError if an effect is hidden twice."""
     plant: Model = arguments.theta or paper_plant()
     for text in arguments.effects:
-        plant = hide_effect(plant, text)
+        plant = hide(plant, text)
     return plant

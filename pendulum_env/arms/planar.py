@@ -17,7 +17,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.joints import FRICTION, parse_effect
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin
-from pendulum_env.plant import PAPER, Effects, hide_effect, list_effects
+from pendulum_env.plant import PAPER, Effects, hide, list_effects
 from pendulum_env.recording.study import GRAVITY
 
 
@@ -75,7 +75,7 @@ def make_joint_models(
         place = re.split("[=:]", text, maxsplit=1)[0]
         kind, joint = parse_effect(place, names, sliding=sliding)
         at = list(names).index(joint)
-        models[at] = hide_effect(models[at], kind.id + text[len(place) :])
+        models[at] = hide(models[at], kind.id + text[len(place) :])
     return tuple(models)
 
 

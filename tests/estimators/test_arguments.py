@@ -9,7 +9,7 @@ from pendulum_env.backends import record
 from pendulum_env.errors import UserError
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError
-from pendulum_env.plant import hide_effect, make_plant
+from pendulum_env.plant import hide, make_plant
 from pendulum_env.recording import RecordingError, read_recording, write_recording
 from workbench.narrator import describe
 from workbench.report import write_report
@@ -72,7 +72,7 @@ WRONG = [
     (lambda r: add(MODEL, Gravity, r), TypeError, "an effect is added by its id"),
     (lambda r: add(MODEL, "stribek", r), ValueError, "did you mean stribeck"),
     (
-        lambda r: add(hide_effect(make_plant(), "stribeck"), "stribeck", r),
+        lambda r: add(hide(make_plant(), "stribeck"), "stribeck", r),
         ModelError,
         "the model has 'stribeck' already",
     ),

@@ -16,7 +16,7 @@ from pendulum_env.backends.simulator import SteppedBody
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
 from pendulum_env.physics.simulation import TorqueBalance
-from pendulum_env.plant import PAPER, hide_effect, paper_plant
+from pendulum_env.plant import PAPER, hide, paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.terms import Clipped, Table
 
@@ -67,7 +67,7 @@ def free() -> np.ndarray:
 
 @pytest.mark.parametrize("effect", [None, *effects()])
 def test_every_effect_moves_every_engine_as_it_moves_the_model(effect):
-    model = paper_plant() if effect is None else hide_effect(paper_plant(), SOONER.get(effect, effect))
+    model = paper_plant() if effect is None else hide(paper_plant(), SOONER.get(effect, effect))
     expected = model.simulate(1e-3, TORQUE, 0.0, 0.0).position[:, 0]
     assert effect is None or np.std(expected - free()) > 4e-3
     for name, (run, error) in ENGINES.items():

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from pendulum_env.env import DirectDrivePendulum
 from pendulum_env.excitation import excitation
-from pendulum_env.plant import hide_effect, paper_plant
+from pendulum_env.plant import hide, paper_plant
 from pendulum_env.policy import OpenLoop, rollout
 from pendulum_env.recording import RecordingError, write_recording
 from pendulum_env.registration import PENDULUM
@@ -158,7 +158,7 @@ def test_replay_plays_the_recording_and_says_that_it_ignores_the_action(file):
 
 
 def test_an_identified_model_can_be_the_plant(tmp_path):
-    plant = hide_effect(paper_plant({"inertia": 0.2}), "cogging=0.3,0.1,12")
+    plant = hide(paper_plant({"inertia": 0.2}), "cogging=0.3,0.1,12")
     plant.save(tmp_path / "model.json")
     torque = paper_torque(0.5)
     by_file = positions(gym.make(PENDULUM, model=tmp_path / "model.json"), torque)

@@ -4,7 +4,7 @@ import gymnasium as gym
 import pytest
 
 from pendulum_env.physics import Model, effects
-from pendulum_env.plant import get_typical_values, hide_effect, make_plant, paper_plant, read_parameters
+from pendulum_env.plant import get_typical_values, hide, make_plant, paper_plant, read_parameters
 from pendulum_env.registration import PENDULUM
 
 
@@ -14,13 +14,13 @@ def test_values_in_order_by_name_and_typical_agree():
     assert usual == {"sin": 0.15, "cos": 0.1, "order": 12.0} | none
     plant = paper_plant()
     alone, ordered, named = (
-        hide_effect(plant, "cogging"),
-        hide_effect(plant, "cogging=0.15,0.1"),
-        hide_effect(plant, "cogging:order=12"),
+        hide(plant, "cogging"),
+        hide(plant, "cogging=0.15,0.1"),
+        hide(plant, "cogging:order=12"),
     )
     assert alone == ordered == named
-    assert hide_effect(plant, "cogging=0.2,0.3,14") == hide_effect(plant, "cogging:order=14,sin=0.2, cos=0.3")
-    several = hide_effect(plant, "cogging:order=7,order_2=28,sin_2=0.03").estimates
+    assert hide(plant, "cogging=0.2,0.3,14") == hide(plant, "cogging:order=14,sin=0.2, cos=0.3")
+    several = hide(plant, "cogging:order=7,order_2=28,sin_2=0.03").estimates
     assert [several[f"cogging.{name}"].value for name in ("order", "order_2", "sin_2")] == [7, 28, 0.03]
 
 
@@ -42,7 +42,7 @@ def test_values_in_order_by_name_and_typical_agree():
 )
 def test_text_that_makes_no_effect_is_refused(text, match):
     with pytest.raises(ValueError, match=match):
-        hide_effect(paper_plant(), text)
+        hide(paper_plant(), text)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_text_that_makes_no_effect_is_refused(text, match):
     ],
 )
 def test_a_mapping_sets_sizes_or_parameters_of_effects(mapping, text):
-    plant = hide_effect(paper_plant(), text)
+    plant = hide(paper_plant(), text)
     assert make_plant(effects=mapping) == make_plant(effects=text) == make_plant(effects=[text]) == plant
     assert gym.make(PENDULUM, effects=mapping).unwrapped.model == plant
     assert gym.make_vec(PENDULUM, num_envs=2, effects=mapping).model == plant
@@ -68,9 +68,9 @@ def test_effects_of_another_kind_are_refused(given):
 
 
 def test_a_stop_may_be_left_out():
-    plant = hide_effect(paper_plant(), "hard_stop:upper=0.9,lower=-inf")
+    plant = hide(paper_plant(), "hard_stop:upper=0.9,lower=-inf")
     assert "hard_stop.lower" not in plant.estimates
-    assert plant == hide_effect(paper_plant(), "hard_stop=40,-inf,0.9")
+    assert plant == hide(paper_plant(), "hard_stop=40,-inf,0.9")
     assert Model.from_json(plant.json()) == plant
 
 

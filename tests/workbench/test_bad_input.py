@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pendulum_env.plant import hide_effect, paper_plant
+from pendulum_env.plant import hide, paper_plant
 from workbench.cli import main
 from workbench.errors import LONGEST, InputError, format_mistake
 
@@ -110,7 +110,7 @@ def folder(tmp_path, monkeypatch):
     Path("run.csv").write_text("this is a letter\nand no recording\n")
     Path("table.csv").write_text("file\n\0\n")
     Path("empty").mkdir()
-    hide_effect(paper_plant(), "cogging").save("model.json")
+    hide(paper_plant(), "cogging").save("model.json")
     Path("none.json").write_text(json.dumps({**MODEL, "terms": []}))
 
 

@@ -13,7 +13,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import Column, Model, Term, effects
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.table import Extent, TorqueByAngle
-from pendulum_env.plant import PAPER, hide_effect, paper_plant
+from pendulum_env.plant import PAPER, hide, paper_plant
 from pendulum_env.units import JointUnits
 from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
@@ -39,7 +39,7 @@ class Magnet(Term):
 def plant(*hidden: str) -> Model:
     model = paper_plant()
     for text in hidden:
-        model = model.add(TABLE(), 0.1) if text == "table" else hide_effect(model, text)
+        model = model.add(TABLE(), 0.1) if text == "table" else hide(model, text)
     return model
 
 

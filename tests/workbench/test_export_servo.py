@@ -7,7 +7,7 @@ import pytest
 
 from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.plant import hide_effect, paper_plant
+from pendulum_env.plant import hide, paper_plant
 from pendulum_env.servo import ServoDrive
 from pendulum_env.servo.loop import Servos, simulate_servos
 from tests.workbench.exported import compute_error, load_module, simulate_in_mujoco
@@ -37,7 +37,7 @@ DRIVES = {
 def joint(*hidden: str) -> Model:
     model = paper_plant(PLANT)
     for text in hidden:
-        model = model.add(BackEmf(), [0.05]) if text == "back-EMF" else hide_effect(model, text)
+        model = model.add(BackEmf(), [0.05]) if text == "back-EMF" else hide(model, text)
     return model
 
 

@@ -17,7 +17,7 @@ from estimators.weak_form.windows import cut
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Model, simulate
-from pendulum_env.plant import hide_effect, paper_plant
+from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording
 from tests.cases import PLANT, TRUTH, recorded
 from workbench.narrator.diagnosis import describe_result
@@ -101,7 +101,7 @@ def test_slow_sampling_lowers_the_filters_and_says_so():
 
 def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_nothing():
     """Friction that has a peak near rest: each scheme takes it for something else."""
-    plants = {"whole": paper_plant(), "lacking": hide_effect(paper_plant(), "stribeck=0.45")}
+    plants = {"whole": paper_plant(), "lacking": hide(paper_plant(), "stribeck=0.45")}
     runs = {name: record(plant, excitation("paper", 1), 15, rng=1) for name, plant in plants.items()}
     found = {name: identify(run) for name, run in runs.items()}
     assert Kind.INCOMPLETE not in {one.kind for one in found["whole"].findings}

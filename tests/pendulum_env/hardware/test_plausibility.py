@@ -10,7 +10,7 @@ from pendulum_env.backends.hardware.config import PlantRanges
 from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
 from pendulum_env.excitation import EXCITATIONS, excitation
 from pendulum_env.physics.simulation import simulate
-from pendulum_env.plant import hide_effect, paper_plant
+from pendulum_env.plant import hide, paper_plant
 
 STEP = 2 * math.pi / 1_024_000  # [rad]
 NOISE = {500.0: 5e-5, 250.0: 5e-5, 100.0: 3e-4}  # [s] of a reading's time, by rate [Hz]
@@ -57,7 +57,7 @@ def runs(rate, gain=1.0, names=NAMES, amplitudes=None, spread=0.0, effect=None):
         ],
         axis=1,
     )
-    plant = paper_plant() if effect is None else hide_effect(paper_plant(), effect)
+    plant = paper_plant() if effect is None else hide(paper_plant(), effect)
     batch = command.shape[1]
     theta = plant.theta[:, None] * rng.uniform(1 - spread, 1 + spread, (len(plant.theta), batch))
     acting = command * np.where(time < BEGIN, 1.0, gain)[:, None]

@@ -15,7 +15,7 @@ from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.simulation import TorqueBalance, prepare_step, step
 from pendulum_env.physics.symbols import make_symbol, make_symbols
 from pendulum_env.physics.term import _compile_advance, trace_variants
-from pendulum_env.plant import hide_effect, paper_plant
+from pendulum_env.plant import hide, paper_plant
 from tests.terms import Clipped, Table
 
 H, LANES = np.array([1e-3, 0.7e-3, 0.9e-3]), 3
@@ -106,7 +106,7 @@ def stepped(model, torque, load) -> np.ndarray:
 
 @pytest.mark.parametrize("id", [id for id in effects() if id != "dead_time"])
 def test_every_effect_moves_under_a_load_as_its_own_step_says(id):
-    model, load = hide_effect(paper_plant(), id), KnownLoad(0.02, 0.5)  # without one: see test_engines.py
+    model, load = hide(paper_plant(), id), KnownLoad(0.02, 0.5)  # without one: see test_engines.py
     torque = 4.0 * np.random.default_rng(0).standard_normal((150, LANES)).cumsum(axis=0) / 8
     step = prepare_step(model.terms, True, H).step
     assert step is not None, "a function of the law is not in UNARY and BINARY of pendulum_env/physics/symbols.py"

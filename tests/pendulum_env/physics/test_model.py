@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.physics import BASE, Estimate, Model, ModelError, Samples, effect, effects
-from pendulum_env.plant import hide_effect, make_plant, paper_plant
+from pendulum_env.plant import hide, make_plant, paper_plant
 
 EVERYTHING = sorted(effects())
 
@@ -15,7 +15,7 @@ def everything() -> Model:
     """The paper's pendulum with every effect of the library."""
     model = paper_plant()
     for id in EVERYTHING:
-        model = hide_effect(model, id)
+        model = hide(model, id)
     return model
 
 
@@ -32,7 +32,7 @@ def test_a_model_with_all_effects_keeps_values_errors_units_and_order(tmp_path):
 
 
 def test_torque_is_the_sum_over_columns_and_laws_without_a_parameter():
-    model = hide_effect(hide_effect(paper_plant(), "quadratic_drag=0.03"), "torque_saturation=6")
+    model = hide(hide(paper_plant(), "quadratic_drag=0.03"), "torque_saturation=6")
     rng = np.random.default_rng(0)
     t, q, v, u, a = rng.standard_normal((5, 40))
     inertia, gravity, viscous, coulomb, _ = model.theta
@@ -54,7 +54,7 @@ def test_adding_a_term_leaves_the_model_as_it_was_and_works_once():
 
 def edited(**changes: object) -> dict:
     """JSON of a model, some of it replaced."""
-    return {**hide_effect(paper_plant(), "stribeck").json(), **changes}
+    return {**hide(paper_plant(), "stribeck").json(), **changes}
 
 
 def with_theta(**entries: object) -> dict:
@@ -66,7 +66,7 @@ def with_theta(**entries: object) -> dict:
 
 def shaped(id: str, shape: str, value: float) -> dict:
     """JSON of a model with an effect, a nonlinear parameter of which is another."""
-    data = hide_effect(paper_plant(), id).json()
+    data = hide(paper_plant(), id).json()
     data["theta"].setdefault(f"{id}.{shape}", {})["value"] = value
     return data
 

@@ -7,7 +7,7 @@ import pytest
 
 from pendulum_env.physics import BASE, Coulomb, Inertia, Samples, Term, effect, effects, simulate
 from pendulum_env.physics.term import zero
-from pendulum_env.plant import hide_effect, paper_plant
+from pendulum_env.plant import hide, paper_plant
 from tests.runge_kutta import Law, simulate_stick_slip
 
 THETA = (0.09, 2.0, 0.35, 0.8)  # inertia, gravity, viscous, coulomb
@@ -134,7 +134,7 @@ def has_energy(id: str) -> bool:
 
 @pytest.mark.parametrize("id", ["base", *filter(has_energy, effects())])
 def test_work_of_the_torque_is_stored_or_dissipated_by_the_energy_forms_of_the_columns(id):
-    model = paper_plant() if id == "base" else hide_effect(paper_plant(), id)
+    model = paper_plant() if id == "base" else hide(paper_plant(), id)
     period = 1e-3
     torque = two_tones(2.0, period)
     path = simulate(model.terms, model.theta, period, torque, 0.3, 0.0)
@@ -167,7 +167,7 @@ def test_a_joint_at_rest_stays_exactly_where_it_is_while_friction_can_hold_it(pu
 
 @every_effect
 def test_a_batch_of_pendulums_and_parameters_is_each_one_by_one(id):
-    model = hide_effect(paper_plant(), id)
+    model = hide(paper_plant(), id)
     rng = np.random.default_rng(0)
     theta = model.theta[:, None] * rng.uniform(0.8, 1.25, (len(model.theta), 3))
     torque = two_tones(0.3, 2e-3)[:, None] + rng.uniform(-1, 1, 3)
@@ -180,7 +180,7 @@ def test_a_batch_of_pendulums_and_parameters_is_each_one_by_one(id):
 
 @every_effect
 def test_no_parameters_however_wild_make_a_simulation_return_nan(id):
-    model = hide_effect(paper_plant(), id)
+    model = hide(paper_plant(), id)
     rng = np.random.default_rng(2)
     wild = model.theta[:, None] * 10 ** rng.uniform(-3, 3, (len(model.theta), 60)) * rng.choice([-1, 1], 60)
     wild[:, :20] = rng.standard_normal((len(wild), 20)) * 1e3

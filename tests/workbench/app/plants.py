@@ -11,7 +11,7 @@ from estimators.progress import no_progress
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
-from pendulum_env.plant import hide_effect, paper_plant
+from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import Recording, Source, write_recording
 from workbench.cli import main
 
@@ -21,9 +21,7 @@ def record_pendulum(
 ) -> Recording:
     """A pendulum that hides an effect."""
     rng = np.random.default_rng(seed)
-    return record(
-        hide_effect(paper_plant(), effect), excitation("paper", rng, seconds), seconds, rate, rng=rng, name=name
-    )
+    return record(hide(paper_plant(), effect), excitation("paper", rng, seconds), seconds, rate, rng=rng, name=name)
 
 
 def write_source(recording: Recording, folder: Path, held_out: bool = False) -> Source:
