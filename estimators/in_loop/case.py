@@ -30,7 +30,7 @@ from pendulum_env.recording import Recording
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
     """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
 
-    An effect has to explain at least `LOOP.needed` of the residual.
+    An effect must explain at least the share `LOOP.needed` of the residual.
     """
     data = FitData.from_recordings(recordings, holdout, setting.base)
     base = make_base(data.recordings, setting.base)
@@ -45,7 +45,7 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     """Make the evaluator of models on rollouts; parameters of the fitted rows predict the held-out ones.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion to begin with.
+        IdentificationError: if the recordings have too little motion.
     """
     fitted, held_out = data.recordings, data.holdout or data.recordings
     train_part, check_part = choose_parts(data.holdout)

@@ -1,9 +1,9 @@
-"""Decide how the controllers of a log act where their description leaves it open.
+"""Decide the undeclared conventions of the controllers of a log.
 
-Controllers add the error of a turn to their integral before or after they compute the output, and differ in what the
-integral does while the output is at its limit. The derivative part acts on the measured velocity, or on the derivative
-of the error. Each convention is fitted by the base model. The first one, in the order of the choices of a drive, that
-no other predicts significantly better is taken.
+Controllers update their integral before or after they compute the output, and treat it differently while the output is
+at its limit. The derivative part acts on the measured velocity, or on the derivative of the error. Each convention is
+fitted by the base model. The first convention, in the order of the choices of a drive, is taken that no other predicts
+significantly better.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import list_open_conventions
 
-SAME = 1e-3  # [nat], below which two conventions give one motion: the output does not reach its limit
+SAME = 1e-3  # [nat], smaller gains mean equal motion: the output does not reach its limit
 
 
 def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE) -> Finding | None:
@@ -44,7 +44,7 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
     torque = RegressionData.from_recordings(recordings, part=part).torque
     rollouts = [Rollouts(variant, FINE, shares=part) for variant in variants]
     fits: dict[int, LinearErrors] = {}
-    for _ in range(3):  # a wrong convention leads a fit astray, and others begin where it ended
+    for _ in range(3):  # a fit under a wrong convention may end far off, and others start from it
         for k, simulated in enumerate(rollouts):
             rows = RolloutRows(simulated, torque)
             if fits:

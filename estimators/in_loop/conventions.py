@@ -1,6 +1,6 @@
-"""Decide the conventions that a log of a servo leaves open: how its controller acts, and how goals run between rows.
+"""Decide undeclared conventions of a servo's log: how its controller acts, and how goals change between rows.
 
-Every command that uses a described servo takes its recordings from here, so that all have the same torque and motion.
+All commands for servos with a drive use these recordings, and so the same torque and motion.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Recordings = tuple[Recording, ...]
 
 
 class Conventions(NamedTuple):
-    """Recordings to fit and to hold out whose drives leave nothing open, and findings on what was decided."""
+    """Fitted and held-out recordings with all conventions decided, and findings on these decisions."""
 
     recordings: Recordings
     holdout: Recordings
@@ -33,14 +33,14 @@ class Conventions(NamedTuple):
 def decide_conventions(
     recordings: Sequence[Recording], holdout: Sequence[Recording] = (), base: Sequence[Term] = BASE
 ) -> Conventions:
-    """Decide once, by the base model and the fitted recordings, what the drives of all recordings leave open.
+    """Decide the undeclared conventions of all drives by fits of the base model to the fitted recordings.
 
-    Recordings without a drive stay as they are. Position control, velocity control and each shaft of the encoder are
-    decided apart. A convention that one drive declares, or that is decided, holds for all others of its kind. A kind
-    without fitted recordings is decided by its held-out ones.
+    Recordings without a drive stay as they are. The kinds of drives, by controlled quantity and shaft of the encoder,
+    are decided separately. A convention that one drive declares, or that is decided, holds for all drives of its kind.
+    A kind without fitted recordings is decided by its held-out ones.
 
     Raises:
-        IdentificationError: if there is too little motion.
+        IdentificationError: if the recordings have too little motion.
         RecordingError: if the drives of one kind cannot be simulated together.
     """
     every, count = [*recordings, *holdout], len(recordings)
@@ -58,9 +58,9 @@ def decide_conventions(
 
 
 def _group_by_loop(recordings: Sequence[Recording]) -> list[list[int]]:
-    """Return the indices of the recordings whose drives control the same quantity with encoders at the same shaft.
+    """Group the indices of recordings by the controlled quantity and the shaft of the encoder.
 
-    Recordings without a drive are one more group.
+    Recordings without a drive are another group.
     """
     kinds = [None if r.drive is None else (r.drive.control, r.drive.encoder) for r in recordings]
     return [[k for k, other in enumerate(kinds) if other == kind] for kind in dict.fromkeys(kinds)]
@@ -69,7 +69,7 @@ def _group_by_loop(recordings: Sequence[Recording]) -> list[list[int]]:
 def _decide_together(
     recordings: Sequence[Recording], holdout: Sequence[Recording], base: Sequence[Term]
 ) -> Conventions:
-    """Decide what drives leave open that control the same quantity and have their encoders at the same shaft."""
+    """Decide undeclared conventions of drives with the same controlled quantity and shaft of the encoder."""
     parts = tuple(recordings), tuple(holdout)
     if not are_driven(recordings):
         return Conventions(*parts, ())
@@ -81,7 +81,7 @@ def _decide_together(
     recordings, holdout = (_apply_finding(part_recordings, controller) for part_recordings in opened)
     goals = read_goals(recordings, base, part)
     is_held = goals is None or goals.kind is Kind.GOALS_HELD
-    if controller is not None and not is_held:  # was read with held goals, whose error hides that of a controller
+    if controller is not None and not is_held:  # held goals were wrong, and their error hides that of a controller
         controller = read_controller(with_goals(opened[0], is_held), base, part)
         recordings, holdout = (_apply_finding(part_recordings, controller) for part_recordings in opened)
     if goals is not None and any(r.drive is not None and r.drive.goal for r in holdout):
@@ -92,9 +92,9 @@ def _decide_together(
 
 
 def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, str]) -> Recordings:
-    """Return the recordings with the conventions of the log format of a model, where all their drives leave them open.
+    """Apply the log format of a model to recordings, for conventions that no drive declares.
 
-    The convention of a controller that one drive declares holds for all others of its kind, see `decide_conventions`.
+    A convention of the controller that one drive declares holds for all of its kind, see `decide_conventions`.
     """
     applied = list(recordings)
     for numbers in _group_by_loop(recordings):
@@ -107,9 +107,9 @@ def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, 
 
 
 def complete_conventions(recordings: Sequence[Recording], model: Model) -> Recordings:
-    """Return the recordings with the conventions of a model, or else those that a diagnosis would find.
+    """Complete the conventions of recordings by those of a model, and the others as a diagnosis does.
 
-    Goals of a joint that moves too little for the decision are held.
+    Goals are held if the joint moves too little for the decision.
     """
     recordings = apply_conventions(recordings, model.log_format)
     try:
@@ -119,13 +119,13 @@ def complete_conventions(recordings: Sequence[Recording], model: Model) -> Recor
 
 
 def has_open_torque(recordings: Sequence[Recording]) -> bool:
-    """Return whether the torque of a recording is what its drive asked for, and depends on conventions."""
+    """Return whether the torque of a recording is that requested by its drive, and depends on conventions."""
     drives = [r.actuator for r in recordings if not r.has_logged_torque]
     return any(depends_on_past(drive) or drive.open_conventions for drive in drives)
 
 
 def _apply_settings(recordings: Sequence[Recording], settings: Mapping[str, str | None]) -> Recordings:
-    """Return the recordings with conventions of the controller, and the torque that their drives ask for then."""
+    """Apply conventions of the controller to recordings; the requested torque is computed again."""
     return tuple(
         r if r.drive is None else replace_drive(r, drive)
         for r in recordings
@@ -134,5 +134,5 @@ def _apply_settings(recordings: Sequence[Recording], settings: Mapping[str, str 
 
 
 def _apply_finding(recordings: Sequence[Recording], controller: Finding | None) -> Recordings:
-    """Return the recordings with the conventions of a finding of `read_controller`, if there is one."""
+    """Apply the conventions of a finding of `read_controller` to recordings; None has no conventions."""
     return _apply_settings(recordings, {} if controller is None else dict(controller.pairs))

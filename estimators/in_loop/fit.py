@@ -1,10 +1,9 @@
 """Maximum-likelihood fits of whole rollouts by Gauss-Newton.
 
-Errors of a rollout last for seconds, and some are large, where a servo sticks elsewhere than its model. Their density
-is that of a hyperbolic secant, sech(pi e / 2 s) / 2 s, which is normal in the middle and exponential in its tails. No
-error is left out, and a large error counts as in the mean distance by which servos are compared. One scale s serves all
-recordings of a servo. (The score of a search, which compares blocks of fitted models, keeps Student's t, under which no
-block decides by itself.)
+Errors of a rollout last for seconds. Some are large, because a servo sticks at another position than its model. Their
+density is that of a hyperbolic secant, sech(pi e / 2 s) / 2 s: normal in the middle, exponential in its tails. No error
+is left out. A large error counts by its absolute value, as in the mean distance that compares servos. One scale s
+serves all recordings of a servo. The score of a search uses Student's t, which limits the weight of a single block.
 
 Source: Fischer, Generalized Hyperbolic Secant Distributions, 2014.
 """
@@ -29,31 +28,31 @@ from pendulum_env.physics.term import zero
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """Numbers of fits in the loop, and of a search by such fits."""
+    """Settings of fits in the loop and of searches that use them."""
 
-    turns: int = 30  # largest number
-    dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps of each turn
-    difference: float = 1e-2  # of a parameter, for derivatives
-    secants: tuple[float, ...] = (0.2, 0.06)  # one after the other, to either side, over many local minima
-    starts: int = 4  # of a link, from the likeliest values of the parameter with many local minima,
-    shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # of the inertia at first,
-    stiffnesses: tuple[float, ...] = (1.0, 2.5)  # and factors of its resonance, as torque favours a soft contact
-    link_friction: tuple[float, ...] = (0.1, 0.02)  # of dry and viscous friction, that a link has at first
-    promising: float = 0.05  # of the squared error, that a link explains from its likeliest start, else it has no other
-    leap: float = 1.0  # of a parameter, the largest step of any
-    polls: int = 5  # times that each parameter is tried by itself,
-    poll: tuple[float, ...] = (0.1, 0.4)  # and shares by which it is moved
-    enough: float = 0.3  # [nat], gain of a turn at which a fit ends,
-    roughly: float = 0.05  # or share of what it has gained so far, where models are only compared
-    scales: int = 20  # turns of Newton's method for a scale at most, until
-    settled: float = 1e-7  # is its largest relative change
-    typical: float = 0.05  # of the torque, a size at which a parameter matters
-    hopeless: float = 15.0  # [nat], gain that linear equations foresee, below which a single turn says enough
-    seldom: float = 200.0  # [Hz], at which a slow controller looks at its encoder
-    scale: float = 0.1  # that logged torque may differ from what the drive asks for, without a word
-    faithful: float = 2.0  # error of a model in the loop over that of the encoder, below which goals are read rightly
-    needed: float = 0.3  # of what the others leave, that an effect has to explain: a small error sticks elsewhere
-    dominant: float = 0.75  # of a link beside a rest: its states imitate those of another controller
+    turns: int = 30  # largest number of iterations of a fit
+    dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps in each iteration
+    difference: float = 1e-2  # step for derivatives, relative to the parameter
+    secants: tuple[float, ...] = (0.2, 0.06)  # their relative lengths, in sequence, over many local minima
+    starts: int = 4  # largest number of starts of a link, at the likeliest values of its profiled parameter
+    shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # shares of the inertia in the starts of a link
+    stiffnesses: tuple[float, ...] = (1.0, 2.5)  # factors of its resonance; a fit of torque prefers a soft contact
+    link_friction: tuple[float, ...] = (0.1, 0.02)  # shares of dry and viscous friction in the starts of a link
+    promising: float = 0.05  # share of the squared error that the first start must explain before others are tried
+    leap: float = 1.0  # largest step of a parameter, relative to its size
+    polls: int = 5  # largest number of polls, which try steps of single parameters
+    poll: tuple[float, ...] = (0.1, 0.4)  # lengths of these steps, relative to the parameter
+    enough: float = 0.3  # [nat], a fit ends at a smaller gain of an iteration,
+    roughly: float = 0.05  # or at this share of its gain so far if models are only compared
+    scales: int = 20  # largest number of Newton iterations for an error scale
+    settled: float = 1e-7  # relative change of an error scale that has converged
+    typical: float = 0.05  # share of the RMS torque at which a parameter matters
+    hopeless: float = 15.0  # [nat], gain of the linear fit below which one iteration suffices
+    seldom: float = 200.0  # [Hz], assumed rate of a slow controller
+    scale: float = 0.1  # relative difference of logged and requested torque that is reported
+    faithful: float = 2.0  # error of a model over that of the encoder, below which the reading of the goals is kept
+    needed: float = 0.3  # share of the squared error that an effect must explain; sticking alone changes the error
+    dominant: float = 0.75  # the same for a link if the residual is not noise: a link imitates another controller
 
 
 LOOP = LoopSettings()
@@ -121,8 +120,8 @@ class LinearErrors:
 def compute_parameter_sizes(point: Point, typical: Array) -> Array:
     """Return the size of each free parameter, to which its changes are relative (P + S,).
 
-    It is the absolute value; of a linear parameter at least its typical size (P,). Beside a play, that of a mass is at
-    most the largest one: secants would make the inertia less than that of the link.
+    It is the absolute value; for a linear parameter, it is at least the typical size (P,). With a play, the typical
+    size of a mass is limited to the largest mass; otherwise secants make the inertia less than that of the link.
     """
     values = np.abs(point.values)
     count = len(point.theta)
@@ -144,8 +143,8 @@ def linearise_errors(
 ) -> LinearErrors:
     """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free.
 
-    `typical` is the size of each linear parameter that matters (P,). If the likelihood has many local minima, the
-    slopes of nonlinear fits are those of secants of relative length `secant` to either side.
+    `typical` is the size of each linear parameter that matters (P,). If the likelihood has many local minima, slopes
+    for a nonlinear fit are those of secants of relative length `secant` to either side.
     """
     values, size = point.values, compute_parameter_sizes(point, typical)
     count = len(values) if nonlinear else len(point.theta)
@@ -188,15 +187,15 @@ def fit_rollouts(
 ) -> LinearErrors:
     """Fit the parameters near a point, and return the errors around the fit.
 
-    Over many local minima, shorter secants take over where longer ones end.
+    Over many local minima, a fit with shorter secants continues from that with longer ones.
 
     Args:
         rollouts: to fit.
-        point: to start from.
+        point: start of the fit.
         typical: size of each linear parameter that matters (P,).
-        nonlinear: whether continuous nonlinear parameters are fitted as well.
-        share: of the gain so far; a turn that gains less is the last.
-        secants: over many local minima, relative lengths one after the other.
+        nonlinear: whether continuous nonlinear parameters are also fitted.
+        share: of the gain so far; the fit ends at a smaller gain of an iteration.
+        secants: relative lengths of secants over many local minima, in sequence.
     """
     has_minima = nonlinear and has_local_minima(point.terms)
     for secant in secants if has_minima else secants[-1:]:
@@ -255,7 +254,7 @@ def _choose_likeliest_step(
 
 
 def _bind_terms(point: Point) -> Point:
-    """Return the point with nonlinear parameters within bounds that depend on the linear ones."""
+    """Bind nonlinear parameters of a point to bounds that depend on the linear ones."""
     return point._replace(terms=tuple(term.bind(point.linear_values) for term in point.terms))
 
 
@@ -266,9 +265,9 @@ def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple
 
 
 def _make_steps(slopes: Array) -> list[Array]:
-    """Return steps (S,) in sizes of the parameters, of each parameter and along directions of least information.
+    """Return steps (S,) of single parameters and along directions of least information, in sizes of the parameters.
 
-    They reach past a kink of the errors, to either side by the shares `LOOP.poll`.
+    Their lengths to either side, `LOOP.poll`, reach past a kink of the errors.
     """
     count = slopes.shape[1]
     directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])

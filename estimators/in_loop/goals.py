@@ -1,9 +1,9 @@
 """Decide whether the goals of a log are held from row to row, or run on between rows.
 
-A held goal is late by half a sample against one that runs on. A dead time and a lag imitate that, and feedback turns it
-into viscous friction. So each reading is fitted without and with these two effects, beside the base model, which has
-viscous friction. The likeliest fit wins; of fits that are less likely by `TIE` standard errors at most, the likeliest
-with the fewest effects. A tie is an open question, which a diagnosis asks again with the effects that it finds.
+On average, a held goal is late by half a sample. A dead time and a lag imitate this delay; feedback turns it into
+viscous friction. So each reading is fitted by the base model, which has viscous friction, without and with these two
+effects. Fits are tied if they are less likely than the best by at most `TIE` standard errors. The likeliest of those
+with the fewest effects is taken. After a tie, a diagnosis decides again with the effects that it finds.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     """Decide whether goals are held or run on; return None if every drive declares it.
 
     The finding has the gain over the likeliest fit under the other reading [nat], and the effects of that fit with
-    their sizes [s]. It names the recordings without a declaration, unless all lack one.
+    their sizes [s]. It names the undeclared recordings, unless all are undeclared.
     """
     if all(r.drive is None or r.drive.goal for r in recordings):
         return None
@@ -109,17 +109,17 @@ def with_goals(recordings: Sequence[Recording], is_held: bool) -> tuple[Recordin
 def make_base(recordings: Sequence[Recording], base: Sequence[Term] = BASE) -> tuple[Term, ...]:
     """Return the base model of servos, with a tilt of gravity, since a horn is mounted by hand.
 
-    Back-EMF is added if a motor driven by a voltage is off for a while: only then it differs from viscous friction.
+    Back-EMF is added if a motor driven by a voltage is ever off; otherwise it equals viscous friction.
     """
     added = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(recordings) else [])]
     return (*base, *(term for term in added if term.id not in list_ids(base)))
 
 
 def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
-    """Return whether a motor that a voltage drives is off for a while."""
+    """Return whether a motor that a voltage drives is ever off."""
     return not all(recording.powered.all() for recording in select_voltage_drives(recordings))
 
 
 def select_voltage_drives(recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the recordings whose drive gives the motor a voltage, not a torque."""
+    """Return the recordings with a drive that gives the motor a voltage, not a torque."""
     return [r for r in recordings if r.drive is not None and r.drive.output in ("duty", "voltage")]

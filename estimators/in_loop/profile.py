@@ -1,14 +1,13 @@
 """Profile likelihood of a nonlinear parameter over which the likelihood of rollouts has many local minima.
 
-All other parameters are fitted at several values of the parameter, each from the fit at the value beside. A fit ends in
-a local minimum near the likeliest point, so the maximum of each fit has an error. A parabola through the maxima,
+All other parameters are fitted at several values of the parameter, each from the fit at a neighbouring value. A fit
+ends in a local minimum near the likeliest point, so its maximum has an error. A parabola through the maxima,
 
     log L = c + b x - a x^2,     x the logarithm of the parameter,
 
 averages over these errors. Its vertex b / 2a is the estimate. The variance is F / 2a, with the factor F by which
-correlated errors widen the interval, plus the variance of the vertex by the scatter of the maxima. With an
-encoder at the output, a gap is not known better than its step: a controller that reads whole counts sees no motion
-within one.
+correlated errors widen the interval, plus the variance of the vertex by the scatter of the maxima. With an encoder at
+the output, the error of a gap is at least the resolution: the controller sees no motion within a count.
 
 Source: Ionides et al., Monte Carlo profile confidence intervals for dynamic systems, J. R. Soc. Interface 14, 2017.
 """
@@ -31,14 +30,14 @@ from pendulum_env.physics.limits import limit_term
 
 @dataclass(frozen=True)
 class ProfileSettings:
-    """Numbers of a profile."""
+    """Settings of a profile."""
 
     ratio: float = 1.1  # of neighbouring values at first
-    fall: float = 20.0  # [nat], by which the likelihood falls at most from the best value to the next ones
-    beside: int = 2  # values on either side of the best that the parabola passes through
-    most: int = 12  # values
-    leaps: tuple[float, ...] = (0.8, 0.9, 1.1, 1.25)  # of the other parameter with local minima, from the first fit,
-    gain: float = 1.0  # [nat] by which a fit after a leap is likelier, if it is the next to leap from
+    fall: float = 20.0  # [nat], largest fall of the likelihood from the best value to its neighbours
+    beside: int = 2  # number of values of the parabola on either side of the best
+    most: int = 12  # largest number of values
+    leaps: tuple[float, ...] = (0.8, 0.9, 1.1, 1.25)  # factors of the `multimodal` parameter in other starts
+    gain: float = 1.0  # [nat], least gain of a fit after a leap
 
 
 PROFILE = ProfileSettings()
@@ -64,11 +63,11 @@ class LikelihoodProfile:
 
 
 def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> LikelihoodProfile | None:
-    """Refit a model by the profile likelihood of its parameter with many local minima; None without such a parameter.
+    """Refit a model by the profile likelihood of a parameter with many local minima; None if it has none.
 
     Args:
         rollouts: to fit.
-        start: where all parameters are fitted from at first.
+        start: of the first fit, of all parameters.
         typical: size of each linear parameter that matters (P,).
     """
     free = [(term, parameter) for term in start.terms for parameter in list_continuous_parameters(term)]
@@ -97,7 +96,7 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Likelihood
     paths = np.array([[by_name.get(text, 0.0) for text in last.named_values] for by_name in values])
     shifts = np.array(near) - np.mean(near)
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
-    # a controller that reads counts at the output does not see the motor move within one
+    # a controller that reads counts at the output does not see motion of the motor within a count
     in_counts = rollouts.resolution if parameter.unit == "rad" and rollouts.servos.at_output else 0.0
     return LikelihoodProfile(name, place, release(last), variance * estimate**2 + in_counts**2, slopes)
 
@@ -134,14 +133,14 @@ class _ProfileScan:
             self.fits[value], self.heights[value] = fit, height
 
     def extend(self, value: float, neighbour: float) -> None:
-        """Fit at a value from the fit at a neighbour, unless that was done."""
+        """Fit at a value from the fit at a neighbour, unless this was done before."""
         start = self.fits[neighbour]
         if value != neighbour and self._starts.get((value, neighbour)) is not start:
             self._starts[value, neighbour] = start
             self.store(value, self.fit_from(start.point, value))
 
     def find_best(self) -> tuple[list[float], int]:
-        """Return the values in order, and the place of the likeliest one when its neighbours begin from its fit."""
+        """Return the sorted values, and the index of the likeliest after fits of its neighbours from it."""
         while True:
             values, best = sorted(self.fits), max(self.heights, key=lambda value: self.heights[value])
             k = values.index(best)
@@ -207,7 +206,7 @@ def _compute_widening(rollouts: Rollouts, near: LinearErrors, place: int) -> flo
 def fit_parabola(x: Array, height: Array, widening: float = 1.0) -> tuple[float, float]:
     """Return the vertex of a parabola through maxima of a likelihood, and its variance.
 
-    Where the maxima bend upwards or the vertex is beyond them, it is the highest, uncertain by half their range.
+    If the maxima bend upwards or the vertex is beyond them, return the highest, uncertain by half their range.
 
     Args:
         x: places of the maxima (K,).
@@ -230,9 +229,9 @@ def fit_parabola(x: Array, height: Array, widening: float = 1.0) -> tuple[float,
 
 
 def widen_by_profile(names: list[str], covariance: Array, profile: LikelihoodProfile) -> Array:
-    """Return the covariance (Q, Q) of named parameters with the interval of a profile in it.
+    """Return the covariance (Q, Q) of named parameters, widened by the variance of a profile.
 
-    Other parameters have their covariance at a known value of the profile's parameter, and follow it by its slopes.
+    Other parameters have their covariance at a known value of the profiled parameter, and change with it by its slopes.
     """
     k = names.index(profile.name)
     row = covariance[k]

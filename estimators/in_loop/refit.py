@@ -27,12 +27,12 @@ def refit(result: SearchResult, start: Model | None = None) -> SearchResult:
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
-    """Refit all steps with shorter steps of the integrator, and drop effects that are not needed then.
+    """Refit all steps with shorter steps of the integrator, and drop effects that are then not needed.
 
-    An effect is needed if it predicts better and its size is not zero within 3 standard errors. The prediction alone
-    does not decide: a servo that sticks a little earlier or later changes whole seconds of the motion. Also, an effect
-    has to explain `LOOP.needed` of the squared error that the others leave, fitted and held out; beside a rest that is
-    not noise, a link `LOOP.dominant`.
+    An effect is needed if it predicts better and its size differs from zero by more than 3 standard errors. Prediction
+    alone is not sufficient: a servo that sticks a little earlier or later changes seconds of the motion. An effect must
+    also explain the share `LOOP.needed` of the squared error without it, in fitted and held-out data. For a link, the
+    share is `LOOP.dominant` if the residual is not noise.
     """
     result = refit(trial.found)
     last = result.steps[-1]
@@ -85,7 +85,7 @@ def refine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
 
 def refit_step(evaluator: ModelEvaluator, step: Step) -> Step:
     """Refit a step with shorter steps of the integrator, from its parameters."""
-    start = Point.from_parameters(step.model.terms, np.asarray(step.model.theta))  # where nonlinear parameters follow
+    start = Point.from_parameters(step.model.terms, np.asarray(step.model.theta))
     refine_rows(evaluator)[0].set_start(start)
     return fit_step(evaluator, step.added, start.terms)
 
@@ -120,8 +120,8 @@ def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:
     """Widen the standard errors of a model by a profile, by the error of the clock, and by the counts of the encoder.
 
-    The change of the parameters with delayed goals and controllers is added to their covariance. So is that with dry
-    friction: a controller that reads whole counts steps its torque, which lets a joint creep that would stick.
+    The covariance includes the change of the parameters with delayed goals and controllers, and with dry friction: a
+    controller that reads whole counts has steps in its torque, so a joint creeps instead of sticking.
     """
     point = Point.from_model(model)
     near, rollouts = rows.linearise_at_fit(model.terms), rows.rollouts

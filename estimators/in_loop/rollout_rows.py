@@ -45,7 +45,7 @@ class RolloutRows:
     Attributes:
         rollouts: simulations of the recordings.
         torque: rows of the torque of the same recordings, for typical sizes and starts of parameters.
-        guide: rows whose fitted parameters predict these rows, of held-out recordings; None if these are fitted.
+        guide: fitted rows, for held-out rows; their parameters predict these rows. None if these rows are fitted.
     """
 
     rollouts: Rollouts
@@ -79,7 +79,7 @@ class RolloutRows:
         return RegressionData(self.torque.data, rollouts=self)
 
     def with_steps(self, steps: int, guide: RolloutRows | None = None) -> RolloutRows:
-        """Return the rows with more or fewer steps of the integrator, and nothing fitted."""
+        """Return the rows with another number of steps of the integrator, without fits."""
         return replace(self, rollouts=replace(self.rollouts, steps=steps), guide=guide)
 
     @property
@@ -107,7 +107,7 @@ class RolloutRows:
         return self._linear[key]
 
     def _is_hopeless(self, terms: Key) -> bool:
-        """Return whether the linear fit of the last of the terms gains too little, so that one iteration suffices."""
+        """Return whether the linear fit of the last term gains too little, so one iteration suffices."""
         others, last = terms[:-1], terms[-1]
         if others not in self._linear or (others, last.id) not in self._least_errors:
             return False
@@ -118,7 +118,7 @@ class RolloutRows:
         return bool(gain < LOOP.hopeless)
 
     def _store_fit(self, terms: Key, linear: LinearErrors) -> None:
-        """Store a fit by `terms`, and by its own terms, in which nonlinear parameters may follow linear ones."""
+        """Store a fit under `terms`, and under its fitted terms, whose bounds may depend on linear parameters."""
         self._linear[terms] = self._linear[linear.point.terms] = linear
 
     def set_start(self, point: Point, terms: Key | None = None) -> None:
@@ -126,7 +126,7 @@ class RolloutRows:
         self._starts[terms or point.terms] = point
 
     def fit(self, terms: Terms, exactly: bool = False) -> Point:
-        """Fit some terms, `exactly` to convergence; nonlinear parameters that follow others are as fitted."""
+        """Fit some terms, to convergence if `exactly`; return the fitted terms and parameters."""
         key = tuple(terms)
         if exactly and self.guide is None and key not in self._converged:
             self._store_fit(
@@ -151,7 +151,7 @@ class RolloutRows:
         return linear.point.terms
 
     def fit_by_profile(self, terms: Terms) -> LikelihoodProfile | None:
-        """Refit some terms by the profile of a parameter with many local minima, and keep the fit; None without."""
+        """Refit some terms by the profile of a parameter with many local minima; None without such a parameter."""
         typical = self.list_typical_sizes(terms)
         profile = scan_profile(self.rollouts, self.linearise_at_fit(terms).point, typical)
         if profile is not None:
@@ -162,9 +162,9 @@ class RolloutRows:
     def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
         """Fit the terms with a link from several variants and shares of the inertia, and return the best fit.
 
-        The weight hangs on the link. The likeliest variant at each value of the parameter with many local minima is
-        fitted with longer secants, and the best of these fits to the end. A link that explains next to nothing from the
-        likeliest of all starts is fitted from no other.
+        The weight is at the link. The likeliest variant at each value of the parameter with many local minima is fitted
+        with longer secants, and the best of these fits to convergence. If the likeliest start explains less than the
+        share `LOOP.promising`, no other start is tried.
         """
         point, name = self.linearise_at_fit(terms).point, find_hints(type(variants[0])).profiled
         if not name:
@@ -222,10 +222,10 @@ class RolloutRows:
         return np.asarray(LOOP.typical * rms / np.maximum(np.maximum(column_rms, peaks), 1e-9))
 
     def _choose_start(self, terms: Key) -> Point:
-        """Return the start of a fit: the likeliest of starts from the most similar fitted model, and from a linear fit.
+        """Return the likeliest start of a fit, from the most similar fitted model or from a linear fit.
 
         Parameters that the similar model lacks are 0, or their typical size times 1 or 3. A link also starts from the
-        likeliest model with another link in its place, with the same inertia.
+        likeliest model with another link, with the same inertia.
         """
         known = {term.id for term in terms}
         parents = sorted(
@@ -249,7 +249,7 @@ class RolloutRows:
         return starts[0] if len(starts) == 1 else choose_likeliest_point(self.rollouts, starts)[0]
 
     def _start_from_other_link(self, terms: Key) -> list[Point]:
-        """Return the likeliest fit that differs from some terms in the kind of its link, with their link, if any."""
+        """Return starts from the likeliest fit with another link and otherwise the same columns, if any."""
         if not has_link(terms):
             return []
         link_id, names = find_link(terms).id, _list_columns_without_link(terms)
@@ -264,13 +264,13 @@ class RolloutRows:
         return [Point.from_parameters(terms, likeliest.point.theta)]
 
     def _list_first_starts(self, terms: Key) -> list[Point]:
-        """Return starts of the first fit: the parameters fitted to torque, with several least sizes."""
+        """Return starts of the first fit: parameters fitted to the torque, with several minimum sizes."""
         theta, typical = self.torque.solve(terms), self.list_typical_sizes(terms)
         sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
         return [Point.from_parameters(terms, values) for values in sizes]
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
-        """Return the rows around the fit of some terms, weighted by the size of each error, also `by_noise`."""
+        """Return the rows around the fit of some terms, weighted by the size of each error; `by_noise` is not used."""
         near = self.linearise_at_fit(terms)
         theta = near.point.theta
         phi = near.slopes[:, : len(theta)]
@@ -286,7 +286,7 @@ class RolloutRows:
         return -self.rollouts.compute_position_errors([Point(tuple(terms), theta)])[:, 0]
 
     def score_terms(self, terms: Terms) -> ScoredTerms:
-        """Fit one set of terms; its error is the scale of its errors [rad]."""
+        """Fit one set of terms, and score it by the scale of its errors [rad]."""
         return ScoredTerms(tuple(terms), compute_likelihood_scale(self.rollouts, self.linearise_at_fit(terms).error))
 
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
@@ -371,5 +371,5 @@ class RolloutRows:
 
 
 def _list_columns_without_link(terms: Key) -> list[list[str]]:
-    """List the names of the linear parameters of each term; none of a link, which thus counts as any other link."""
+    """List the names of the linear parameters of each term, without those of a link, so all links compare equal."""
     return [[] if term.link else [column.name for column in term.columns] for term in terms]

@@ -27,8 +27,8 @@ from pendulum_env.servo.torque import get_bus_voltage
 GRAIN = 0.02  # [s] between compared positions, about
 STEPS, FINE = 11, 20  # of the integrator in this time, during a search and for the final fit
 SAME_RATE = 0.01  # relative difference of the rates of logs that are compared at their samples
-SLACK = 0.01  # of a step of the integrator, by which it may be longer than asked for
-CONTACT = 2  # times as many, where a link hangs on a contact: it is stiffer than the joint
+SLACK = 0.01  # share of a step of the integrator that may be missing, by rounding
+CONTACT = 2  # factor of the number of steps with a link: its contact is stiffer than the joint
 FINEST = 1e-6  # [rad], least step of an encoder; smaller ones are rounding
 JITTER = 0.03  # error of a clock in samples
 
@@ -42,8 +42,8 @@ class Rollouts:
         steps: of the integrator in the time `GRAIN`.
         shares: begin and end of the compared part of each recording; the whole recording is simulated.
         is_held: whether goals are held from sample to sample or interpolated, unless the drive declares it.
-        grain: time between compared positions [s]; None takes samples of the log, about `GRAIN` apart. A motion that
-            follows held goals bends between them, so that positions between samples are not known.
+        grain: time between compared positions [s]; None takes samples of the log, about `GRAIN` apart. Held goals bend
+            the motion, so positions between samples are not known.
     """
 
     recordings: tuple[Recording, ...]
@@ -88,7 +88,7 @@ class Rollouts:
             return series[np.minimum((step_times * part.rate).astype(np.intp), len(part) - 1)]
 
         def average_held(series: Array, part: Recording) -> Array:
-            """Return means over each step of a series held from sample to sample (N,); a step may span two samples."""
+            """Return the mean over each step of a series held from sample to sample (N,); a step may span two."""
             edges = np.append(step_times, step_times[-1] + step)
             integral = np.append(0.0, np.cumsum(series)) / part.rate
             until = np.minimum(edges * part.rate, len(series))
@@ -100,7 +100,7 @@ class Rollouts:
             return np.interp(step_times, np.arange(len(part)) / part.rate, series)
 
         def read_goal(series: Array, part: Recording) -> Array:
-            """Return the goals that a controller reads in each step (N,), the last ones in steps without a look."""
+            """Return the goal that the controller uses in each step (N,), that of its last reading."""
             assert part.drive is not None
             is_ramp = not self.is_held if part.drive.goal is None else part.drive.goal == "ramp"
             if part.drive.rate is None:
@@ -152,7 +152,7 @@ class Rollouts:
 
     @cached_property
     def position(self) -> Array:
-        """Measured positions to compare with (R,) [rad], by a cubic spline: chords of a slow log are off its motion."""
+        """Measured positions to compare with (R,) [rad], by a cubic spline; linear interpolation is too inaccurate."""
         parts = zip(self._times, self._compared, self._segments, strict=True)
         return np.concatenate(
             [
@@ -198,7 +198,7 @@ class Rollouts:
         """
 
         def delay_recording(recording: Recording, goal: float, drive: float) -> Recording:
-            assert recording.reference is not None and recording.drive is not None  # there is no rollout without
+            assert recording.reference is not None and recording.drive is not None  # every rollout has both
             reference = np.interp(recording.time - goal, recording.time, recording.reference)
             delay = recording.drive.delay
             delayed = replace(recording.drive, delay=delay + drive if delay + drive <= LONGEST else delay - drive)
@@ -210,7 +210,7 @@ class Rollouts:
         return replace(self, recordings=goals), replace(self, recordings=drives)
 
     def compute_position_errors(self, points: Sequence[Point]) -> Array:
-        """Return simulated minus measured positions (R, V) of V models whose terms are of equal classes [rad]."""
+        """Return simulated minus measured positions (R, V) of V models with terms of equal classes [rad]."""
         terms = []
         for variants in zip(*(point.terms for point in points), strict=True):
             nonlinear = {
@@ -255,7 +255,7 @@ class Rollouts:
         return self.blocks(1.5)[0]  # [s], over which errors of a rollout are correlated
 
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
-        """Return block of about `length` seconds and recording of each row (R,); recording of each block (S,)."""
+        """Return the block of `length` seconds and the recording of each row (R,); the recording of each block (S,)."""
         pairs = np.column_stack([self.recording_of, (self.time / length).astype(np.intp)])
         known, block = np.unique(pairs, axis=0, return_inverse=True)
         return block.ravel(), self.recording_of, known[:, 0]
@@ -267,8 +267,8 @@ class Rollouts:
     def measure_structure(self, residual: Array) -> ResidualStructure:
         """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.
 
-        Correlated neighbours are no sign of a missing effect: a servo that sticks elsewhere than its model is off for
-        seconds. One such recording says little of others.
+        Correlated neighbours do not indicate a missing effect: a servo that sticks at another position than its model
+        is off for seconds. The geometric mean limits the weight of one recording.
         """
         squares = np.bincount(self.recording_of, residual**2) / np.bincount(self.recording_of)
         rms = float(np.exp(0.5 * np.mean(np.log(np.maximum(squares, 1e-300)))))
@@ -292,10 +292,10 @@ def choose_parts(holdout: Sequence[Recording]) -> tuple[Part, Part]:
 
 
 def are_driven(recordings: Sequence[Recording]) -> bool:
-    """Return whether recordings are of servos whose controller is known.
+    """Return whether recordings are of servos with known controllers.
 
     Raises:
-        RecordingError: if only some of them are, or they cannot be simulated at once.
+        RecordingError: if only some of them are, or they cannot be simulated together.
     """
     first_drive = next((r.drive for r in recordings if r.drive is not None), None)
     if first_drive is None:
@@ -333,4 +333,4 @@ def _estimate_initial_velocity(recording: Recording) -> float:
         if length <= shortest or np.std(powers @ cubic - recording.position[:length]) < 1.2 * noise:
             std = noise * float(np.linalg.norm(np.linalg.pinv(powers)[1]))
             return float(cubic[1]) if abs(cubic[1]) > SIGNIFICANT * std else 0.0
-        length = max(shortest, length // 2)  # a servo that starts at once follows a cubic only briefly
+        length = max(shortest, length // 2)  # a cubic describes a fast start only briefly
