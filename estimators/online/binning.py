@@ -195,7 +195,7 @@ class Bins:
         all fixed columns.
 
         Args:
-            count: number V of variants whose nonlinear parameters the terms hold.
+            count: number V of variants; the terms hold their nonlinear parameters.
         """
         shape = len(self.y), count
         phi, slope = np.zeros((2, *shape, sum(len(term.columns) for term in terms)))

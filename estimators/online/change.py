@@ -47,7 +47,7 @@ class ParameterFit:
 def fit_rows(phi: Array, y: Array, block: int) -> ParameterFit:
     """Fit rows y = phi' theta with errors that are correlated within blocks.
 
-    The covariance is infinite if there are not more blocks than parameters.
+    The covariance is infinite if blocks do not outnumber parameters.
 
     Args:
         phi: (R, P).
@@ -87,7 +87,7 @@ class ParameterChange:
     _n_compared: int = field(default=0, init=False)
 
     def is_due(self, rows: int) -> bool:
-        """Return whether there are enough rows, and more than at the last comparison."""
+        """Return whether rows suffice for a comparison, and exceed those of the last one."""
         return rows >= max(self.min_rows, self._n_compared + 1)
 
     def compare(self, phi: Array, y: Array, block: int) -> None:

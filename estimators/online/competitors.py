@@ -1,8 +1,8 @@
 """Competing models: the running model, alone and with each variant of each effect.
 
-Rows are those of the Hamiltonian scheme, averaged over a bin of a few samples. Laws are evaluated for all variants of
-an effect and all samples of a bin at once. All models share the recursion of the running model: y and the columns c of
-an effect are regressed on its rows phi, and then the residual of y on the residual of c,
+Rows are those of the Hamiltonian scheme, averaged over a bin of a few samples. Laws are evaluated together for all
+variants of an effect and all samples of a bin. All models share the recursion of the running model: y and the columns c
+of an effect are regressed on its rows phi, and then the residual of y on the residual of c,
 
     a <- a + K (y - phi' a)       G <- G + K (c - phi' G)'      K = P phi / (1 + phi' P phi)
     S <- S + r r' / (1 + phi' P phi)    t <- t + r e / (1 + phi' P phi)    r = c - G' phi,  e = y - phi' a
@@ -14,10 +14,10 @@ the choice among variants.
 
 The last family is the running model with exponential forgetting of parameters and error scale, in several memories, and
 without. It predicts better than the running model after parameters have changed; the running model in the mixture
-bounds the loss while nothing changes. No weight falls below a share of the largest, so a memory recovers at once.
+bounds the loss if no parameter changes. Each weight is at least a share of the largest, so a memory recovers quickly.
 
-A column may depend on the torque that the equations explain, as friction that grows with the load. Least squares would
-then explain torque by torque. The error of the predicted torque, e = (y - phi' theta) / (dy - dphi' theta) with
+A column may depend on the torque that the equations explain, as load-dependent friction. Least squares would then
+explain torque by torque. The error of the predicted torque, e = (y - phi' theta) / (dy - dphi' theta) with
 derivatives by the torque, is therefore linearised at the current estimates (Gauss-Newton): rows phi - e dphi explain
 y - e dphi' theta.
 
@@ -55,7 +55,7 @@ class OnlineDiagnosisSettings:
     refinement_times: tuple[int, ...] = (2, 4, 8, 16)  # [s] of motion before a refinement of the grids
     fit_time: float = 16.0  # [s] of motion in the first fit of a later model
     n_blocks: int = 60  # number of latest blocks of a second for the probabilities
-    bins_per_update: int = 5  # bins whose equations are evaluated at once
+    bins_per_update: int = 5  # bins with equations evaluated together
     error_time: float = 10.0  # [s] of motion, averaging time of the reported error
     min_blocks: int = 5  # blocks of a second for the probabilities; blocks of 0.2 s are used before
     min_gain: float = 0.01  # [nat] per bin, least gain that counts: errors smaller by 1 %
@@ -82,8 +82,8 @@ class CompetingModels:
 
     Attributes:
         terms: of the running model.
-        families: variants of each effect (F,). The first family, of the running model alone, is empty; so is the last
-            one, of the running model without and with forgetting, if there are memories.
+        families: variants of each effect (F,). The first family, the running model alone, is empty. With memories, the
+            last family, the running model without and with forgetting, is also empty.
         models: slice of the V models of each family (F,).
         residual: of the running model on the fitted bins, in units of their scale (R,).
         y_on_base: a, regression of y on the rows of the running model (V, P).
@@ -145,7 +145,7 @@ class CompetingModels:
         """Fit all models and their error scales to bins, family by family, which limits the memory."""
         base, root, self.residual = _fit_running(bins.evaluate_running(self.terms))
         (rows, parameters), (count, width), P = base.phi.shape, self._lower.shape, root @ root.T
-        # the prior of the running model as further rows, whose y and effect columns are 0
+        # the prior of the running model as further rows; their y and effect columns are 0
         phi = np.concatenate([base.phi, np.eye(parameters) / np.sqrt(PRIOR)])
         self.y_on_base, self.columns_on_base = np.zeros((count, parameters)), np.zeros((count, width, parameters))
         self.information, self.moment = np.zeros((count, width, width)), np.zeros((count, width))
@@ -242,7 +242,7 @@ class CompetingModels:
         of_effect = np.linalg.solve(information, remaining[..., None])[..., 0]
         variance_ratio = variance + np.einsum("vk,vk->v", remaining, of_effect)
         density = compute_log_student(residual**2, self.square * variance_ratio)
-        # a law that passes almost none of the torque has small errors for that reason alone
+        # a law that passes almost none of the torque always has small errors
         density = np.where(error_slope < LEAST_SLOPE, np.minimum(density, density[0]), density)
         densities = self._mix(density)
         self._count += 1
@@ -273,7 +273,7 @@ class CompetingModels:
         """Return a copy with finer grids of continuous nonlinear parameters around the best variants.
 
         Families with unchanged variants keep their state; the others are fitted to `bins`, all bins so far. `fresh` has
-        a whole new grid for each effect, some variants of which are added since the optimum may have moved.
+        a new grid for each effect; some of its variants are added, since the optimum may have moved.
         """
         grids = list(self.families[1 : self._n_named])
         for family, ((best,), _) in enumerate(self.leaders()[1:], 1):
@@ -316,7 +316,7 @@ class CompetingModels:
 def solve_each_within_bounds(information: Array, moment: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     """Solve V least-squares problems for K parameters within bounds, information (V, K, K) and moment (V, K).
 
-    The parameter that is farthest beyond a bound is held there, and the others are solved again, until all are within.
+    The parameter farthest beyond a bound is fixed there, and the others are solved again, until all are within bounds.
 
     Returns:
         Parameters, and information of those within the bounds; a parameter at a bound has unit information.
@@ -348,7 +348,7 @@ def _predict(theta: Array, base: ModelRows, rows: ModelRows) -> tuple[Array, Arr
 def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
     """Fit the running model; return its linearised rows, the root of P (P, P), and the errors of the torque (R,).
 
-    The first of several iterations leaves out columns that depend on the torque, since they would explain it by itself.
+    The first of several iterations omits columns that depend on the torque; they would explain torque by torque.
     """
     depends_on_torque = rows.slope.any(axis=0)
     theta, error = np.zeros(rows.phi.shape[1]), np.zeros(len(rows.y))

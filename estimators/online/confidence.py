@@ -3,8 +3,8 @@
 theta - truth = P sum_k phi_k e_k. With the sums of a cluster, A = sum phi phi' and b = sum phi y, its score is
 s = b - A theta, and the covariance is P (sum of s s') P, valid for correlated and filtered errors. Since theta was
 fitted to the cluster, s is too small; the score J / (J - A) s of a fit without the cluster, with J = 1 / P, is used.
-Neighbouring clusters are merged as time passes, so that there are always a few dozen. With forgetting, clusters stay
-short against the memory, and the oldest ones are dropped. Directions without data keep the variance of P(0).
+Neighbouring clusters are merged to limit their number to a few dozen. With forgetting, clusters stay much shorter than
+the memory, and the oldest are dropped. Directions without data keep the variance of P(0).
 
 Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
 """
@@ -29,7 +29,7 @@ class CovarianceSettings:
     max_clusters: int = 64  # at this number, neighbours are merged
     min_extra_clusters: int = 10  # clusters beyond the number of parameters that a covariance needs
     max_memory_share: float = 0.1  # longest duration relative to the memory of forgetting
-    guess_variance: float = 60.0  # variance relative to white errors while there are few clusters
+    guess_variance: float = 60.0  # variance relative to white errors before the clusters suffice
 
 
 COVARIANCE = CovarianceSettings()
@@ -94,7 +94,7 @@ class ClusterCovariance:
             self._clusters[half:] = 0.0
             self._n_closed, self._length = half, 2 * self._length
         elif self._n_closed == COVARIANCE.max_clusters:
-            self._clusters[:-1, has_equations] = self._clusters[1:, has_equations]  # at rest, nothing is forgotten
+            self._clusters[:-1, has_equations] = self._clusters[1:, has_equations]  # no forgetting at rest
             self._n_closed -= 1
         A, b = np.split(self._clusters[: self._n_closed], [-1], axis=-1)
         score = b - A @ theta[..., None]  # (clusters, B, S, P, 1)
@@ -125,8 +125,8 @@ def _compute_covariances(
 ) -> tuple[Array, Array]:
     """Compute P and covariance of estimates (B, S, P, P).
 
-    The covariance comes from the scores if there are `min_extra_clusters` more clusters than parameters, else from
-    white errors.
+    The covariance comes from the scores if clusters outnumber parameters by `min_extra_clusters`; else from white
+    errors.
 
     Args:
         compute_P: returns the covariance for unit noise.

@@ -62,8 +62,8 @@ class OnlineDiagnosis:
     """Verdict on a running model, updated once per second of motion.
 
     Attributes:
-        kind: "calibrating"; "nothing" while neither an effect nor another set of parameters predicts significantly
-            better; "missing"; or "changed".
+        kind: "calibrating"; "missing" for an effect; "changed" for parameters; or "nothing" while neither predicts
+            significantly better.
         evidence: log of the mean wealth of the e-process over effects and forgetting [nat].
         threshold: evidence of an alarm [nat].
         terms: of the running model.
@@ -77,7 +77,7 @@ class OnlineDiagnosis:
         not_run: effects without online diagnosis, with the reason.
         changed: change and standard error of each changed parameter in its unit, the most significant first; empty
             while an effect is missing.
-        since: time of the last change, also of one by which an effect set in [s]; None while there is none.
+        since: time of the last change of parameters or onset of an effect [s]; None before a change.
     """
 
     kind: str
@@ -149,7 +149,7 @@ class Diagnoser:
         library = effects() if library is None else library
         self.not_run = {id: reason for id, effect in library.items() if (reason := find_obstacle(effect))}
         library = {id: effect for id, effect in library.items() if id not in self.not_run}
-        links = [term for term in terms if isinstance(term, Links)]  # whose columns come with the bins
+        links = [term for term in terms if isinstance(term, Links)]  # their columns come with the bins
         self.rate, self.batch = rate, batch
         self._binner = Binner(rate, links, smoothing or Smoothing.from_encoder(COUNTS, rate), batch)
         plant = self._binner.plant
@@ -282,7 +282,7 @@ class EffectMonitor:
     def _check_alarm(self) -> None:
         """Check the evidence after a block: replace the models after a change, and update the diagnosis.
 
-        The diagnosis is updated once per second of motion, and at once if an effect is found to be missing.
+        The diagnosis is updated once per second of motion, and immediately when the evidence reaches the threshold.
         """
         comparison, threshold = self._comparison, self._blank.threshold
         change_evidence, evidence = float(comparison.e_process.log_wealth[-1]), comparison.e_process.log_mean_wealth
@@ -394,8 +394,8 @@ class EffectMonitor:
     def _has_missing_effect(self, is_changing: bool) -> bool:
         """Return whether the evidence of effects reaches the threshold; half of it after a change, which was an alarm.
 
-        While another change is suspected, the whole threshold applies: effects imitate a change. One that is suspected
-        since the first second of predictions is no other.
+        While another change is suspected, the whole threshold applies: effects imitate a change. A suspicion since the
+        first second of predictions does not count as another change.
         """
         comparison, plant = self._comparison, self._plant
         after_change = self._change is not None and self._change.since is not None

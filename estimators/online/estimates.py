@@ -21,7 +21,7 @@ class Estimates:
     """Estimates of B pendulums by S schemes after a sample.
 
     Attributes:
-        index: of the newest sample in use, from 0; negative while there are too few samples (B,).
+        index: of the newest sample in use, from 0; negative before enough samples (B,).
         time: of that sample [s] (B,). It is older than the last sample by the reach of smoothing and guards.
         uncorrected: theta of the recursion (B, S, P).
         error: a-priori prediction errors in the unit of the scheme, 0 where the equation was not used (B, S).
@@ -80,8 +80,8 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
     """Estimates of one scheme, by name; computed when they are read.
 
     The names are theta (P,), its standard errors std (P,), covariance (P, P), prediction_error, and P (P, P), the
-    covariance for unit noise. A batch has a first axis B, and the masks (B,) of vector environments of Gymnasium, such
-    as `_theta`.
+    covariance for unit noise. A batch has a first axis B, and the masks (B,) of vector environments of Gymnasium, for
+    example `_theta`.
     """
 
     __slots__ = ("_estimates", "_pendulum", "_scheme", "units")
@@ -141,4 +141,4 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
 
 
 class SchemeEstimates(dict[str, Any], Shown):
-    """Estimates of several schemes, a `SchemeEstimate` by id; a batch has masks of Gymnasium, such as `_dynamic`."""
+    """`SchemeEstimate` of each scheme, by id; a batch also has masks of Gymnasium, for example `_dynamic`."""

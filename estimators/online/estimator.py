@@ -1,4 +1,4 @@
-"""The six schemes online, for one pendulum, for many at once, or for an arm."""
+"""The six schemes online, for one pendulum, a batch of pendulums, or an arm."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
 
-SAMPLES = 256  # in motion, of the first joint that has so many
+SAMPLES = 256  # samples in motion of one joint, after which the noise is estimated
 SHARE = 0.25  # of these samples that another joint needs
-KEPT = 2048  # samples, rest included
+KEPT = 2048  # largest number of samples, including rest
 
 
 class SampleBuffer:
@@ -59,8 +59,8 @@ class OnlineEstimator:
 
     The estimates equal those of `Scheme.regression` and `Scheme.history` for a whole recording, `delay` samples later:
     the reach of the smoothing plus the longest guard around stick. Terms with memory follow their own state equation,
-    which differs from the offline trace within a sample. For a pendulum whose encoder noise is known or estimated, the
-    bias by this noise is then subtracted, and its uncertainty is part of the covariance.
+    which differs from the offline trace within a sample. For a pendulum with known or estimated encoder noise, the bias
+    by this noise is then subtracted, and its uncertainty is part of the covariance.
 
     The smoothing depends on the noise of the encoder. Without `counts`, `position_noise` and `smoothing`, the noise is
     estimated from the first 256 samples of motion. The estimates begin after them, and use them.
@@ -91,8 +91,8 @@ class OnlineEstimator:
             smoothing: of the measurement; replaces the smoothing by `counts`.
             prior: P(0) on the diagonal.
             forgetting: factor lambda per equation; 1 for no forgetting.
-            recursion: "SquareRootLeastSquares", which solves all regressions at once, or "KalmanFilter" of filterpy,
-                which gives the same estimates one after the other.
+            recursion: "SquareRootLeastSquares", which updates all regressions together, or "KalmanFilter" of filterpy,
+                which updates each separately and gives the same estimates.
             position_noise: standard deviation of the measured position [rad]; replaces `counts`.
 
         Raises:
@@ -147,8 +147,8 @@ class OnlineEstimator:
         """Add a sample of every pendulum, or of an arm, and return the estimates.
 
         The estimates are `delay` samples old; their index is -1 until the encoder noise is known. Those of an arm
-        change every 50 ms. After a sample that is not finite, or a gap in time, the estimates are held until there are
-        enough samples. `stream_recording` takes the rows of a recording, whose torque acts until the next row.
+        change every 50 ms. After a sample that is not finite, or a gap in time, the estimates are held until samples
+        suffice. For rows of a recording, with torque that acts until the next row, use `stream_recording`.
 
         Args:
             time: (B,) [s].
@@ -232,7 +232,7 @@ def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str
 
 
 def _split_schemes(schemes: Sequence[Scheme | JointState]) -> tuple[JointState | None, tuple[Scheme, ...]]:
-    """Split schemes into the joint state, if there is one, and the others."""
+    """Split schemes into the joint state, or None, and the others."""
     joint = next((entry for entry in schemes if isinstance(entry, JointState)), None)
     others = tuple(entry for entry in schemes if not isinstance(entry, JointState))
     for entry in others:

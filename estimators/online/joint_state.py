@@ -1,7 +1,7 @@
 """Seventh estimator, not in the paper: position, velocity and parameters in one state of an unscented Kalman filter.
 
 The only measurement is the position. It is not differentiated, so smoothing adds no delay. The simulation of the model
-includes stick and reversals, so there is no guard around stick. Each sigma point is a pendulum with its own position,
+includes stick and reversals, so stick needs no guard. Each sigma point is a pendulum with its own position,
 velocity and parameters, simulated under the held torque.
 
 The encoder noise is given. The noise of the torque is estimated from the innovations of the filter, which should have
@@ -181,7 +181,7 @@ class _Filter:
             self.is_lost, self._memory = False, None
             return 0.0
         is_moving = abs(ukf.x[1]) > SLOWEST
-        if is_moving:  # at rest, nothing is forgotten or learned of the noise
+        if is_moving:  # no forgetting and no update of the noise at rest
             ukf.P *= np.outer(self._fade, self._fade)
         self._predict(time - self._period)
         ukf.update(position)

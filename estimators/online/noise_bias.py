@@ -6,7 +6,7 @@ noise of the encoder makes the same difference between the measured and the true
 
     (J - D) (theta + correction) = J theta - d .
 
-This holds for any scheme and any term. Without motion, nothing is added and nothing changes.
+This holds for any scheme and any term. Without motion, the correction does not change.
 
 Source: Cook and Stefanski, Journal of the American Statistical Association 89, 1994 (extrapolation of added noise).
 """
@@ -53,7 +53,7 @@ class NoiseBias:
     def take(self, copies: Array, usable: Mask) -> None:
         """Add one equation of each regression, phi and y (C, B, S, P + 1), where usable (B, S).
 
-        Without noise there is one copy, and no excess.
+        Without noise, `copies` has one entry, and the excess is zero.
         """
         if len(copies) < len(COPIES):
             return

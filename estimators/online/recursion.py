@@ -1,4 +1,4 @@
-"""Recursive least squares, the paper's equation (6): many regressions at once in square-root form, or by filterpy."""
+"""Recursive least squares, the paper's equation (6), for a batch of regressions: in square-root form or by filterpy."""
 
 import functools
 from collections.abc import Callable
@@ -111,7 +111,7 @@ def check_ranges(prior: float, forgetting: float) -> None:
 
 @functools.cache
 def _update(size: int, forgetting: float, prior: float) -> SymbolicStep:
-    """Build the update by one equation y = phi' theta, in symbols; an unused equation changes nothing."""
+    """Build the update by one equation y = phi' theta, in symbols; an unused equation has no effect."""
     inputs = {"phi": make_symbols("phi", size), "y": make_symbols("y"), "used": make_symbols("used")}
     theta, root, sums = make_symbols("theta", size), make_symbols("root", size, size), make_symbols("sums", 4)
     used = inputs["used"]

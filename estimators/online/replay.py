@@ -1,4 +1,4 @@
-"""Rows of recordings, one after the other, to an online estimator or diagnosis."""
+"""Replay of recordings, row by row, by an online estimator or diagnosis."""
 
 from collections.abc import Iterator, Sequence
 from typing import Protocol, TypeVar
@@ -27,9 +27,9 @@ class OnlineAlgorithm(Protocol[Result]):
 def stream_recording(
     algorithm: OnlineAlgorithm[Result], recordings: Recording | Sequence[Recording]
 ) -> Iterator[Result]:
-    """Yield what an online algorithm returns after each row of a recording.
+    """Yield the result of an online algorithm after each row of a recording.
 
-    The torque of a row acts until the next row, with which the algorithm takes it.
+    The torque of a row acts until the next row; the algorithm takes it with the next row.
 
     Args:
         algorithm: an `OnlineEstimator` or a `Diagnoser`.

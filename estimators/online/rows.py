@@ -97,7 +97,7 @@ class _StepWriter:
     def remember(self, label: str, value: Any, times: int) -> list[Any]:
         """Return a scalar now and at `times` >= 1 past instants, the newest first.
 
-        A value that is no symbol, such as an array of symbols, counts as constant, and is repeated.
+        A value other than a symbol, also an array of symbols, is treated as constant and repeated.
         """
         if not isinstance(value, Symbol):
             return (times + 1) * [value]
@@ -111,7 +111,7 @@ class _StepWriter:
         return self.inputs[label]
 
     def balance(self) -> tuple[Any, Any]:
-        """Return the row of the last but one instant in the three views (3, P + 1), and the velocity there."""
+        """Return the row of the second-newest instant in the three views (3, P + 1), and its velocity."""
         instant, period = self.instant, self.period
         if any(term.delay for term in self.terms):
             supplied = self.ask("supplied", 2)

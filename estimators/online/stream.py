@@ -43,7 +43,7 @@ class StreamEquations(NamedTuple):
     """Equations of S schemes for one joint of B plants at one sample.
 
     Attributes:
-        place: index of the sample since the start of each plant; negative while there are too few samples (B,).
+        place: index of the sample since the start of each plant; negative before enough samples (B,).
         time: of the sample (B,) [s].
         copies: phi and, in the last column, y (C, B, S, P + 1); the next sample overwrites them. The first copy is as
             measured. If the noise is known, two more have noise added to the position, and its negative.
@@ -268,7 +268,7 @@ def _smooth_signs(weights: Array) -> Array:
     """Smooth `SIGNS` as positions with weights of samples (INSTANT, L, 4).
 
     Returns:
-        Position, velocity and acceleration of the instant whose window ends before each sign (3, signs).
+        Position, velocity and acceleration of the instant with a window that ends before each sign (3, signs).
     """
     signs = np.array([SIGNS, SIGNS - np.roll(SIGNS, 1)])
     of_window = np.arange(-weights.shape[1], 0)[:, None] + np.arange(len(SIGNS))
