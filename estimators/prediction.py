@@ -1,4 +1,4 @@
-"""Recordings beside what a model predicts of them, sample by sample."""
+"""Recordings and their predictions by a model, sample by sample."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ QUANTITIES = ("position", "torque", "predicted_torque", "residual", "simulated_p
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """A recording of N samples beside what a model predicts of it.
+    """A recording of N samples and its prediction by a model.
 
     Arrays are (N,), of an arm with n joints (N, n). A sample without a value is NaN.
 

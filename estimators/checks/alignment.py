@@ -35,10 +35,10 @@ from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
 class ChannelSettings:
     """Settings of the search for delays and lags, and limits of their report."""
 
-    reach: float = 0.05  # [s], delays and lags up to it are looked for
-    starts: int = 51  # delays among which a search starts from the best
-    sure: float = 4.0  # standard errors from which an estimate is told from none
-    clearer: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a gain that counts, as of an effect's
+    reach: float = 0.05  # [s], largest delay and lag of a search
+    starts: int = 51  # number of delays; a search starts from the best
+    sure: float = 4.0  # standard errors of a significant estimate
+    clearer: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a significant gain, as of an effect's
     p_value: float = Criterion.p_value  # below which more columns explain more
     by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gained by chance by the best of so many delays
     error_margin: float = Criterion.error_margin  # share by which errors differ by chance
@@ -49,9 +49,9 @@ class ChannelSettings:
     bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
     nearby: float = 1e-4  # [s], difference for derivatives
     negligible: float = 0.1  # of a sample: clocks, and the steps of simulators, are not more exact
-    least_sampled: float = 0.25  # of a sample, by which torque looks late that a controller sets twice a sample
-    between: int = 4  # recordings from which on their scatter, too, tells a standard error
-    fewest_stretches: int = 3  # below which their scatter tells nothing
+    least_sampled: float = 0.25  # of a sample, apparent delay of torque that a controller sets twice a sample
+    between: int = 4  # least number of recordings for a standard error from their scatter
+    fewest_stretches: int = 3  # least number for an error from their scatter
 
 
 SEARCH = ChannelSettings()
@@ -103,7 +103,7 @@ class Alignment:
     def beats(self, other: Alignment, by_chance: float = 0.0) -> bool:
         """Return whether it predicts significantly better, by the scatter between clusters of time.
 
-        A channel acts always: what fits a single event better is no delay.
+        A channel always acts: a better fit of a single event is not a delay.
         """
         gain = self.density - other.density
         if gain.shape[1] < SEARCH.fewest_stretches:
@@ -136,15 +136,15 @@ class Alignment:
     def apply(self, recording: Recording, later: float = 0.0, slower: float = 0.0) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
 
-        The last samples of each segment, whose torque was never logged, are left out. `later` and `slower` are added to
-        the delay and to the lag [s]; the remaining samples are the same for any values of these.
+        The last samples of each segment have no logged torque and are omitted. `later` and `slower` are added to the
+        delay and to the lag [s]; the remaining samples are the same for any values of these.
         """
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
         channel = replace(self.channel, delay=0.5 * period) if self.is_half_sample else self.channel
         changed = replace(channel, delay=channel.delay + later, lag=channel.lag + slower)
-        edge = 2 * self.channel.is_sampled  # samples whose cubic has no neighbours
+        edge = 2 * self.channel.is_sampled  # samples without neighbours for a cubic
         first = max(edge, int(self.lag > 0))
         beyond = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + edge
         kept_rows, torque = [], []
@@ -203,4 +203,4 @@ class Alignment:
         }
 
 
-NO_ALIGNMENT = Alignment(Channel(), np.inf, np.inf)  # of recordings that are too short to tell
+NO_ALIGNMENT = Alignment(Channel(), np.inf, np.inf)  # of recordings that are too short

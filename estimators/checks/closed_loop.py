@@ -1,7 +1,7 @@
 """Detection of feedback from motion to torque.
 
-A controller answers errors of the sensor and disturbances at once. The innovations of torque and position, which their
-past does not predict, are then correlated. A planned torque has no such correlation.
+A controller answers errors of the sensor and disturbances immediately. The innovations of torque and position, which
+their past does not predict, are then correlated. Those of a planned torque are not.
 
 A fit of recorded torque is consistent in a closed loop only if its residual is noise (Forssell and Ljung, Automatica
 35(7), 1999): the controller answers each unmodelled torque, and a delay or a lag of the torque fits its answer.
@@ -33,11 +33,11 @@ SAME = 1.2  # ratio of frequencies below which they count as one
 class FeedbackSettings:
     """Settings of the test for feedback."""
 
-    past: int = 6  # samples of torque and position that tell what comes
-    parts: int = 20  # of a recording, whose scatter tells how sure a correlation is
+    past: int = 6  # samples of torque and position that predict the next
+    parts: int = 20  # of a recording; their scatter gives the error of a correlation
     sure: float = 4.0  # standard errors
-    answered: float = 0.1  # correlation of the surprises; less of it biases no parameter
-    tail: float = 4.0  # standard deviations beyond which a surprise is an event of its own: a step, a stop, a glitch
+    answered: float = 0.1  # correlation of the innovations; a smaller one biases no parameter
+    tail: float = 4.0  # standard deviations beyond which an innovation is an event: a step, a stop, a glitch
     strides: tuple[int, ...] = (1, 2, 4, 8)  # samples in a step; a coarse encoder hides answers of single samples
 
 
@@ -45,10 +45,9 @@ ANSWER = FeedbackSettings()
 
 
 def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
-    """Find recordings in which torque answers the motion: by an unexpected change of position in a few samples.
+    """Find recordings in which torque answers unpredicted changes of position within a few samples.
 
-    Recordings with a reference and recordings without are a finding each, with the median of their gains. Arms are not
-    tested.
+    Recordings with and without a reference have separate findings, with the median of their gains. Arms are not tested.
     """
     gains: dict[tuple[Kind, str], dict[str, float]] = {}
     for recording in (recording for recording in recordings if recording.position.ndim == 1):
@@ -63,7 +62,7 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
 
 
 def have_one_frequency(recordings: Sequence[Recording]) -> bool:
-    """Return whether recordings of one joint together move at one frequency, at which a lag or delay is any inertia."""
+    """Return whether recordings of one joint share one frequency, at which an inertia imitates a lag or delay."""
     if any(recording.position.ndim > 1 for recording in recordings):
         return False
     longest = [max(recording.segments, key=len) for recording in recordings]
@@ -75,7 +74,7 @@ def have_one_frequency(recordings: Sequence[Recording]) -> bool:
 def is_consistent(recordings: Sequence[Recording], data: TorqueWindows, residual: Array, parameters: int) -> bool:
     """Return whether a fit of the torque's timing is consistent.
 
-    It needs motion of more than one frequency, and where torque answers the motion a residual of noise.
+    It needs motion of more than one frequency; if torque answers the motion, its residual must also be noise.
 
     Args:
         recordings: of the fit; those of an arm are not tested.

@@ -50,7 +50,7 @@ class DiagnoseOnline(MeasurementWrapper):
         model: Model | str | Path | None = None,
         robot: str | None = None,
     ) -> None:
-        """Wrap an environment whose `info` carries `time`, `position` and `torque`.
+        """Wrap an environment with `time`, `position` and `torque` in `info`.
 
         Args:
             env: the environment.
@@ -58,12 +58,12 @@ class DiagnoseOnline(MeasurementWrapper):
                 links of the arm with viscous and Coulomb friction at each joint.
             candidates: ids of possible effects, or one id; None for all of the library. For an arm, `stribeck` means
                 each joint, `stribeck@elbow` one joint.
-            rate: sampling rate [Hz]; None asks the environment, which also knows its encoder.
+            rate: sampling rate [Hz]; None reads it from the environment, as the encoder.
             alarms_per_hour: accepted mean number of false alarms per hour of motion.
             model: identified model, or its file, instead of `terms`. Parameters of the plant that differ
                 significantly from those of the model are reported as changed after five seconds of motion. `add`,
                 `undo` and an accepted change end this comparison until the next reset.
-            robot: URDF or MJCF file of an arm; None asks the environment.
+            robot: URDF or MJCF file of an arm; None reads it from the environment.
 
         Raises:
             ValueError: if a name is unknown, a number is out of its range, a term of the model depends on the past,

@@ -57,7 +57,7 @@ class EstimateParameters(MeasurementWrapper):
         robot: str | None = None,
         **options: Unpack[EstimatorOptions],
     ) -> None:
-        """Wrap an environment whose `info` carries `time`, `position` and `torque`.
+        """Wrap an environment with `time`, `position` and `torque` in `info`.
 
         Args:
             env: the environment.
@@ -66,10 +66,10 @@ class EstimateParameters(MeasurementWrapper):
             terms: all terms of the model, ids or `Term` objects, such as `(*BASE, Stribeck(stribeck_velocity=0.4))`;
                 None for the four of the paper. A term without linear parameters, such as `dead_time`, is known. For an
                 arm, terms at joints, such as `viscous@elbow`; None for viscous and Coulomb friction at each joint.
-            rate: sampling rate [Hz]; None asks the environment. The resolution of the encoder is asked, too; if it is
-                unknown and `counts` is not given, it is estimated from the first samples of motion.
+            rate: sampling rate [Hz]; None reads it from the environment, as the resolution of the encoder. A resolution
+                that is unknown and not given by `counts` is estimated from the first samples of motion.
             in_observation: append theta and the standard errors of all schemes to a Box observation.
-            robot: URDF or MJCF file of an arm, for lengths and axes; None asks the environment.
+            robot: URDF or MJCF file of an arm, for lengths and axes; None reads it from the environment.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor per equation, 1 for no forgetting),
                 `prior` (P(0) on the diagonal), `counts` (encoder counts per turn), `smoothing`, and `recursion`
                 ("KalmanFilter" for filterpy).
