@@ -85,7 +85,7 @@ class Kind(StrEnum):
     PART_OF_TURN = "part_of_a_turn"  # angle that the motion covers
     UNTESTED_RANGE = "untested_range"  # low, high, where nothing was met so far
 
-    # what a model leaves of the residual
+    # unexplained residual of a model
     IMPOSSIBLE = "impossible"  # violated bounds, by name of the gate or the parameter
     TABLE_EXPLAINS = "table_explains"  # nonlinear parameters of the table, by name
     NEAR_REVERSALS = "near_reversals"  # error

@@ -1,4 +1,4 @@
-"""Methods whose results are computed once."""
+"""Memoise the results of methods."""
 
 from __future__ import annotations
 

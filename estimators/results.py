@@ -1,4 +1,4 @@
-"""Result of a comparison, and what the JSON of all results shares."""
+"""Result of a comparison, and common parts of the JSON of all results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Payloads of an arm: the body at a link that some recordings show beside others, or beside a model.
+"""Payloads of an arm: the body at a link in some recordings, relative to others or to a model.
 
 The ten standard parameters of a body that is fixed to a link have ten columns, which combine those of the base
 parameters: Y_link = Y K, with K the link's columns of `Body.combine`. In one recording they are part of the base
@@ -234,7 +234,7 @@ class PayloadRows(NamedTuple):
         return np.asarray(theta.reshape(count - 1, -1) @ self.basis[STANDARD.index("m")])
 
     def fit(self, group: Sequence[int], model: Model | None = None) -> tuple[list[Payload], float]:
-        """Fit the payload of each group of recordings from 1, beside those of group 0.
+        """Fit the payload of each group of recordings from 1, relative to group 0.
 
         Without a model of the empty arm, its parameters are fitted, too.
 

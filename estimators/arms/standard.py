@@ -1,6 +1,6 @@
 """Standard parameters of an arm's links: of all bodies with the base parameters that were found, the likeliest.
 
-Base parameters do not tell the mass of a link, but a simulator wants one. Each link's pseudo-inertia is written as
+Base parameters do not determine the mass of a link; a simulator needs one. Each link's pseudo-inertia is written as
 L L', which no choice of L makes impossible: mass is positive, and the moments of inertia are those of a body. Among
 these, the one is taken that fits the base parameters by their standard errors and, where they leave it open, is near
 the file.

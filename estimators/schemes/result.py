@@ -22,8 +22,8 @@ from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/identification@2"
-SAVED = "filtered_dynamic"  # scheme whose model of an arm is the one to go on with
-SHOWN = 3  # recordings, at most, whose names are printed
+SAVED = "filtered_dynamic"  # scheme of the saved model of an arm
+SHOWN = 3  # largest number of printed names of recordings
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,7 +34,7 @@ class Identification(Mapping[str, Identified], Shown):
 
     Attributes:
         schemes: results by id of the scheme.
-        findings: parameters that the recordings do not determine, and what seems wrong with recordings or model.
+        findings: undetermined parameters, and possible faults of recordings or model.
         recordings: names.
         ends: duration of all recordings up to the end of each; empty if unknown [s].
         torque_unit: `N m`, or the unit of a current; parameters are then per unit of current.

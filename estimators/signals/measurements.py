@@ -31,7 +31,7 @@ TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excita
 CLEAN = 0.005  # noise over RMS acceleration: more biases inertia by more than 2.5e-5
 WIDTHS = (*HALF_WIDTHS, 0.11)  # candidates of half widths [s]
 CLEAN_ONLINE = 0.01  # the same online, where a longer window delays the estimates
-CLEAN_SWING = 0.03  # the same of a free swing, whose inertia is known and not biased
+CLEAN_SWING = 0.03  # the same of a free swing; its inertia is known and not biased
 SIDES = 3  # samples on either side that the kernels below use
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -55,7 +55,7 @@ class Measurements:
         position, velocity, acceleration: smoothed, at the instants (N,) [rad], [rad/s], [rad/s^2].
         torque: filtered torque at the instants, the mean of the commands before and after (N,) [N m].
         held: filtered torque from the sample before to this one (N,) [N m].
-        moving: samples whose speed exceeds `Smoothing.slowest` (N,).
+        moving: samples with a speed above `Smoothing.slowest` (N,).
         period: sample time [s].
         torque_noise: standard deviation of the white noise in `held` [N m].
         reach: samples on either side that a value depends on.

@@ -174,7 +174,7 @@ def compute_spectrum(time: Array, residual: Array, noise: float) -> Profile:
 def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
     """Fit a cosine and a sine of omega [rad/s] to a residual (R,) at times (R,) [s]; return the amplitude of their sum.
 
-    It is sqrt(4 P / R) of the power P by `scipy.signal.lombscargle`, whose package takes half a second to import.
+    It is sqrt(4 P / R) of the power P by `scipy.signal.lombscargle`; importing that takes half a second.
     """
     wave = np.exp(1j * omega * time)
     overlap = np.mean(wave**2)  # 0 if cosine and sine are orthogonal; else turning the phase makes them so
@@ -208,7 +208,7 @@ def find_regions(
     most: int = 6,
     units: JointUnits = TURNING,
 ) -> list[Region]:
-    """Find at most `most` regions whose mean residual is above five standard errors.
+    """Find at most `most` regions with a mean residual above five standard errors.
 
     In turn, the most significant profile, or a constant, is subtracted from the residual (R,) [N m], until none is
     significant or exceeds `REGIONS.share` of the first. The top region of each profile comes first, then the others.

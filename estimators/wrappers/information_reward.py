@@ -1,4 +1,4 @@
-"""Wrappers whose reward is the gain of information about the parameters."""
+"""Wrappers that reward the gain of information about the parameters."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class InformationReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstru
     """
 
     def __init__(self, env: gym.Env[Any, Any], prior: float = 1e-6) -> None:
-        """Wrap an environment whose `info` has `regressor`; see `Information` for the prior."""
+        """Wrap an environment with `regressor` in `info`; see `Information` for the prior."""
         gym.utils.RecordConstructorArgs.__init__(self, prior=prior)
         gym.Wrapper.__init__(self, env)
         self._information = Information(prior)
@@ -83,7 +83,7 @@ class InformationRewardVector(VectorWrapper):
     """`InformationReward` for a vector environment; a reset also resets the information of a pendulum."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], prior: float = 1e-6) -> None:
-        """Wrap a vector environment whose `info` has `regressor` (B, P)."""
+        """Wrap a vector environment with `regressor` (B, P) in `info`."""
         super().__init__(env)
         self._information = Information(prior)
 

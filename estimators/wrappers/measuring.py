@@ -117,7 +117,7 @@ class MeasurementVectorWrapper(VectorWrapper):
         return self._write_info(observation, info)
 
     def _restart(self, which: Mask, time: Array) -> None:
-        """Restart plants (B,), whose last samples have the times (B,) [s]."""
+        """Restart plants (B,); the times are those of their last samples (B,) [s]."""
         self._algorithm.reset(which)
 
     @abstractmethod
