@@ -37,7 +37,7 @@ class FitData:
         doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque is corrected. Empty before `with_timing`.
-        window_share: factor on the window lengths that noise asks for.
+        window_share: factor on the window lengths chosen by noise.
         contact_terms: terms by whose residual contacts with a stop were found; None without contacts.
         terms: terms that may be fitted to an arm, the links first; empty for a pendulum.
         treatments: findings on each treatment, in order.

@@ -38,7 +38,7 @@ def split_arm(
 def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
     """Return fitted and held-out data of a pendulum; without `holdout`, the end of each recording is held out.
 
-    `shorter` is a factor on the window lengths that noise asks for. While windows are too few, it is multiplied by
+    `shorter` is a factor on the window lengths chosen by noise. While windows are too few, it is multiplied by
     `Criterion.shorter_window`, down to about `SHORTEST`.
 
     Raises:

@@ -27,7 +27,7 @@ def list_angle_effects(model: Model, base: Terms) -> list[Term]:
 def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
     """Add the error of the law of the angle to the standard errors and correlations of a model of a pendulum.
 
-    Within part of a turn, other laws in the place of an effect of the angle may fit as well, with another gravity. The
+    Within part of a turn, other laws may replace an effect of the angle and fit as well, with another gravity. The
     error of gravity reaches from its value to the farthest of these laws, and includes the error there. Parameters of
     the effects change with gravity as their covariance says.
 
@@ -58,7 +58,7 @@ def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
 def _list_rivals(evaluator: ModelEvaluator, terms: Terms, effect: Term) -> Iterator[Estimate]:
     """Yield gravity with another law in the place of an effect of the angle, where held-out data allow that law.
 
-    The law has to keep the inertia and the sign of gravity of the model without the effect, see `keeps_base`. Its
+    The law must keep the inertia and the sign of gravity of the model without the effect, see `keeps_base`. Its
     gravity is at most twice that of this model. A law that contains the effect, as a spring that may harden, counts
     only if it changes gravity significantly: the simpler law is likelier.
     """

@@ -1,4 +1,4 @@
-"""Choice of the case of a diagnosis by what was recorded."""
+"""Choice of the case of a diagnosis by the recordings."""
 
 from collections.abc import Sequence
 

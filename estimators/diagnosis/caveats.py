@@ -27,7 +27,7 @@ def find_caveats(
         evaluator: of the data.
         steps: from the base model to the final model of a pendulum.
         terms: of the final model.
-        known: detectable effects of these terms, or nothing.
+        known: detectable effects of these terms; may be empty.
     """
     model, (low, high) = steps[-1].model, evaluator.train.get_range()
     return [
@@ -39,7 +39,7 @@ def find_caveats(
 
 
 def _find_few_windows(evaluator: ModelEvaluator) -> list[Finding]:
-    """Return a finding if there are fewer than `ENOUGH` windows, else nothing."""
+    """Return a finding for fewer than `ENOUGH` windows; else an empty list."""
     count = len(evaluator.train.layout.clusters)
     return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
 

@@ -25,8 +25,8 @@ Place = tuple[float, float, float, str]  # of a contact: size of its torque [N m
 def find_contacts(evaluator: ModelEvaluator, final: Terms, model: Model) -> list[Finding]:
     """Return a finding on contacts that a model without a stop leaves, with the place of the largest, or nothing.
 
-    A contact is a torque at a reversal or at rest that exceeds dry friction, see `TorqueWindows.with_contacts`. It is
-    not told from the residual of a model that leaves structure where the joint moves.
+    A contact is a torque at a reversal or at rest that exceeds dry friction, see `TorqueWindows.with_contacts`. There
+    is no finding if the model leaves structure where the joint moves.
     """
     has_contacts = has_stop(final) or evaluator.train.data.contacts
     if has_link(final) or has_contacts or not all(evaluator.residuals.is_noise_by_part(final)):
@@ -86,7 +86,7 @@ def is_misfit_between_contacts(evaluator: ModelEvaluator, step: Step) -> bool:
 
 
 def mark_met_stops(candidates: Sequence[Candidate], contacts: Sequence[Finding]) -> tuple[Candidate, ...]:
-    """Return candidates whose reason is contacts where one was said to be untested, but contacts were found."""
+    """Replace the reason `NOT_TESTED` of candidates by contacts, at joints where contacts were found."""
     met = {at: contact for contact in contacts for at in contact.joints or ("",)}
     return tuple(
         replace(candidate, reason=Finding(Kind.ONLY_CONTACTS, {"angle": met[at].numbers["angle"]}))
@@ -139,13 +139,13 @@ def _measure_residual(data: RegressionData, model: Model) -> tuple[Array, Array]
 
 
 def _list_places(data: RegressionData, residual: Array, which: Mask) -> list[Place]:
-    """Return the places of some windows (R,) of data, of whose torques `residual` (R,) is the unexplained part."""
+    """Return the places of windows selected by `which` (R,); `residual` (R,) is their unexplained torque."""
     x, names = data.samples, [w.recording.name for w in data.data.windows for _ in w.centers]
     return [(float(abs(residual[k])), float(x.position[k]), float(x.time[k]), names[k]) for k in np.flatnonzero(which)]
 
 
 def _make_findings(places: Sequence[Place], count: int, units: JointUnits, at: str = "") -> list[Finding]:
-    """Return a finding on contacts of a joint with the place of the largest, or nothing without any."""
+    """Return a finding on contacts of a joint with the place of the largest; empty for none."""
     if not places:
         return []
     torque, angle, time, name = max(places)

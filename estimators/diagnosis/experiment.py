@@ -120,7 +120,7 @@ def suggest_experiment(
 ) -> tuple[Suggestion | None, list[Aim], Finding | None]:
     """Choose the experiment within limits that answers most questions.
 
-    `regions` are those of the residual; if the first is over position, the motion has to reach it.
+    `regions` are those of the residual; if the first is over position, the motion must reach it.
 
     Returns:
         The experiment or None; aims that no candidate reaches without limits of angle and speed, up to the usual
@@ -162,7 +162,7 @@ def suggest_experiment(
 def _choose(
     evaluator: ModelEvaluator, runs: Sequence[SimulatedExperiment], questions: Sequence[Question]
 ) -> tuple[Suggestion | None, list[Question]]:
-    """Choose the experiment that answers most questions, None if none does, and list questions without any answer."""
+    """Choose the experiment that answers most questions, or None, and list questions that no run answers."""
     if not runs:
         return None, list(questions)
     residual_ratios = np.zeros((len(runs), len(questions)))  # [noise floors]

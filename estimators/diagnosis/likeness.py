@@ -72,7 +72,7 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
     """Find at most `LIKENESS.most` formulas that resemble a table, the largest explained share first.
 
     They are fitted to the curve of the table, weighted by its standard errors, in addition to the base laws of its
-    argument. A formula with more parameters has to leave less than half of the residual of simpler ones. The share that
+    argument. A formula with more parameters must leave less than half of the residual of simpler ones. The share that
     k parameters explain of a random table of P has a beta distribution with k/2 and (P - k)/2; a formula is reported if
     the best of all families rarely reaches its share by chance.
     """

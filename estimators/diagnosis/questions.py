@@ -111,7 +111,7 @@ def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Ter
     """Find the smallest detectable size of an effect added to the terms, in the unit of its first parameter.
 
     An effect with RMS torque r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats over N windows with
-    noise s. The gain has to reach `DOUBT` penalties, and r has to be significant structure. Return None if no size is
+    noise s. The gain must reach `DOUBT` penalties, and r must be significant structure. Return None if no size is
     detectable in N windows, or if the terms imitate the effect.
     """
     term, theta = make_typical_effect(kind)
@@ -142,7 +142,7 @@ def find_detectable_effects(
 ) -> tuple[Detectable, ...]:
     """Return the smallest detectable size of each effect in `TOLD`, and the recorded range without a hard stop.
 
-    A size beyond the bounds of the law, or whose torque exceeds the applied torque, is impossible and left out: the
+    A size is omitted if it exceeds the bounds of the law, or if its torque exceeds the applied torque: the
     data do not excite the effect. A joint that makes whole turns has no range.
     """
     effects, data, units = list[Detectable](), evaluator.train.data, evaluator.train.units()

@@ -1,4 +1,4 @@
-"""Verdicts on each effect of the library, and groups of effects that the data cannot tell apart."""
+"""Verdicts on each effect of the library, and groups of effects that the data cannot distinguish."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -22,7 +22,7 @@ from pendulum_env.physics.terms import find_untested_ends
 def rank_effects(
     result: SearchResult, final: Terms, doubts: Sequence[Finding] = (), has_contacts: bool = False
 ) -> tuple[list[Candidate], list[tuple[str, ...]]]:
-    """Return the verdict on each effect of the library, and groups of ids that the data cannot tell apart.
+    """Return the verdict on each effect of the library, and groups of ids the data cannot distinguish.
 
     Selected effects are compared with the table of the search in the model, others without. The selected effect comes
     first in its group.
@@ -177,7 +177,7 @@ def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) ->
 
     The bootstrap redraws the blocks of data. The first entry is `term` itself.
 
-    Laws that contain the term do not compete, nor laws of which a simpler part suffices, nor likely laws that
+    Excluded are laws that contain the term, laws with a sufficient simpler part, and likely laws that
     `can_replace` refuses.
     """
     others = tuple(other for other in terms if other is not term)

@@ -152,7 +152,7 @@ class Diagnosis(Shown):
     Attributes:
         steps: the base model, then one entry for each added effect.
         candidates: verdict on each effect of the library, selected effects first.
-        ambiguous: groups of ids of effects that the data cannot tell apart, the selected one first.
+        ambiguous: groups of ids of effects that the data cannot distinguish, the selected one first.
         unexplained: regions of the residual of the final model; empty if it is noise. An arm has one region for each
             joint with a residual.
         floors: noise floor of the torque at each joint [N m]; in the loop the mean position error by the encoder [rad].
@@ -160,7 +160,7 @@ class Diagnosis(Shown):
         suggestion: experiment that answers most open questions; None if there is none.
         forbidden: reason why no experiment answers a question or explains a residual; None if there is no reason.
         tables: ids of tables that explain the residual: one, or one per joint.
-        inseparable: pairs of ids that no experiment would tell apart.
+        inseparable: pairs of ids that no experiment distinguishes.
         disagreements: recordings that disagree with the others; they are not fitted.
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque was corrected.

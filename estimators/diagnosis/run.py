@@ -51,7 +51,7 @@ def diagnose(
 
     Torque that is logged late or filtered is corrected first. If the found effects change the estimated delay, the
     torque is corrected again and the search repeated. Recordings that disagree with the others are reported and not
-    fitted. Known loads are no part of the model; with a logged current they determine the torque constant. Without
+    fitted. Known loads are not part of the model; with a logged current they determine the torque constant. Without
     known loads, parameters are per ampere.
 
     Effects of an arm are searched at its joints by torque alone, without simulation or suggested experiments.
@@ -59,15 +59,15 @@ def diagnose(
     Args:
         recordings: fitted jointly.
         holdout: confirm effects; by default the last 30 % of each recording, or of its motion if that comes late.
-        base: at least one term to start from, or its id; of an arm `arm_base(body)`, or `Links(body)` first.
+        base: at least one term to start from, or its id; for an arm `arm_base(body)`, or `Links(body)` first.
         progress: called with the present work and the share that is done.
         max_torque: bound of the experiment's torque [N m]. The default is the largest recorded torque, or, if larger,
             the smaller of 6 N m and ten times the largest. Logs in other units use the largest recorded torque.
-        max_angle: bound of its angle to either side of hanging down [rad], infinity for no bound. The default is the
+        max_angle: largest angle from hanging down in either direction [rad]; infinity for no bound. The default is the
             recorded range, or for a joint that makes whole turns, as many turns in either direction.
-        max_speed: bound of its speed [rad/s]; by default the highest recorded speed.
+        max_speed: largest speed [rad/s]; by default the highest recorded speed.
         library: effects that may be selected, by id; by default all registered effects.
-        only: ids of the searched effects; by default all. Of an arm `stribeck`, or `stribeck@elbow` at one joint.
+        only: ids of the searched effects; by default all. For an arm `stribeck`, or `stribeck@elbow` at one joint.
         without: ids of effects that are not searched.
         fixed: known values by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, None)}`; None is no limit.

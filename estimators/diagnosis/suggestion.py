@@ -78,7 +78,7 @@ class Suggestion:
 
     @classmethod
     def from_json(cls, data: JSON, key: str = "") -> Suggestion:
-        """Make a suggestion from a dictionary of `json`; errors name `key`, under which it stands in a file.
+        """Make a suggestion from a dictionary of `json`; errors name `key`, its key in a file.
 
         Raises:
             ValueError: if the dictionary has another form.

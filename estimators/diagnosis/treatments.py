@@ -28,7 +28,7 @@ WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the wi
 def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
     """Search for effects in the data and under each candidate treatment; return the kept trial and all tried ones.
 
-    A kept treatment replaces the trial, and all treatments are tried again from there.
+    If a treatment is kept, all treatments are tried again on its data.
     """
     best, tried, waiting = Trial.search(case, data, setting), list[TriedTreatment](), list(case.treatments)
     while waiting:
@@ -46,7 +46,7 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     """Compare the held-out cost of a treated trial with that of the best trial so far.
 
     Both models are compared on the treated data, unless the treatment changes the torque or the goals: then each has
-    its own data. The likelihood is no measure, since windows of different widths share no blocks. Contacts with a stop
+    its own data. Likelihoods are not compared: windows of different widths have different blocks. Contacts with a stop
     are kept only if the model has one.
     """
     treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
@@ -56,7 +56,7 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     ratio = compute_held_out_cost(after) / max(compute_held_out_cost(before), 1e-300)
     counts = count_assumptions(trial), count_assumptions(best)
     is_kept = is_better(ratio, *counts, trial.evaluator.criterion.error_margin)
-    if treatment.kind is Kind.IMPACTS_INCLUDED:  # the torque of a contact is no gravity, friction or drift
+    if treatment.kind is Kind.IMPACTS_INCLUDED:  # only a stop explains the torque of a contact
         is_kept = is_kept and has_stop(trial.found.terms)
     return TriedTreatment(treatment, ratio, *counts, is_kept)
 
@@ -72,7 +72,7 @@ def is_better(error_ratio: float, assumptions: int, before: int, margin: float) 
 def count_assumptions(trial: Trial) -> int:
     """Return the number of effects, payloads, treatments of windows and goals, added base terms, and corrected timing.
 
-    An excluded recording is no assumption, as a test found its disagreement.
+    Excluded recordings do not count, as a test detected them.
     """
     counted = (*WINDOWS, *GOALS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
     counted_treatments = [treatment for treatment in trial.data.treatments if treatment.kind in counted]
@@ -91,7 +91,7 @@ def narrow_windows(trial: Trial) -> FitData | None:
 
 
 def include_contacts(trial: Trial) -> FitData | None:
-    """Return data with contacts with a stop, see `with_contacts` of `split`; None if there are few."""
+    """Add windows in contact with a stop, see `with_contacts` of `split`; None for few contacts."""
     if trial.data.has_treatment(Kind.IMPACTS_INCLUDED):
         return None
     data = trial.data.with_contacts(trial.found.terms)

@@ -53,7 +53,7 @@ def _make_transmission_gate(
 ) -> Gate | None:
     """Return the failed gate of a transmission that is not tried; None if it is tried.
 
-    It is not tried beside another transmission. In a search by torque, it must be the first effect, and the terms must
+    It is not tried with another transmission. In a search by torque, it must be the first effect, and the terms must
     not leave only noise, alone or with an effect already in `screened_effects`.
     """
     if has_transmission(terms):
@@ -70,7 +70,7 @@ def _make_transmission_gate(
 
 
 def screen_effect(evaluator: ModelEvaluator, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
-    """Return the best variant of an effect beside the terms; None without any variant.
+    """Return the terms with the best variant of an effect; None without variants.
 
     If the best of a coarse grid has little gain or explained share, it is returned without a refinement.
     """

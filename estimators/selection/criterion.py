@@ -59,6 +59,6 @@ class Criterion:
         return residual.z_score >= self.z_score or residual.rms > self.misfit * floor
 
     def is_noise(self, residual: ResidualStructure, floor: float) -> bool:
-        """Return whether a residual is without structure, or small beside the noise floor."""
+        """Return whether a residual is without structure, or small against the noise floor."""
         small = max(residual.correlated_rms / self.noise_ratio, residual.rms / self.misfit) < floor
         return small or not self.has_structure(residual, floor)

@@ -22,7 +22,7 @@ SHARES = (0.1, 0.3, 1.0, -0.1, -0.3)  # of the dry friction of the model, sizes 
 def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
     """Return the terms plus each possible effect of dry friction, fitted to free motion, the largest gain first.
 
-    Nothing is returned without segments, or if the terms are no misfit to the motion.
+    The list is empty without segments, or if the terms are no misfit to the motion.
     """
     if not evaluator.has_misfit(terms):
         return []
@@ -40,7 +40,7 @@ def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
 
 
 def list_starts(evaluator: ModelEvaluator, terms: Terms, variants: list[Term], x: Samples) -> list[Point]:
-    """Return points with each variant of an effect, each of its columns in several sizes, beside the terms.
+    """Return points with each variant of an effect, each of its columns in several sizes, and the terms.
 
     The terms have their parameters of the fit to torque, or of that to motion. `x` are samples of the motion.
     """

@@ -113,8 +113,7 @@ class ModelEvaluator:
 
         Tables that do not cover the held-out data, as functions of time, are refitted to each part of the data. A model
         with lags has the density of the recorded torque, unless that is significantly better than the acting torque
-        without any one lag: then that of the acting torque. So a filter that only makes the torque smaller gains
-        nothing.
+        without any one lag: then that of the acting torque. So a filter that only reduces the torque has no gain.
         """
         if self.residuals.are_refitted(terms):
             return self.refitted_density(terms)
@@ -254,7 +253,7 @@ class ModelEvaluator:
         return by_motion if by_motion.p_value <= self.criterion.p_value else by_torque
 
     def _is_seen_at_rest(self, after: Terms, before: Terms) -> bool:
-        """Return whether free motion may show what a larger model adds though windows of torque do not."""
+        """Return whether free motion may show the added effects although windows of torque do not."""
         known = list_ids(before)
         added = [term for term in after if term.id not in known]
         return bool(added) and all(map(is_dry, added)) and self.has_misfit(before)
@@ -280,7 +279,7 @@ class ModelEvaluator:
         return bool(np.mean(output_error.compute_segment_rms(segments, point) ** 2 / noise) > criterion.misfit**2)
 
     def is_supported(self, after: Terms, before: Terms) -> bool:
-        """Return whether the larger model `after` passes all gates beside `before`."""
+        """Return whether the larger model `after` passes all gates over `before`."""
         return all(gate.passed for gate in self.make_gates(after, before))
 
     def is_needed(self, after: Terms, before: Terms) -> bool:
@@ -302,10 +301,9 @@ class ModelEvaluator:
     def make_gates(self, after: Terms, before: Terms, least_share: float | None = None) -> list[Gate]:
         """Return the gates of a larger model up to the first failure: gain with p-value, share, parameters.
 
-        The gain is that of `evidence`.
-        Beside known parameters, `after` also has to predict significantly better than `before` with these free, else it
-        explains only other values of them. `least_share` is the limit of the explained share of torque or
-        motion, by default `criterion.explained_share`.
+        The gain is that of `evidence`. If `before` has known parameters, `after` must also predict significantly better
+        than `before` with these free; else it imitates other values of them. `least_share` is the limit of the
+        explained share of torque or motion, by default `criterion.explained_share`.
         """
         gain, penalty, criterion = (self.evidence(after, before), self.penalty(after, before), self.criterion)
         least_share = criterion.explained_share if least_share is None else least_share
@@ -328,7 +326,7 @@ class ModelEvaluator:
     def make_coefficient_gates(self, after: Terms, before: Terms) -> list[Gate]:
         """Return the gate of the coefficients of added effects, see `make_coefficient_gate`.
 
-        What only free motion shows has none, nor has a model with a link, whose states may be unknown yet.
+        Models with a link, and effects that only free motion shows, have no gate.
         """
         if has_link(after) or not self.is_significant(after, before):
             return []
@@ -369,7 +367,7 @@ class ModelEvaluator:
         return compute_motion_gain(parts, new, old, penalty)
 
     def release_known(self, terms: Terms) -> Terms:
-        """Return the terms with known parameters free; unchanged for free swings, whose inertia has to be known."""
+        """Return the terms with known parameters free; unchanged for free swings, which need a known inertia."""
         freed = tuple(map(release_term, terms))
         is_scaled = freed != terms and any(recording.known_inertia for recording in self.train.recordings)
         return terms if is_scaled else freed
@@ -384,7 +382,7 @@ class ModelEvaluator:
         return Model.build(fits.terms, fits.theta).withhold(self._unknown)
 
     def _find_unknown(self) -> frozenset[str]:
-        """Return the name of the inertia if it is insignificant by noise alone, else nothing; it is then withheld."""
+        """Return the name of an inertia to withhold, insignificant by noise alone; else an empty set."""
         if not self.train.layout.predicts_torque or "inertia" not in list_ids(self.base):
             return frozenset()
         model, fit = fit_terms(self.train, self.base)
@@ -447,7 +445,7 @@ class ModelEvaluator:
     def make_confirmation_gates(self, after: Step, before: Step) -> list[Gate]:
         """Return the gates of physical bounds and held-out errors; see `make_confirmation_gates`.
 
-        Windows neither confirm nor refute what only free motion shows: torque errors may rise by the margin of chance.
+        If only free motion shows the effects, torque errors may rise by `criterion.error_margin`.
         """
         terms = after.model.terms, before.model.terms
         is_hidden_in_torque = self._is_seen_at_rest(*terms) and not self.is_significant(*terms)

@@ -69,17 +69,17 @@ def remove_term(terms: Terms, term: Term) -> Terms:
 def add_effect(state: SearchState) -> SearchState | None:
     """Add one effect, or release a nonlinear parameter of an effect; else add a pair. None if nothing is confirmed.
 
-    The best `criterion.max_tried` candidates have to be supported and confirmed, and keep the base parameters of the
-    start. Of those that tie with the best one,
-    that with the fewest parameters is added. A link that comes before any other is added by `add_link`. Without a pair
-    either, `add_dry_friction` follows. In data with contacts, a stop comes first.
+    The best `criterion.max_tried` candidates must be supported and confirmed, and keep the base parameters of the
+    start. Of those that tie with the best one, the one with the fewest parameters is added. A link that comes before
+    any other is added by `add_link`. Without a pair, `add_dry_friction` follows. In data with contacts, a stop comes
+    first.
     """
     evaluator, terms = state.evaluator, state.terms
     confirmed: list[Terms] = []
     screened = screen_effects(evaluator, terms)
     candidates = sorted(screened + release_parameters(evaluator, terms), key=evaluator.screening_score)
     needs_stop = not has_stop(terms) and evaluator.train.layout.predicts_torque and evaluator.train.data.contacts > 0
-    if needs_stop:  # torque at contacts is no gravity or friction
+    if needs_stop:  # only a stop explains the torque at contacts
         candidates = list(filter(has_stop, candidates))
     for longer in candidates[: evaluator.criterion.max_tried]:
         if confirmed and not evaluator.is_tied(longer, confirmed[0]):
@@ -103,7 +103,7 @@ def add_effect(state: SearchState) -> SearchState | None:
 def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> bool:
     """Return whether `longer` differs from `terms` only in the form of one effect, and improves the prediction.
 
-    The held-out torque error has to fall with the form; all held-out errors have to fall with the effect.
+    The form must lower the held-out torque error; the effect must lower all held-out errors.
     """
     changed = {id for id, *_ in list_forms(longer) ^ list_forms(terms)}
     if list_ids(longer) != list_ids(terms) or len(changed) != 1 or not evaluator.train.layout.predicts_torque:
@@ -140,7 +140,7 @@ def add_pair(state: SearchState, firsts: Sequence[Terms]) -> SearchState | None:
 def add_dry_friction(state: SearchState) -> SearchState | None:
     """Add an effect of dry friction that only free motion shows; None if none is confirmed.
 
-    If it leaves a misfit to the motion, it has to explain more than `criterion.needed_share`.
+    If it leaves a misfit to the motion, it must explain more than `criterion.needed_share`.
     """
     evaluator, terms = state.evaluator, state.terms
     for longer in screen_dry_friction(evaluator, terms)[: evaluator.criterion.beam]:
@@ -154,7 +154,7 @@ def add_dry_friction(state: SearchState) -> SearchState | None:
 def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     """Add the link in `longer` with estimated states; None if it is not confirmed.
 
-    If structure is left, friction of the link is tried, then the other kind of link, and each kind beside one more
+    If structure is left, friction of the link is tried, then the other kind of link, and each kind with one more
     effect. The least held-out cost decides: only estimated states show which kind of link fits.
     """
     evaluator, terms = state.evaluator, state.terms
@@ -178,7 +178,7 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
 def with_link_friction(state: SearchState, found: SearchState) -> SearchState:
     """Return `found`, a state with a fitted link, with friction of the link; `found` if it does not lower the cost.
 
-    Only parts of the friction, dry or viscous, whose estimates are significant remain.
+    Insignificant parts of the friction, dry or viscous, are removed.
     """
     assert found.evaluator.linked is not None
     point = multiple_shooting.add_link_friction(Point.from_model(found.evaluator.linked.model), LINK_SHARE)

@@ -1,4 +1,4 @@
-"""Physical bounds of a fitted model, and gates that a step of the search has to pass."""
+"""Physical bounds of a fitted model, and gates that a step of the search must pass."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -95,7 +95,7 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
 
 
 def _is_friction(term: Term) -> bool:
-    """Return whether a term is friction, which may change with time: only the sum of its parts has to dissipate."""
+    """Return whether a term is friction, which may change with time: only the sum of its parts must dissipate."""
     return term.kind == "dissipative" or any(column.dry is not zero for column in term.columns)
 
 
@@ -147,7 +147,7 @@ def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, Nonlinea
 def find_driving_friction(model: Model) -> list[Finding]:
     """Return a finding with the dry and viscous friction parameters that are significantly negative, or nothing.
 
-    Beside a table of friction they may have any sign.
+    With a table of friction they may have any sign.
     """
     has_table = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
     names = [name for name in model.estimates if name.split("@")[0] in ("viscous", "coulomb")]
@@ -199,10 +199,10 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
     inertia, and its imitation less; a longer lag cannot be distinguished from its imitation. A spring with negative
     gravity imitates a hardening spring.
 
-    Inertia has to keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
-    It includes the inertia that effects add, as a mean over the motion. Gravity has to keep its sign where the smaller
+    Inertia must keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
+    It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where the smaller
     model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
-    Beside a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
+    With a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
     leave it undetermined cancel it, and draw a curve of their own. Models with a link have no gates, as they are
     uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
     """

@@ -114,7 +114,7 @@ class Residuals:
     def make_loop_gates(self, after: Terms, before: Terms) -> list[Gate]:
         """Return the gate of a lag or delay that a larger model adds, if the motion may not determine it.
 
-        In motion of one frequency it is not determined (`frequencies`). In a closed loop its residual has to be noise:
+        In motion of one frequency it is not determined (`frequencies`). In a closed loop its residual must be noise:
         the controller answers each torque that the model lacks, and a lag or delay of the torque fits this answer.
         """
         known = list_ids(before)
@@ -141,7 +141,7 @@ class Residuals:
         """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.
 
         The update is the least squares fit to both parts, to first order; each part is weighted by its residual. So
-        parameters that the training data hardly determine cause no residual. Covariances by clusters would be singular:
+        parameters that the training data poorly determine cause no residual. Covariances by clusters would be singular:
         an arm has more parameters than a short recording has clusters.
         """
         fit, rows, targets = fit_terms(self.train, terms)[1], list[Array](), list[Array]()

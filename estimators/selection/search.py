@@ -88,8 +88,8 @@ def find_effects(evaluator: ModelEvaluator) -> SearchState:
 def drop_imitations(state: SearchState) -> SearchState:
     """Return the state without its effects if they imitate other values of known parameters, else the state.
 
-    They do if a simpler model with these parameters free leaves only noise in torque and motion, and predicts as well.
-    Tried are models without one of the effects, and models with one of the best other effects.
+    A simpler model with these parameters free must leave only noise in torque and motion, and predict as well.
+    The simpler models lack one of the effects, or have one of the best other effects.
     """
     evaluator, freed = state.evaluator, state.evaluator.release_known(state.start)
     if freed == state.start or not state.effects:
@@ -116,8 +116,8 @@ def _is_better(state: SearchState, rival: SearchState) -> bool:
 def grow(state: SearchState) -> SearchState:
     """Add effects until none is supported; after each, drop and swap effects.
 
-    A revision is kept only if it leads to new terms and its steps are confirmed. There are at most
-    `criterion.max_effects` effects.
+    A revision is kept only if it leads to new terms and its steps are confirmed. At most `criterion.max_effects`
+    are added.
     """
     start, visited = state, {list_forms(state.terms)}
     while len(state.terms) - len(start.start) < state.evaluator.criterion.max_effects:
@@ -148,7 +148,7 @@ def confirm_steps(state: SearchState) -> list[Step]:
 def are_confirmed(evaluator: ModelEvaluator, steps: Sequence[Step]) -> bool:
     """Return whether each step is confirmed by held-out data, or all of them together.
 
-    Together means: the last step leaves noise, is confirmed over the first, and has lower errors than without any one
+    For all together, the last step leaves noise, is confirmed over the first, and has lower errors than without any one
     of its effects.
     """
     if all(evaluator.is_confirmed(after, before) for before, after in pairwise(steps)):

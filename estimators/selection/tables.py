@@ -57,7 +57,7 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
 def list_table_models(state: SearchState) -> Iterator[Terms]:
     """Yield models with each form of each table.
 
-    The table takes the place of all effects, or of all of its kind, or comes beside the effects that are then still
+    The table takes the place of all effects, or of all of its kind, or is added to the effects that are then still
     needed. If the state leaves only noise, the table needs fewer parameters than the effects, or takes the place of two
     or more of its kind.
     """
@@ -82,7 +82,7 @@ def list_table_models(state: SearchState) -> Iterator[Terms]:
 
 
 def add_beside_table(state: SearchState) -> SearchState:
-    """Add effects beside the table of a state while each is needed and structure is left.
+    """Add effects to a state with a table while each is needed and structure is left.
 
     No effect is added if another table predicts significantly better, or another form of the same table ties with it.
     """

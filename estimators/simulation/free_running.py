@@ -263,7 +263,7 @@ def compute_deviation(segments: Sequence[Segments]) -> float:
 def compute_growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
     """Return the largest growth factor of a small error of the initial position during each segment (B,).
 
-    Near the upright equilibrium the error grows exponentially, so a free-running error tells nothing about the model.
+    Near the upright equilibrium the error grows exponentially, so a free-running error does not test the model.
     """
     paths = simulate_all([segments], [Point(tuple(terms), theta)] * 2, np.array([[0.0, 0.0], [PERTURBATION, 0.0]]))[0]
     return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / PERTURBATION)

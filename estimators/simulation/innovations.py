@@ -1,4 +1,4 @@
-"""Errors of segments as innovations of a Kalman filter that knows the noise.
+"""Errors of segments as innovations of a Kalman filter with known noise.
 
 The acting torque differs from the recorded one by noise, which the motion integrates: simulation errors grow along a
 segment and are correlated from sample to sample, and late samples dominate an unweighted fit. A Kalman filter of the

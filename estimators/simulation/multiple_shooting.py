@@ -67,8 +67,8 @@ class ShootingSettings:
     trial_turns: int = 6  # and that of starts which are compared
     stiffer: tuple[float, ...] = (1.0, 1.8)  # times the contact's stiffness: starts of a fit
     climbs: int = 4  # trials of a stiffer and wider play,
-    climb: float = 0.9  # and ratio of errors that each has to reach
-    gain: float = 0.01  # share by which an iteration has to lower the squared error,
+    climb: float = 0.9  # and ratio of errors that each must reach
+    gain: float = 0.01  # share by which an iteration must lower the squared error,
     patience: int = 2  # and number of those that do not, after which a fit ends
 
 

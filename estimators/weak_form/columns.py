@@ -8,7 +8,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Table, Term, list_loads
 
-NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # terms whose parameter is not negative for any body
+NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # terms with a parameter >= 0 for any body
 
 
 def is_torque_dependent(*terms: Term) -> bool:
