@@ -23,8 +23,8 @@ def calibrate(
 ) -> tuple[Recordings, Recordings, Finding | None]:
     """Return fitted and held-out recordings in N m, and a finding if the torque constant or the inertia is unknown.
 
-    See `FitData.from_recordings` for the arguments. Currents stay with a controller with an integral part, whose state
-    is unknown. Free swings beside driven recordings get the known inertia, or that of a fit to the driven ones.
+    See `FitData.from_recordings` for the arguments. Currents stay under a controller with an integral part of unknown
+    state. If there are driven recordings, free swings get the known inertia, or that of a fit to these.
     """
     combined, count = (*recordings, *holdout), len(recordings)
     driven, doubt = [recording for recording in combined if not recording.is_free], None

@@ -261,7 +261,7 @@ class FitData:
 
     @property
     def conventions(self) -> tuple[Finding, ...]:
-        """Findings on what drives leave open: how controllers act, and the reading of goals that is in force."""
+        """Findings on unknown conventions of drives: how controllers act, and how goals are read."""
         controller = [treatment for treatment in self.treatments if treatment.kind is Kind.CONTROLLER_READ]
         goals = [treatment for treatment in self.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
         return (*controller, *goals[-1:])

@@ -77,7 +77,7 @@ class RegressionData:
     def with_steady_segments(self, model: Model) -> tuple[RegressionData, float]:
         """Return the data without segments in which a small error grows tenfold, and the share of such segments.
 
-        If all are such segments, or a model without known inertia cannot simulate, the segments stay.
+        If no others exist, or a model without known inertia cannot simulate, the segments stay.
         """
         candidates = self.segments if model.has_known_inertia else ()
         steady = [compute_growth(segments, model.terms, model.theta) < GROWS for segments in candidates]

@@ -19,7 +19,7 @@ def widen_ends(model: Model, recordings: Sequence[Recording]) -> Model:
 
     The force of a stop begins at an angle between two samples. A few contacts have no scatter that would show this
     error: the least error of an end is the RMS step of the position across it, over the root of the number of contacts.
-    An end of a stop whose stiffness is unknown lies between its estimate and the farthest position.
+    The end of a stop of unknown stiffness lies between its estimate and the farthest position.
     """
     changed = dict[str, Estimate]()
     for term in (term for term in model.terms if term.has_impacts):

@@ -18,7 +18,7 @@ COARSE_GRID = 24  # largest number of variants of continuous parameters, where e
 
 
 def make_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> list[Term]:
-    """Return the variants of an effect on a grid of its nonlinear parameters, for a search beside the terms.
+    """Return the variants of an effect on a grid of its nonlinear parameters, for a search with the terms.
 
     The grid depends on the motion and the residual of the terms. If fits are slow, it has at most `COARSE_GRID`
     variants of continuous parameters.

@@ -50,7 +50,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
 def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
     """Return a finding on the effect with the largest gain that failed only by its explained share.
 
-    There is none if effects were selected, or a residual is unexplained.
+    The list is empty if effects were selected or a residual is unexplained.
     """
     if diagnosis.selected or diagnosis.unexplained:
         return []

@@ -1,1 +1,1 @@
-"""Linear algebra that knows no pendulum: least squares, cross-validation, recursion."""
+"""Linear algebra without pendulums: least squares, cross-validation, recursion."""

@@ -352,7 +352,7 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
     """Replace L equations by at most P + 1 with the same least-squares solution, after the other equations.
 
     Nonlinear equations enter by their tangent; the solution then holds near its point. The new equations contain the
-    weights, so their weight and torque share are one. Their response, if there are perturbations, is linear.
+    weights, so their weight and torque share are one. With perturbations, their response is linear.
 
     Args:
         balance: equations.

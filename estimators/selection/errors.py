@@ -59,7 +59,7 @@ class Errors:
 
     @property
     def loop(self) -> tuple[float, ...]:
-        """Return mean and RMS of the error in the loop [rad]; nothing without a controller."""
+        """Return mean and RMS of the error in the loop [rad]; empty without a controller."""
         return (self.in_loop, self.in_loop_rms) if self.is_in_loop else ()
 
     @property

@@ -1,1 +1,1 @@
-"""Prediction error over segments of simulated motion whose initial states are free."""
+"""Prediction error over segments of simulated motion with free initial states."""

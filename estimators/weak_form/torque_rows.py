@@ -313,7 +313,7 @@ class TorqueRows:
         return None if is_torque_dependent(*terms) else self._fit_last_term(terms)
 
     def _fit_last_term(self, terms: Terms) -> tuple[FoldFits, Array] | None:
-        """Fit the last of some terms beside the others, to first order around the fit of these, by Gram matrices.
+        """Fit the last of some terms with the others, to first order around the fit of these, by Gram matrices.
 
         Returns:
             The fits, and the weights of recordings (E,); None if columns are nearly collinear, or if the first order
