@@ -161,7 +161,7 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     linked = fit_link_states(state, longer)
     if linked is None or linked.is_noise:
         return linked
-    linked = with_link_friction(state, linked)
+    linked = try_link_friction(state, linked)
     if linked.is_noise:
         return linked
     kinds = [kind for kind in evaluator.library.values() if kind.link and kind.id != longer[-1].id]
@@ -175,7 +175,7 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     return min(fitted, key=lambda candidate: candidate.evaluator.cost_with_link)
 
 
-def with_link_friction(state: SearchState, found: SearchState) -> SearchState:
+def try_link_friction(state: SearchState, found: SearchState) -> SearchState:
     """Return `found`, a state with a fitted link, with friction of the link; `found` if it does not lower the cost.
 
     Insignificant parts of the friction, dry or viscous, are removed.

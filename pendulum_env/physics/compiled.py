@@ -1,4 +1,4 @@
-"""Compile recurrences over a batch, for which NumPy would loop over small arrays.
+"""Compile recurrences over a batch; NumPy would loop over small arrays.
 
 Laws are NumPy functions. Evaluated on `symbols`, they become the lines of a program for LLVM, which compiles a small
 program in 10 ms.

@@ -25,7 +25,7 @@ LOCAL, REMOTE = 10e-6, 150e-6  # [s], uncertainty of the time of a count: local 
 
 
 class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
-    """Timeout of calls to the server, for which nidaqmx has none."""
+    """Timeout of calls to the server; nidaqmx has none."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
