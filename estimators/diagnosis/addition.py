@@ -87,4 +87,4 @@ def add(
         objection = None if gain.p_value <= evaluator.criterion.p_value else Finding(Kind.BY_CHANCE)
     trial, log_format = Trial(case, data, setting, result), collect_log_format(data.recordings)
     refitted, after = (case.present(trial, step, True).with_log_format(log_format) for step in (refitted, after))
-    return Addition(refitted, after, evaluator.residuals.floors, objection, data.doubt)
+    return Addition(refitted, after, evaluator.residuals.holdout_floors, objection, data.doubt)

@@ -31,7 +31,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=trial.unexplained,
-        floors=trial.evaluator.residuals.floors,
+        floors=trial.evaluator.residuals.holdout_floors,
         findings=(),
         alignments=(data.whole or data).alignments,
         torque_unit=data.unit,

@@ -155,7 +155,8 @@ class Diagnosis(Shown):
         ambiguous: groups of ids of effects that the data cannot distinguish, the selected one first.
         unexplained: regions of the residual of the final model; empty if it is noise. An arm has one region for each
             joint with a residual.
-        floors: noise floor of the torque at each joint [N m]; in the loop the mean position error by the encoder [rad].
+        floors: noise floor of the held-out torque at each joint [N m]; in the loop the mean position error by the
+            encoder [rad].
         findings: on data and model, the most important first.
         suggestion: experiment that answers most open questions; None if there is none.
         forbidden: reason why no experiment answers a question or explains a residual; None if there is no reason.
@@ -300,7 +301,7 @@ class Addition(Shown):
     Attributes:
         before: refitted model without the effect, and its errors.
         after: refitted model with the effect, and its errors.
-        floors: noise floor of the torque at each joint [N m]; in the loop, of the position [rad].
+        floors: noise floor of the held-out torque at each joint [N m]; in the loop, of the position [rad].
         objection: finding against the effect; None without objection.
         doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
     """
