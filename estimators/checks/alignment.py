@@ -1,17 +1,15 @@
-"""Timing of torque against motion, which is checked before effects are searched.
+"""Delay and lag between torque and motion, estimated before the search for effects.
 
-Many logs hold torque late: it was read after the position, came over a slow bus, or passed a filter. No effect can do
-that, since none acts before its cause; but several effects together can hide it, so that it has to be found first.
+Torque is logged late if it is read after the position, sent over a slow bus, or filtered. A single effect cannot
+imitate late torque, because no effect acts before its cause. Several effects together can imitate it.
 
-With tau the torque that acts and u the one that is logged, held from its sample to the next, the laws of the torque
-channel, fitted by `channel`, are
+`channel` fits the laws of the torque channel. tau is the acting torque, u the logged torque, held between samples:
 
-    tau(t) = u(t + delay)                    delay > 0: logged late; delay < 0: it acts late, as after a dead time
+    tau(t) = u(t + delay)                    delay > 0: logged late; delay < 0: acts late, as after a dead time
     tau = u + lag u'                         lag > 0: logged through a low-pass filter
-    tau + |lag| tau' = u                     lag < 0: it acts through one, as after the lag of a drive
+    tau + |lag| tau' = u                     lag < 0: acts through a low-pass filter, as after the lag of a drive
 
-or torque was sampled from one that went on changing until the next sample, as in a log that keeps every tenth sample of
-a controller: that is half a sample late.
+Torque that is sampled while it changes is half a sample late. An example is every tenth sample of a controller.
 """
 
 from __future__ import annotations
@@ -38,20 +36,20 @@ class ChannelSettings:
     reach: float = 0.05  # [s], largest delay and lag of a search
     starts: int = 51  # number of delays; a search starts from the best
     sure: float = 4.0  # standard errors of a significant estimate
-    clearer: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a significant gain, as of an effect's
-    p_value: float = Criterion.p_value  # below which more columns explain more
-    by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gained by chance by the best of so many delays
+    clearer: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a significant gain
+    p_value: float = Criterion.p_value  # of the F-test that additional columns explain more
+    by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
     error_margin: float = Criterion.error_margin  # share by which errors differ by chance
-    kept_inertia: float = Criterion.kept_inertia  # share of it that a delay leaves by which torque acts late
+    kept_inertia: float = Criterion.kept_inertia  # least inertia with a late action, relative to that without
     fewest_equations: int = 3  # equations for each column
-    friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # of the highest velocity: where friction, too, may bend
-    orders: int = 48  # of sines of the angle, where torque of another kind is left
-    bends: int = 3  # times that the torque of the model is refitted with columns that depend on it
+    friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # Stribeck velocities of friction columns, of the highest velocity
+    orders: int = 48  # largest order of the sines of the angle
+    bends: int = 3  # iterations of columns that depend on the fitted torque
     nearby: float = 1e-4  # [s], difference for derivatives
-    negligible: float = 0.1  # of a sample: clocks, and the steps of simulators, are not more exact
+    negligible: float = 0.1  # of a sample, accuracy of clocks and of the steps of simulators
     least_sampled: float = 0.25  # of a sample, apparent delay of torque that a controller sets twice a sample
     between: int = 4  # least number of recordings for a standard error from their scatter
-    fewest_stretches: int = 3  # least number for an error from their scatter
+    fewest_stretches: int = 3  # least number of stretches for a standard error from their scatter
 
 
 SEARCH = ChannelSettings()
@@ -59,17 +57,17 @@ SEARCH = ChannelSettings()
 
 @dataclass(frozen=True)
 class Alignment:
-    """A law of the torque channel as fitted: the time between torque and motion.
+    """Fitted law of the torque channel: the time between torque and motion.
 
     Attributes:
-        channel: the law; neither delay nor lag if torque and motion are not apart.
-        delay_std, lag_std: standard errors of its delay and lag [s], zero of what is not free.
-        rival: the other of delay and filter, where it explains as much.
-        is_half_sample: whether torque was sampled with the position: half a sample late, for any sampling period. The
+        channel: the law; without delay and lag if torque and motion are in time.
+        delay_std, lag_std: standard errors of its delay and lag [s]; 0 of a fixed parameter.
+        rival: the filter if the law is a delay, or the delay if it is a filter, if both explain the torque equally.
+        is_half_sample: whether torque was sampled with the position, so it is half of any sampling period late. The
             standard error is that of a free delay.
         gain: parameter of the first column, and its standard error.
-        density: log predictive density of each stretch (2, C) [nat], if what is left acts as torque, and if it is
-            noise of the log, which the channel's filter raises.
+        density: log predictive density of each stretch (2, C) [nat]: with the residual as torque, and with it as
+            noise of the log, which the channel's inverse filter amplifies.
     """
 
     channel: Channel
@@ -82,12 +80,12 @@ class Alignment:
 
     @property
     def delay(self) -> float:
-        """By which torque is logged late [s]; below zero it acts late."""
+        """Time by which torque is logged late [s]; if negative, torque acts late."""
         return self.channel.delay
 
     @property
     def lag(self) -> float:
-        """Time constant of the filter in the logged torque [s]; below zero, of the drive."""
+        """Time constant of the filter in the log [s]; if negative, of the drive."""
         return self.channel.lag
 
     @property
@@ -101,9 +99,11 @@ class Alignment:
         return self.channel.is_late
 
     def beats(self, other: Alignment, by_chance: float = 0.0) -> bool:
-        """Return whether it predicts significantly better, by the scatter between clusters of time.
+        """Return whether it predicts significantly better, by the scatter between stretches of time.
 
-        A channel always acts: a better fit of a single event is not a delay.
+        Args:
+            other: alignment of the same recordings.
+            by_chance: gain that counts as zero [nat].
         """
         gain = self.density - other.density
         if gain.shape[1] < SEARCH.fewest_stretches:
@@ -126,8 +126,8 @@ class Alignment:
         return self.is_significant and self.beats(none, SEARCH.by_chance)
 
     def agrees(self, other: Alignment) -> bool:
-        """Return whether delay and lag agree with those of another alignment within their errors."""
-        if self.is_half_sample and other.is_half_sample:  # each of its own period
+        """Return whether delay plus lag agree with those of another alignment within their errors."""
+        if self.is_half_sample and other.is_half_sample:  # sampling periods may differ
             return True
         difference = self.delay + self.lag - other.delay - other.lag
         std = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
@@ -136,8 +136,11 @@ class Alignment:
     def apply(self, recording: Recording, later: float = 0.0, slower: float = 0.0) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
 
-        The last samples of each segment have no logged torque and are omitted. `later` and `slower` are added to the
-        delay and to the lag [s]; the remaining samples are the same for any values of these.
+        The last samples of each segment have no logged torque and are omitted.
+
+        Args:
+            recording: recording with torque as logged.
+            later, slower: changes of delay and lag [s]; the omitted samples do not depend on them.
         """
         if not self.is_late:
             return recording
@@ -148,7 +151,7 @@ class Alignment:
         first = max(edge, int(self.lag > 0))
         beyond = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + edge
         kept_rows, torque = [], []
-        joints = recording.torque.reshape(len(recording), -1).T  # of an arm several
+        joints = recording.torque.reshape(len(recording), -1).T  # (J, N)
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - beyond - begin - first >= 2:
                 acting = np.column_stack([changed.hold_torque(own[begin:end], period) for own in joints])
@@ -169,13 +172,13 @@ class Alignment:
 
     @property
     def _note(self) -> Note:
-        """Note the parts of the law that was corrected; half a sample has none."""
+        """Make the note of the corrected delay and lag; half a sample has no numbers."""
         parts = {} if self.is_half_sample else {"delay": self.delay, "lag": self.lag}
         return Note(NoteKind.ALIGNED, numbers={name: Quantity(size, unit="s") for name, size in parts.items() if size})
 
     @property
     def finding(self) -> Finding | None:
-        """Finding on the timing; None if torque and motion are in time. Sampled torque may have no delay of its own."""
+        """Return the finding on the timing; None if torque and motion are in time."""
         if not self.is_found:
             return None
         numbers = (
@@ -190,11 +193,7 @@ class Alignment:
         return Finding(Kind.TORQUE_SAMPLED if self.channel.is_sampled else Kind.TORQUE_LATE, numbers)
 
     def json(self) -> JSON:
-        """Return delay and lag as a dictionary for JSON.
-
-        A positive delay is a late log, a negative delay a late action. A negative lag is of the drive. An unknown
-        standard error is null.
-        """
+        """Return delay and lag as a dictionary for JSON, signed as in `Channel`; an unknown standard error is null."""
         errors = [std if np.isfinite(std) else None for std in (self.delay_std, self.lag_std)]
         return {
             "delay": {"value": self.delay, "std": errors[0], "unit": "s"},

@@ -1,12 +1,13 @@
 """Fit of the torque channel: gain, delay, filter and hold between recorded and acting torque.
 
-With tau the torque that acts, tau = C u of what is logged, by a law of the channel (`signals.channel.Channel`),
+A law C of the channel (`signals.channel.Channel`) gives the acting torque C u of the logged torque u. It is fitted by
+least squares over windows:
 
-    C u = (1/K) (dI q'' + dmgl sin q) + phi theta,
+    C u = (1/K) (dI q'' + dmgl sin q) + phi theta.
 
-by least squares over windows. The torque of the known loads is a column like any other, whose parameter is one over the
-torque constant where a current is logged; where torque is, it is subtracted. The other columns follow nearly any
-physics of the joint, each a function of the motion: none can stand in for time, or explain torque by torque.
+If a current is logged, the torque of the known loads is a column with the parameter 1/K, K the torque constant. If
+torque is logged, the torque of the known loads is subtracted. The other columns approximate nearly any law of the
+joint. They are functions of the motion alone, so they cannot imitate a delay.
 
 Source: Golub and Pereyra, Inverse Problems 19(2), 2003 (variable projection); Ramsey, Journal of the Royal Statistical
 Society B 31(2), 1969 (powers of the fitted values).
@@ -49,8 +50,8 @@ class ChannelFits(ChannelRows):
     """Fits of the recorded torque under any law of the channel.
 
     Attributes:
-        by_torque: slopes of the columns by the torque (R, P).
-        is_sampled: whether torque counts as sampled instead of held.
+        by_torque: derivatives of the columns by the torque (R, P).
+        is_sampled: whether torque is sampled instead of held.
         torques: cache of `torque` by law.
     """
 
@@ -60,9 +61,11 @@ class ChannelFits(ChannelRows):
 
     @classmethod
     def from_recordings(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> ChannelFits | None:
-        """Fit recordings with effects of the joint; None if too few rows are clear of the ends of segments.
+        """Prepare fits of recordings; None if too few rows are far enough from the ends of segments.
 
-        Of an arm all terms of the model are given, the links first; its joints are late alike.
+        Args:
+            recordings: with known torque. The joints of an arm share one law of the channel.
+            beside: effects of the joint; for an arm all terms of the model, the links first.
 
         Raises:
             IdentificationError: if too little of the motion is clear of stick.
@@ -75,14 +78,14 @@ class ChannelFits(ChannelRows):
         return fits.with_columns_of_torque(partial(fits._compute_torque_columns, of_torque)) if of_torque else fits
 
     def with_columns(self, columns: Array, by_torque: Array | None = None) -> ChannelFits:
-        """Return the fits with more columns (R, P), and their derivatives by the torque."""
+        """Return the fits with additional columns (R, P), and their derivatives by the torque (R, P)."""
         weighted = columns * self.data.weights[self.rows, None]
         slopes = np.zeros_like(columns) if by_torque is None else by_torque
         phi, by_torque = np.column_stack([self.phi, weighted]), np.column_stack([self.by_torque, slopes])
         return replace(self, phi=phi, by_torque=by_torque)
 
     def _compute_torque_columns(self, terms: Sequence[Term], torque: Array) -> Array:
-        """Compute columns (R, P) of torque-dependent effects for another torque (R,) [N m], interpolated in time."""
+        """Compute columns (R, P) of torque-dependent terms for a torque (R,) [N m], interpolated in time."""
         windows, first = [], 0
         for w in self.data.windows:
             last = first + len(w.centers)
@@ -103,10 +106,10 @@ class ChannelFits(ChannelRows):
         return self.with_columns(*parts)
 
     def with_columns_of_torque(self, columns: Callable[[Array], Array]) -> ChannelFits:
-        """Return the fits with columns (R, P) of the fitted torque (R,) [N m], which has no delay.
+        """Return the fits with columns (R, P) that are a function of the fitted torque (R,) [N m].
 
-        The recorded torque is that with the delay `start`. Each of `SEARCH.bends` iterations replaces the columns by
-        those of the last fit.
+        The torque is that with the delay `start`. Each of `SEARCH.bends` iterations replaces the columns by those of
+        the last fit.
         """
         torque, weights, fits = self.torque(self.channel(self.start)), self.data.weights[self.rows], self
         for _ in range(SEARCH.bends):
@@ -115,7 +118,7 @@ class ChannelFits(ChannelRows):
         return fits
 
     def with_nonlinear_gain(self) -> ChannelFits:
-        """Return the fits with columns of the torque of the model: friction under load, and nonlinear gain."""
+        """Return the fits with columns |tau| sign(v), tau^2 and tau^3 of the fitted torque tau."""
         sign = np.sign(self.data.samples.velocity[self.rows])
         return self.with_columns_of_torque(
             lambda torque: np.column_stack([np.abs(torque) * sign, torque**2, torque**3])
@@ -132,10 +135,10 @@ class ChannelFits(ChannelRows):
         return np.column_stack([self.data.columns([term])[0][0] for term in BASE])[self.rows]
 
     def keeps_inertia(self, law: Alignment) -> bool:
-        """Return whether torque that acts late by a law leaves the base model its inertia.
+        """Return whether the inertia of the base model stays above `SEARCH.kept_inertia` of itself under a law.
 
-        A joint with inertia J and viscous friction b answers torque as late as by J/b, and an encoder shows the speed
-        better than the acceleration: a delay may take the place of the inertia.
+        The speed of a joint with inertia J and viscous friction b follows torque with the lag J/b. A late action can
+        imitate this inertia.
         """
         columns = self.base_columns * self.data.weights[self.rows, None]
         logged, corrected = (
@@ -144,7 +147,7 @@ class ChannelFits(ChannelRows):
         return bool(corrected >= SEARCH.kept_inertia * logged)
 
     def with_angle_columns(self) -> ChannelFits:
-        """Return the fits with sines of the angle, of as many orders as there are equations for, as any cogging has."""
+        """Return the fits with columns of cogging of all orders for which the equations suffice."""
         count = (len(self.rows) // SEARCH.fewest_equations - self.phi.shape[1]) // 2
         return self if count < 1 else self.with_columns(make_angle_columns(self.data, count)[self.rows])
 
@@ -158,7 +161,7 @@ class ChannelFits(ChannelRows):
     def columns(self) -> tuple[Array, Array]:
         """Return the fitted columns (R, P), and their derivatives by the torque.
 
-        These are single parameters if a gain or a column by the torque is fitted, else an orthonormal basis.
+        They are those of `phi` if a gain or a torque-dependent column is fitted, else an orthonormal basis.
         """
         has_parameters = self.by_torque.any() or self.data.windows[0].recording.torque_unit != NEWTON_METRE
         return (self.phi, self.by_torque) if has_parameters else (self.span, np.zeros_like(self.span))
@@ -170,7 +173,7 @@ class ChannelFits(ChannelRows):
         return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
 
     def select_most_precise(self) -> ChannelFits:
-        """Return the fits with the least error of the delay: these, those with drift, or with nonlinear gain."""
+        """Return these fits, those with drift, or with nonlinear gain: those with the most precise delay."""
         return min((self, self.with_drift(), self.with_nonlinear_gain()), key=lambda fits: fits.delay_fit.delay_std)
 
     @cached_property
@@ -184,19 +187,16 @@ class ChannelFits(ChannelRows):
         return 1.0 / max(w.recording.rate for w in self.data.windows)
 
     def channel(self, x: Array) -> Channel:
-        """Return the law with a delay, and a filter that delays slow torque by `shift`; x = (delay, shift) (2,) [s].
+        """Return the law of x = (delay, shift) (2,) [s], where the filter delays slow torque by `shift`.
 
-        A negative shift gives a negative lag.
+        shift = period / (exp(period / lag) - 1) if positive; a negative shift is the lag.
         """
         delay, shift = (float(value) for value in x)
         lag = shift if shift <= 0 else self.period / float(np.log1p(self.period / shift))
         return Channel(delay, lag, self.is_sampled)
 
     def torque(self, channel: Channel) -> Array:
-        """Undo delay and filter of the log; return the weighted torque (R,) of the windows minus known loads.
-
-        The result is cached in `torques`.
-        """
+        """Return the weighted acting torque (R,) of the windows without that of known loads, cached in `torques`."""
         if channel in self.torques:
             return self.torques[channel]
         parts = []
@@ -231,9 +231,9 @@ class ChannelFits(ChannelRows):
         """Fit the law from the best start.
 
         Args:
-            starts: delay and shift, see `channel`.
-            free: indices of the fitted ones, 0 for the delay and 1 for the shift; the other stays at its start.
-            low: lower limit of both [s]; the upper limit is `SEARCH.reach`.
+            starts: delay and shift (2,) each [s], see `channel`.
+            free: indices of the fitted parameters, 0 for the delay and 1 for the shift; the others stay at the start.
+            low: lower limit of delay and shift [s]; the upper limit is `SEARCH.reach`.
         """
         clipped = (np.clip(start, low, SEARCH.reach) for start in starts)
         x = min(clipped, key=lambda start: float(np.linalg.norm(self.misfit(start))))
@@ -260,7 +260,7 @@ class ChannelFits(ChannelRows):
         fits = [balance.fit(clusters) for clusters in self.clusters]
         errors = np.max([fit.std for fit in fits], axis=0)
         delay_std, lag_std = (float(std) for std in errors[count:] @ directions)
-        if channel.lag > 0:  # d lag / d shift, which is infinite where there is no filter
+        if channel.lag > 0:  # d lag / d shift, infinite without a filter
             slope = channel.lag**2 / (x[1] * (x[1] + self.period))
             lag_std = min(slope * lag_std, self.channel(x + np.array([0.0, lag_std])).lag)
         gain = float(fits[0].theta[0]), float(errors[0])
@@ -271,12 +271,12 @@ class ChannelFits(ChannelRows):
     def select_law(self) -> Alignment:
         """Return the simplest law that predicts significantly better than the others.
 
-        A filter shorter than a sample cannot be distinguished from a delay by a share of it.
+        A filter shorter than a sample cannot be distinguished from a delay by a share of a sample.
         """
         none, delay = self.fit([np.zeros(2)]), self.delay_fit
         delay_time = delay.delay
         lag = self.fit([np.array([0.0, share * delay_time]) for share in (0.5, 1.0, 1.5)], (1,))
-        if not delay.is_supported(none) or self.is_negligible(delay_time):  # a filtered torque is late, too
+        if not delay.is_supported(none) or self.is_negligible(delay_time):  # a filter also shows as a delay
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
             stds = max(delay.delay_std, abs(delay_time) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
             return replace(none, delay_std=stds[0], lag_std=stds[1])
@@ -296,8 +296,8 @@ class ChannelFits(ChannelRows):
         return law if law.beats(other) or not other.is_supported(none) else replace(law, rival=other.channel)
 
     def is_negligible(self, delay: float) -> bool:
-        """Return whether a delay [s] is a small share of a sample, and torque is predicted as well without it."""
-        # of smoothing, and integration
+        """Return whether a delay [s] is a small share of a sample and does not reduce the error significantly."""
+        # errors of smoothing and integration
         exactness = self.data.compute_numerical_error() * float(np.linalg.norm(self.data.weights[self.rows]))
         errors = [np.linalg.norm(self.misfit(np.array([shift, 0.0]))) for shift in (0.0, delay)]
         before, after = np.hypot(errors, exactness)
@@ -308,7 +308,7 @@ class ChannelFits(ChannelRows):
         return is_consistent(recordings, self.data, self.residual(self.torque(law.channel)), self.span.shape[1])
 
     def explains_more(self, fits: ChannelFits, law: Alignment) -> bool:
-        """Return whether these columns leave significantly less of the torque than the fewer ones of `fits`: F-test."""
+        """Return whether these columns explain significantly more torque than the fewer columns of `fits`: F-test."""
         more, independent = self.span.shape[1] - fits.span.shape[1], len(self.rows) // 2  # windows overlap by half
         freedom = independent - self.span.shape[1]
         if more < 1 or freedom < 1:
@@ -318,7 +318,7 @@ class ChannelFits(ChannelRows):
         return bool(fdtrc(more, freedom, ratio) < SEARCH.p_value)
 
     def compute_noise_gain(self, channel: Channel) -> float:
-        """Compute the largest gain of white noise of the log in the windows by the inverse filter."""
+        """Compute the largest ratio of white noise in the windows with and without the inverse filter."""
         factors, reach = [], int(np.ceil(5 * SEARCH.reach / self.period))
         impulse = np.eye(1, 2 * reach + 1, reach)[0]
         for w in self.data.windows:
@@ -344,28 +344,26 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
 
     Args:
         recordings: one or more.
-        beside: effects that the joint has, with their nonlinear parameters set, which are fitted along. Laws of the
-            present torque without parameters, as a saturation, are applied to it. Laws that delay the torque, as a lag,
-            are left out: they compete with the channel's.
+        beside: effects of the joint with nonlinear parameters set, fitted together with the law. Saturation and other
+            laws of the present torque without parameters are applied to it. Laws that delay the torque are left out,
+            because they compete with the law of the channel.
 
-    A law is reported if its delay or lag is `SEARCH.sure` standard errors from zero, and if it predicts seconds to
-    which it was not fitted significantly better. A delay below `SEARCH.negligible` of a sample is zero if torque is
-    predicted as well without it. A filter is distinguished from a delay if it predicts significantly better; else both
-    are given.
+    A law is reported if its delay or lag is `SEARCH.sure` standard errors from zero, and if it predicts held-out
+    seconds significantly better. A delay below `SEARCH.negligible` of a sample counts as zero if torque is predicted
+    equally without it. A filter is distinguished from a delay if it predicts significantly better; else both are
+    reported.
 
-    Torque that is set n times a sample looks late by (1 - 1/n) / 2 of it. Torque that looks late by a quarter to half a
-    sample counts as sampled unless held torque predicts significantly better; later torque counts as held unless
-    sampled torque does. Sampled torque is late by half a sample unless another delay predicts significantly better, and
-    need not predict significantly better than no delay.
+    Torque that is set n times a sample seems late by (1 - 1/n) / 2 of a sample. Torque that seems late by a quarter to
+    half a sample counts as sampled unless held torque predicts significantly better. Later torque counts as held unless
+    sampled torque predicts significantly better. Sampled torque is late by half a sample unless another delay predicts
+    significantly better. Half a sample need not predict significantly better than no delay.
 
-    In a closed loop the controller answers each torque that the columns lack, and a delay fits its answer: there a law
-    needs a residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
+    In a closed loop the controller answers each unmodelled torque, and a delay fits its answer. A law then needs a
+    residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
 
-    Recordings too short to tell, closed loops without such a residual, delays in the place of the inertia, and torque
-    that a drive asked for give an alignment without a finding and with infinite standard errors.
-
-    Raises:
-        TypeError: if something else is given than recordings and terms.
+    Returns:
+        The alignment. It has no finding and infinite standard errors if the recordings are too short, if the residual
+        of a closed loop is not noise, if a delay replaces the inertia, or if a drive requested the torque.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
     recordings = [_apply_torque_laws(recording, beside) for recording in recordings]
@@ -390,7 +388,7 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
 
 
 def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording:
-    """Return a recording of a pendulum with the torque that remains after laws of the present torque."""
+    """Return a recording of a pendulum with torque after the laws of the present torque, such as a saturation."""
     laws = [term for term in terms if term.fixed and not term.has_state() and not term.at]
     if not laws:
         return recording
@@ -401,7 +399,7 @@ def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording
 
 
 def _choose_hold(fits: ChannelFits) -> Alignment:
-    """Return the best law of torque that was held or sampled; see `align`."""
+    """Return the law of held or of sampled torque, chosen by the rules of `align`."""
     law, sampled = fits.select_law(), replace(fits, is_sampled=True)
     free = fits.delay_fit
     if not (law.is_late or (free.is_significant and not law.is_found)):
@@ -424,12 +422,15 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
 
 
 def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
-    """Align all recordings together, or each by itself if they differ; see `align`.
+    """Align all recordings together, or separately if they differ; see `align`.
 
-    All have the same drive and log, so a law that all show together, or one alone, holds for all, unless half of them
-    contradict it. A recording that contradicts it keeps its own law. If by that law torque acts late, it is not the log
-    that is late, and the shared law holds there, too. In closed loops all share the law that all together determine,
-    or none unless each determines its own: with fewer motions, a delay fits a controller's answer more easily.
+    All recordings have the same drive and log. The law of all, or of one recording, holds for all if more than half
+    agree with it. A recording that contradicts it keeps its own law, unless torque acts late by that law. In closed
+    loops all share the law of all recordings. If they do not determine it, each must determine its own, because a
+    delay fits the controller's answer more easily with less motion.
+
+    Returns:
+        The alignment of each recording, in order.
     """
     joint = align(recordings, beside)
     is_closed = all(find_feedback([recording]) for recording in recordings)

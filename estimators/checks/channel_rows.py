@@ -1,4 +1,4 @@
-"""Equations of the torque channel: windows of recordings with known torque, and columns that follow any motion."""
+"""Equations of the torque channel: windows of recordings, and columns that approximate any law of the joint."""
 
 from __future__ import annotations
 
@@ -25,25 +25,26 @@ from pendulum_env.recording import NEWTON_METRE, Recording
 # share of samples driven by the motor, or braked by the load, above which gear losses and the torque constant cannot be
 # distinguished; a choice: only the other samples distinguish both
 DRIVEN = 0.9
-# friction that is pressed by what acts on the output, the joint's own weight and the known loads [per N m of each]
+# friction proportional to the weight of the joint, and to the known loads [per N m]
 OWN = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
 HUNG = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
-# and by the motor, with its slope by the torque
+# friction proportional to the motor torque, and its derivative by that torque
 MOTOR = Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True)
 SENSE = Column("sense", "1", dry=lambda x: np.sign(x.torque), of_torque=True)
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelRows:
-    """Equations of the torque channel, in rows with known torque.
+    """Equations of the torque channel.
 
     Attributes:
-        data: windows, each with its known load.
-        rows: equations used (R,) of those in the windows.
+        data: windows with their known loads; N equations.
+        rows: indices of the equations used (R,).
         phi: columns (R, P), weighted; the first is that of the known loads if a current is logged.
-        where: stretch of each equation for predictions.
-        carried: torque of the known loads in all windows [N m]; 0 if a current is logged.
-        clusters: of time, and of recordings, of each equation (R,), within which errors may be correlated.
+        where: stretch of each used equation, for cross-validation.
+        carried: torque of the known loads (N,) [N m]; 0 if a current is logged.
+        clusters: cluster of time of each used equation (R,), and of four or more recordings its recording (R,). Errors
+            may be correlated within a cluster.
     """
 
     data: TorqueWindows
@@ -55,10 +56,10 @@ class ChannelRows:
 
 
 def make_channel_rows(recordings: Sequence[Recording], beside: Sequence[Term]) -> ChannelRows | None:
-    """Make the equations of recordings with effects of the joint; None if too few are clear of the ends of segments.
+    """Make the equations of recordings; None if too few are far enough from the ends of segments.
 
-    Columns: the known load if a current is logged, friction pressed by loads, smooth laws of each joint, and the
-    effects in `beside` that do not depend on the torque.
+    Columns are the known load if a current is logged, friction under loads, and smooth laws of each joint. Those of the
+    effects in `beside` follow, except torque-dependent effects.
 
     Raises:
         IdentificationError: if too little of the motion is clear of stick.
@@ -90,13 +91,13 @@ def make_channel_rows(recordings: Sequence[Recording], beside: Sequence[Term]) -
 
 
 def make_angle_columns(data: TorqueWindows, count: int) -> Array:
-    """Make columns (R, 2 K) of sines of the angle, of the orders 1 to K, at most `count` and `SEARCH.orders`."""
+    """Make columns (N, 2 K) of cogging of the orders 1 to K, the smaller of `count` and `SEARCH.orders`."""
     orders = range(1, min(count, SEARCH.orders) + 1)
     return np.column_stack([data.columns([Cogging(float(order))])[0][0] for order in orders])
 
 
 def list_torque_dependent(terms: Sequence[Term]) -> list[Term]:
-    """List the terms whose columns depend on the torque; terms with fixed columns are left out, as a lag."""
+    """List the terms whose columns depend on the torque, without terms with fixed columns, such as a lag."""
     return [term for term in terms if not term.fixed and any(column.of_torque for column in term.columns)]
 
 
@@ -111,26 +112,26 @@ def compute_driven_share(data: TorqueWindows, torque: Array) -> float:
 
 
 def _make_pendulum_windows(recordings: Sequence[Recording]) -> TorqueWindows:
-    """Return the windows of a pendulum with known loads."""
+    """Prepare the windows of a pendulum with known loads."""
     data = prepare_windows(recordings)
     hung = zip(data.windows, map(get_load_in_newton_metres, recordings), strict=True)
     return replace(data, windows=tuple(replace(w, samples=replace(w.samples, load=load)) for w, load in hung))
 
 
 def _make_arm_windows(recordings: Sequence[Recording], terms: Sequence[Term]) -> TorqueWindows:
-    """Return the windows of all joints of an arm, weighted by the residual of links and friction."""
+    """Prepare the windows of all joints of an arm, weighted by the residual of links and friction."""
     data = prepare_arm(recordings, terms[:1])
     return replace(data, weights=TorqueRows(data).weights(arm_base(find_body(terms))))
 
 
 def _smooth_laws(data: TorqueWindows) -> tuple[Term, ...]:
-    """Return terms that approximate nearly any law of one joint."""
+    """Make terms that approximate nearly any law of one joint."""
     fast = float(np.percentile(np.abs(data.samples.velocity), 95))
     return (*smooth_laws(data.windows[0]), *(Stribeck(share * fast) for share in SEARCH.friction))
 
 
 def _find_clear_windows(data: TorqueWindows) -> Index:
-    """Find the windows that keep clear of the ends of segments under every delay up to `SEARCH.reach`."""
+    """Find the windows (R,) that stay inside their segment under every delay up to `SEARCH.reach`."""
     masks = []
     for w in data.windows:
         margin = len(w.kernel) // 2 + int(np.ceil(SEARCH.reach * w.recording.rate)) + 2

@@ -1,12 +1,12 @@
 """Detection of feedback from motion to torque.
 
-A controller answers errors of the sensor and disturbances immediately. The innovations of torque and position, which
-their past does not predict, are then correlated. Those of a planned torque are not.
+A controller answers sensor errors and disturbances immediately. The innovations of torque and position are then
+correlated. Those of a planned torque are not.
 
-A fit of recorded torque is consistent in a closed loop only if its residual is noise (Forssell and Ljung, Automatica
-35(7), 1999): the controller answers each unmodelled torque, and a delay or a lag of the torque fits its answer.
+In a closed loop, a fit of recorded torque is consistent only if its residual is noise (Forssell and Ljung, Automatica
+35(7), 1999). The controller answers each unmodelled torque, and a delay or a lag of the torque fits its answer.
 
-Motion of one frequency determines neither: a later torque at that frequency is another inertia and viscous friction.
+Motion of one frequency determines neither delay nor lag: inertia and viscous friction have the same effect on it.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
 from pendulum_env.tone import ONE_FREQUENCY, find_tone
 
-SAME = 1.2  # ratio of frequencies below which they count as one
+SAME = 1.2  # ratio of two frequencies below which they count as equal
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
 
 
 def have_one_frequency(recordings: Sequence[Recording]) -> bool:
-    """Return whether recordings of one joint share one frequency, at which an inertia imitates a lag or delay."""
+    """Return whether all recordings of one joint have the same single frequency; an arm has not."""
     if any(recording.position.ndim > 1 for recording in recordings):
         return False
     longest = [max(recording.segments, key=len) for recording in recordings]
@@ -74,12 +74,13 @@ def have_one_frequency(recordings: Sequence[Recording]) -> bool:
 def is_consistent(recordings: Sequence[Recording], data: TorqueWindows, residual: Array, parameters: int) -> bool:
     """Return whether a fit of the torque's timing is consistent.
 
-    It needs motion of more than one frequency; if torque answers the motion, its residual must also be noise.
+    The motion must have more than one frequency. If torque answers the motion, the RMS residual must be at most
+    `Criterion.misfit` noise floors.
 
     Args:
-        recordings: of the fit; those of an arm are not tested.
+        recordings: recordings of the fit; those of an arm are not tested for feedback.
         data: their windows.
-        residual: of the fit (R,), weighted by noise [N m]; of noise if at most `Criterion.misfit` times the floor.
+        residual: weighted residual of the fit (R,) [N m].
         parameters: number of fitted parameters.
     """
     if have_one_frequency(recordings):
@@ -94,9 +95,9 @@ def is_consistent(recordings: Sequence[Recording], data: TorqueWindows, residual
 
 @memoized
 def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
-    """Estimate the slope of torque innovations over position innovations [N m/rad]; None unless it is negative.
+    """Estimate the slope of torque innovations over position innovations of every `stride`-th sample [N m/rad].
 
-    Innovations are those of every `stride`-th sample.
+    None if the slope is not significantly negative or the recording is too short.
     """
     pieces = [slice(a, b, stride) for a, b in pairwise((*recording.starts, len(recording)))]
     pieces = [piece for piece in pieces if piece.stop - piece.start > 2 * ANSWER.past * stride]

@@ -33,8 +33,14 @@ def check_results(
 ) -> tuple[TorqueWindows | None, list[Finding], Results]:
     """Check columns, then agreement of recordings, then the model, then feedback; of an arm the model alone.
 
-    `first` is the model of the first scheme, in the unit of the recorded torque. Windows are None for an arm, and if
-    there are too few. In the returned results, estimates that a missing effect biases are marked.
+    Args:
+        first: model of the first scheme, in the unit of the recorded torque.
+        results: result of each scheme by its id.
+        fit_data: recordings of the fit.
+        terms: terms of the model.
+
+    Returns:
+        Windows, None for an arm or too little motion; findings; results, whose biased estimates are marked.
     """
     if isinstance(terms[0].mechanism, Body):
         findings = find_driving_friction(next(iter(results.values())).model)
@@ -54,7 +60,7 @@ def check_results(
 def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequence[Term]) -> list[Finding]:
     """Check the timing of the torque, the agreement of the recordings, and their residuals.
 
-    Torque that acts late is no finding if the model has a dead time or a lag.
+    A late action of torque is no finding if the model has a dead time or a lag.
     """
     timed = data.with_timing()
     return [
@@ -68,11 +74,13 @@ def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequen
 def _check_completeness(
     results: Results, regression_data: RegressionData, terms: Sequence[Term]
 ) -> tuple[list[Finding], Results]:
-    """Test whether the terms explain the recordings: by the residual, and by the agreement of the schemes.
+    """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
     A residual above `AGREEMENT.misfits` noise floors, or a difference of two schemes above `DISAGREEMENT` standard
-    errors, gives a finding. Estimates on which schemes disagree are then marked as biased; of a single scheme, all
-    estimates.
+    errors, gives a finding. Estimates that differ between schemes are then marked as biased; of a single scheme, all.
+
+    Returns:
+        Findings, and the results with the marks.
     """
     data, floors = regression_data.data, regression_data.floors
     rms_of_joints = regression_data.joint_errors(regression_data.residual(terms))
@@ -93,7 +101,7 @@ def _check_completeness(
 
 
 def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
-    """Yield the difference of each two schemes in each parameter, in standard errors, with its name.
+    """Yield differences of two schemes in a parameter [standard errors], with its name.
 
     Differences below `COARSE` of the parameter are left out.
     """

@@ -1,12 +1,11 @@
 """Agreement of recordings: each is fitted separately, and significantly different parameters are named.
 
-A joint fit assumes one plant. If the payload changed between two recordings, the joint estimate lies between both
-plants, and a search finds effects that do not exist. So each recording's own estimate is compared with
-the pooled one of the others (Wald's test with sandwich covariances, corrected for the number of comparisons). A
-difference counts if it is of practical size, too: some per cent, and more than what the fits leave unexplained may have
-moved the parameter by. In the same way recordings are compared with a model that is given.
+A joint fit assumes one plant. If the payload changes between two recordings, a search of both finds effects that do
+not exist. The estimate of each recording is therefore compared with the pooled estimate of the others. The test is
+Wald's with sandwich covariances, corrected for the number of comparisons. A difference must also be of practical size:
+some per cent, and larger than the bias that the residuals allow. Recordings are compared with a model in the same way.
 
-Source: Cochran, Biometrics 10(1), 1954, for pooled estimates and the statistic Q of what is left between groups.
+Source: Cochran, Biometrics 10(1), 1954, for pooled estimates and the statistic Q of differences between groups.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,8 +34,8 @@ class AgreementSettings:
     min_windows: int = 40  # of a recording that is compared
     min_freedom: int = 6  # stretches of time beyond the number of parameters of a recording that is compared
     max_condition: float = 1e4  # condition number of the regressor of a recording that is compared
-    fits: float = 1.3  # times the noise floor that a fit leaves at most where the model lacks nothing
-    misfits: float = 2.0  # times the noise floor, above which the model lacks an effect
+    fits: float = 1.3  # largest residual of a complete model [noise floors]
+    misfits: float = 2.0  # residual above which the model lacks an effect [noise floors]
 
 
 AGREEMENT = AgreementSettings()
@@ -62,11 +61,11 @@ class Disagreement:
     """Recording of a different plant than the other recordings or a model.
 
     Attributes:
-        recording: its number, from 1; held-out recordings follow the fitted ones.
-        name: of the recording.
-        others: names of the recordings that agree with one another; none if the recording disagrees with a model.
+        recording: its number, from 1; held-out recordings follow the fitted recordings.
+        name: its name.
+        others: names of the recordings that agree with each other; none if the recording disagrees with a model.
         differences: parameters that differ, the most significant first; none if no parameters fit the recording.
-        kind: of the finding: parameters differ, one factor scales the torque, a sign is opposite, or nothing fits.
+        kind: kind of the finding: parameters differ, one factor scales the torque, a sign is opposite, or a misfit.
         numbers: the factor, or the residual and its ratio to the noise floor.
     """
 
@@ -81,8 +80,8 @@ class Disagreement:
     def finding(self) -> Finding:
         """Return the finding of this disagreement.
 
-        The first of its recordings disagrees with the others, or with a model if there are no others. Standard errors
-        are those of the difference.
+        Its first recording disagrees with the other recordings, or with a model if these are none. Standard errors are
+        those of the differences.
         """
         numbers = {"number": Quantity(self.recording)} | dict(self.numbers)
         for difference in self.differences:
@@ -120,15 +119,15 @@ class RecordingFit:
     """Fit of the compared parameters to one recording.
 
     Attributes:
-        number, name: of the recording.
-        columns: whose parameters are compared.
-        known: their estimates.
-        is_turned: whether the inertia with the known load is significantly negative: torque or position has the wrong
-            sign.
-        rms, floor: RMS residual torque, and that of noise alone [N m].
+        number, name: number and name of the recording.
+        columns: columns of the compared parameters.
+        known: estimates of these parameters.
+        is_turned: whether the inertia with the known load is significantly negative, so torque or position has the
+            wrong sign.
+        rms, floor: RMS of the residual torque and of its noise [N m].
         z_limit: standard errors above which a difference is significant.
-        is_free: whether it is a free swing, whose parameters are relative to the inertia.
-        units: of its parameters and its residual.
+        is_free: whether the recording is a free swing; its parameters are relative to the inertia.
+        units: units of parameters and residual.
     """
 
     number: int
@@ -167,7 +166,7 @@ class RecordingFit:
         return tuple(found[j] for j in order)
 
     def classify_difference(self, other: ComparedParameters) -> tuple[Kind, dict[str, Quantity]]:
-        """Return the kind of difference, with the factor if one factor explains the differences of all parameters.
+        """Return the kind of difference, and the factor if one factor of all parameters explains it.
 
         The factor is that of the torque, or of the inertia of a free swing.
         """
@@ -192,10 +191,10 @@ class RecordingFit:
 
 
 def find_disagreements(fits: Sequence[RecordingFit], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
-    """Find the recordings that disagree with the largest group that agrees; of two, the later one.
+    """Find the recordings that disagree with the largest agreeing group; of two recordings, the later.
 
-    With `only_if_all_fit`, nothing is found unless the terms explain each recording down to its noise, so that a
-    missing effect is not taken for another plant; a negative inertia is no missing effect.
+    With `only_if_all_fit`, only a negative inertia counts if a residual of a recording is not noise: a missing effect
+    then explains other differences.
     """
     agreeing = [fit for fit in fits if not fit.is_turned] or list(fits)
     turned_only = only_if_all_fit and not all(fit.is_explained for fit in fits)
@@ -203,7 +202,7 @@ def find_disagreements(fits: Sequence[RecordingFit], *, only_if_all_fit: bool = 
         others_of = {fit.number: [other for other in agreeing if other is not fit] for fit in agreeing}
         if not any(fit.find_differences(pool_fits(others_of[fit.number])) for fit in agreeing):
             break
-        # exclude the recording without which the others agree best; of two, the later one
+        # exclude the recording without which the others agree best; of two, the later
         agreeing = others_of[min(reversed(agreeing), key=lambda fit: compute_spread(others_of[fit.number])).number]
     others = tuple(fit.name for fit in agreeing)
     return (
@@ -212,7 +211,7 @@ def find_disagreements(fits: Sequence[RecordingFit], *, only_if_all_fit: bool = 
 
 
 def find_disagreements_with_model(model: Model, fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
-    """Find the recordings that disagree with a model, without those that its terms do not explain."""
+    """Find the recordings that disagree with a model, among those that its terms explain."""
     estimates = [model.estimates[column.name] for column in (fits[0].columns if fits else ())]
     covariance = np.diag([estimate.std**2 for estimate in estimates])
     known = ComparedParameters(
@@ -235,7 +234,7 @@ def _select_differing(
 def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     """Find the recordings that the terms do not explain; none if fewer recordings are explained.
 
-    A recording between both limits, `fits` and `misfits`, counts as neither.
+    A recording with a residual between the limits `fits` and `misfits` is neither explained nor unexplained.
     """
     others = tuple(fit.name for fit in fits if fit.is_explained)
     poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
@@ -253,12 +252,12 @@ def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
 
 
 def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[RecordingFit]:
-    """Fit the parameters to each recording separately, if it excites them; return the fits in order.
+    """Fit the parameters to each recording that excites them; return the fits in order.
 
-    A fit is unweighted, and on the tangent at the joint fit of its data set. Recordings left out keep their number.
-    Parameters of time-varying effects and of a link behind a transmission are not compared: each recording has its own.
-    Neither are factors of the torque: one recording alone does not distinguish them from a scale of all parameters.
-    The inertia of free swings is known; they are not compared with driven recordings.
+    A fit is unweighted and uses the tangent at the joint fit of its data set. Recordings left out keep their number.
+    Parameters of time-varying effects and transmissions are fitted but not compared: they may differ by recording.
+    Factors of the torque stay at the joint fit: in one recording they equal a scale of all parameters. The inertia of
+    free swings is known; free swings are not compared with driven recordings.
     """
     swings = [w.recording.known_inertia for data in datasets for w in data.windows]
     known = [all(swings) and column.name == "inertia" for term in terms for column in term.columns]
@@ -313,7 +312,7 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
 
 
 def pool_fits(fits: Sequence[RecordingFit]) -> ComparedParameters:
-    """Combine several fits, weighted by information, and bound the bias of each parameter."""
+    """Combine several fits, weighted by information; the bias of each parameter is the largest of the fits."""
     informations = [invert_covariance(fit.known.covariance) for fit in fits]
     covariance = invert_covariance(np.sum(informations, axis=0))
     weighted = sum(information @ fit.known.theta for information, fit in zip(informations, fits, strict=True))
@@ -321,9 +320,9 @@ def pool_fits(fits: Sequence[RecordingFit]) -> ComparedParameters:
 
 
 def compute_spread(fits: Sequence[RecordingFit]) -> float:
-    """Compute Cochran's Q, the squared distance of several fits from their common parameters in standard errors."""
+    """Compute Cochran's Q, the sum of squared differences from the pooled parameters in standard errors."""
     if len(fits) == 1:
-        return 0.0  # exactly, so that ties are ties
+        return 0.0  # without rounding errors, which would break ties
     pooled = pool_fits(fits).theta
     gaps = [fit.known.theta - pooled for fit in fits]
     return float(sum(gap @ invert_covariance(fit.known.covariance) @ gap for gap, fit in zip(gaps, fits, strict=True)))

@@ -12,24 +12,24 @@ from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.origin import Origin
 
-# subtracts the load torque from the balance: its parameter is 0, or -2 if the sensor has the opposite sign
+# minus the load torque in the balance: its parameter is 0, or -2 if the sensor has the opposite sign
 # noise s in a load l beyond the other columns makes these -s^2 / (l^2 + s^2) and -(2 l^2 + s^2) / (l^2 + s^2)
 LOAD_TORQUE = Column("load_torque", "1", force=lambda x: -1.0 * x.load.torque)
-TURNED_ERRORS = 5.0  # standard errors by which that parameter is less than -1
-TURNED_SHARE = 0.2  # of the square of the load beyond the other columns, the least that is no noise
-TURNED_BLOCK = 1.0  # [s] of residuals that may be correlated
+TURNED_ERRORS = 5.0  # standard errors by which this parameter is below -1, if the sensor has the opposite sign
+TURNED_SHARE = 0.2  # least share l^2 / (l^2 + s^2) of the load beyond the other columns
+TURNED_BLOCK = 1.0  # [s], time within which residuals may be correlated
 DEPENDENT = 1e5  # condition number of columns that are linearly dependent
-UPRIGHT_TURNS = 3.0  # that a joint makes at most, if its zero may be upright
-UPRIGHT_SHARE = 0.05  # of the RMS torque, the least gravity of a joint whose zero may be upright
+UPRIGHT_TURNS = 3.0  # largest number of turns of a joint whose zero may be upright
+UPRIGHT_SHARE = 0.05  # least gravity of a joint whose zero may be upright, of the RMS torque
 
 
 def find_remedies(
     model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = (), is_complete: bool = True
 ) -> list[Finding]:
-    """Find wrong columns by the model fitted to recordings, or else impossible friction.
+    """Find wrong columns by the model fitted to recordings, or else friction that drives.
 
-    No zero of the position is found for an incomplete model, whose missing effect may imitate one, and no column
-    where a tilt is ambiguous.
+    A shifted zero is not reported for an incomplete model, because a missing effect may imitate it. No column is
+    reported if a tilt is ambiguous.
     """
     columns = [] if any("gravity_tilt" in group for group in ambiguous) else find_wrong_columns(model, recordings)
     if not is_complete:
@@ -38,10 +38,7 @@ def find_remedies(
 
 
 def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding]:
-    """Find a column of the recordings that has another sign, or another zero, by parameters of a fit.
-
-    Known loads on the joint also show where down is.
-    """
+    """Find a column of the recordings with a wrong sign or zero, by the fitted parameters and known loads."""
     if _is_load_torque_turned(model, recordings):
         remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("load_torque"))
         return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=remedies)]
@@ -50,7 +47,7 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
         return [Finding(Kind.INERTIA_NEGATIVE, parameters=("inertia",), remedies=remedies)]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
     load_gravities = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
-    if gravity is None or gravity.std == 0:  # where a user has fixed it, nothing is found
+    if gravity is None or gravity.std == 0:  # no gravity, or fixed by the user
         return []
     down = gravity.value + max(load_gravities, key=abs)
     if tilt is not None and compute_significant_sign(model, "gravity_tilt") and len(load_gravities) == 1:
@@ -74,7 +71,7 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
 def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> bool:
     """Return whether the balance needs the opposite sign of the load torque.
 
-    A load torque that other columns explain, as that of a viscous brake, shows no sign: only its noise remains.
+    False if other columns explain the load torque, as that of a viscous brake.
     """
     loaded = [r for r in recordings if r.has_varying_load and r.torque_unit == NEWTON_METRE]
     try:
@@ -83,16 +80,16 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
         data = None
     if data is None:
         return False
-    base = {term.id for term in BASE}  # an effect that was added may imitate twice the load
+    base = {term.id for term in BASE}  # an added effect may imitate twice the load
     equations = data.equations([term for term in model.terms if term.id in base])
     phi = np.column_stack([equations.phi, data.averages.column(LOAD_TORQUE, data.averages.samples)])
     fit = solve(Equations(phi, equations.y), data.weights, data.blocks(TURNED_BLOCK)[0])
-    excess = -1.0 - float(fit.theta[-1])  # share of the load beyond the other columns that is no noise
+    excess = -1.0 - float(fit.theta[-1])  # l^2 / (l^2 + s^2) if the sensor has the opposite sign
     return fit.condition < DEPENDENT and excess > max(TURNED_SHARE, TURNED_ERRORS * float(fit.std[-1]))
 
 
 def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
-    """Return whether a negative gravity [N m] can be an upright zero: few turns, and no small share of the torque."""
+    """Return whether a negative gravity [N m] can be an upright zero, by the turns and the share of the torque."""
     turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)
     torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
     return turns <= UPRIGHT_TURNS and abs(gravity) >= UPRIGHT_SHARE * torque
@@ -101,7 +98,7 @@ def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
 def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding | None:
     """Find torque with the opposite sign, by the parameters of the base model.
 
-    None is positive, and three of them, the inertia among these, are significantly negative.
+    No parameter may be positive, and inertia and two others must be significantly negative.
     """
     known = [name for name in ("inertia", "gravity", "viscous", "coulomb") if name in model.estimates]
     n_negative = sum(is_significantly_negative(model, name) for name in known)
@@ -117,9 +114,9 @@ def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding
 def _make_remedies(
     recordings: Sequence[Recording], correct: Callable[[Origin], dict[str, str] | None]
 ) -> tuple[Remedy, ...]:
-    """Return the columns that correct the recordings, with the recordings of each.
+    """Make a remedy for each set of corrected columns, with its recordings.
 
-    Recordings of unknown origin are left out. `correct` returns the columns of an origin, or None.
+    Recordings of unknown origin are left out. `correct` returns the corrected columns of an origin, or None.
     """
     corrections: list[tuple[dict[str, str], str]] = []
     for recording in recordings:

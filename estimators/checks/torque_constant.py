@@ -1,12 +1,12 @@
 """Torque constant of a drive that logs its current, from known loads.
 
-With current i instead of torque, tau = K i, every parameter comes out per ampere: motion alone cannot tell K. A load of
-known inertia dI and gravity dmgl, which differs from recording to recording, can,
+With a current i = tau / K, every parameter is fitted per ampere: motion alone does not determine K. A load of known
+inertia dI and gravity dmgl that differs between recordings determines it,
 
-    i = (1/K) (dI q'' + dmgl sin q) + (1/K) (I q'' + mgl sin q + friction),
+    i = (1/K) (dI q'' + dmgl sin q) + (1/K) (I q'' + mgl sin q + friction).
 
-as the torque of the known loads is a column like any other, fitted with all else that lies between torque and log. A
-load torque that was measured at the output, and that varies, belongs to that column: a single recording is enough.
+The torque of the known loads is a column, fitted together with the law of the torque channel. A varying load torque
+that is measured at the output belongs to the same column; one recording is then enough.
 
 Source: Gautier and Briot, Journal of Dynamic Systems, Measurement, and Control 136(5), 2014 (drive gains of robots from
 known payloads).
@@ -33,7 +33,11 @@ MIN_Z_SCORE = 5.0  # of the inverse torque constant, in standard errors
 
 
 def find_torque_unit(recordings: Sequence[Recording]) -> str:
-    """Return the common unit of torque of recordings."""
+    """Return the common unit of torque of recordings.
+
+    Raises:
+        IdentificationError: if the units differ.
+    """
     units = list(dict.fromkeys(recording.torque_unit for recording in recordings))
     if len(units) > 1:
         first_name, second_name = (next(r.name for r in recordings if r.torque_unit == unit) for unit in units[:2])
@@ -47,9 +51,12 @@ def find_torque_unit(recordings: Sequence[Recording]) -> str:
 def add_torque_constant(
     model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None
 ) -> Model:
-    """Return a model fitted to data, in the unit of their torque, with the torque constant and its standard error.
+    """Add the torque constant, and the standard errors it causes, to a model.
 
-    `fit` finds the parameters in data under another constant; by default it fits the model's terms as they are.
+    Args:
+        model: fitted to the data, in the unit of their torque.
+        data: windows of recordings with a constant. Without a constant, the model is converted to their units.
+        fit: function that fits the model to data under another constant; by default the same terms.
     """
     recording = data.windows[0].recording
     constant = recording.torque_constant
@@ -60,14 +67,14 @@ def add_torque_constant(
 
 
 def widen_by_constant(model: Model, constant: TorqueConstant, nominal: Model, changed: Model) -> Model:
-    """Add the error of the torque constant to the standard errors of a model, in squares, and set the constant.
+    """Add the error of the torque constant to the variances of a model, and set the constant.
 
     `nominal` and `changed` are fits with the constant, and with the constant plus one standard error. A nonlinear
     parameter in a unit of torque changes by the relative error of the constant.
     """
     estimates = {}
     for name, estimate in model.estimates.items():
-        if "." in name and name not in {column.name for column in model.columns}:  # a nonlinear parameter, searched for
+        if "." in name and name not in {column.name for column in model.columns}:  # a nonlinear parameter
             change = estimate.value * constant.std / constant.value if is_of_torque(estimate.unit) else 0.0
         else:
             change = changed.estimates[name].value - nominal.estimates[name].value
@@ -77,12 +84,15 @@ def widen_by_constant(model: Model, constant: TorqueConstant, nominal: Model, ch
 
 
 def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding:
-    """Return the torque constant from recordings of a current under known loads, or why it is unknown.
+    """Estimate the torque constant from recordings of a current under known loads.
 
-    A recording without a known load counts as one without a load.
+    A recording without a known load counts as unloaded.
+
+    Returns:
+        The constant, or a finding with the reason why it is unknown.
 
     Raises:
-        IdentificationError: if the recordings hold too little motion.
+        IdentificationError: if units differ or the recordings have too little motion.
     """
     unit = find_torque_unit(recordings)
     loads = [recording.load or NO_LOAD for recording in recordings]
@@ -109,14 +119,14 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
 
 
 def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
-    """Return why the torque constant of what was logged in a unit is unknown."""
+    """Make the finding of an unknown torque constant, for a log in a unit."""
     return Finding(kind, {"torque_constant": Quantity(np.nan, unit=f"{NEWTON_METRE}/{unit}")} | numbers)
 
 
 def find_gain_doubts(model: Model, constant: TorqueConstant, data: TorqueWindows) -> list[Finding]:
-    """Find open questions on the torque constant of a model in N m in the data that it was fitted to.
+    """Find errors that the torque constant of a model in N m may have.
 
-    Gear losses are one if nearly all motion is driven or braked; back-EMF is one if the drive does not log amperes.
+    Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the drive does not log amperes.
     """
     findings, share = [], compute_driven_share(data, data.torque())
     if share > DRIVEN or is_brake(data):

@@ -50,10 +50,10 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True)
 class Balance:
-    """Equations y = phi theta whose regressor may depend on the torque, as where friction grows with the load.
+    """Equations y = phi theta whose regressor may depend on the torque, for example with load-dependent friction.
 
-    Least squares of y - phi theta would then explain torque by torque. The error of an equation is that of the torque
-    predicted from the motion: minus the perturbation p of the recorded torque under which the equation holds exactly,
+    Least squares of y - phi theta would explain torque by torque. The error of an equation is therefore that of the
+    torque predicted from the motion. It is minus the perturbation p of the recorded torque that satisfies
 
         y + response(p) = (phi + p by_torque) theta.
 
@@ -63,10 +63,10 @@ class Balance:
         phi: regressor (R, P).
         y: left-hand side (R,) [N m].
         by_torque: derivatives of the regressor by the torque (R, P) [1/(N m)].
-        least, most: bounds of the parameters (P,); a fit keeps them.
+        least, most: bounds of the fitted parameters (P,).
         weights: factor of each equation's error in a fit (R,).
-        response: growth of the left-hand side under each perturbation (R, J) [N m]; None if it is the perturbation.
-        perturbations: of the torque in each equation (R, J) [N m], increasing, zero in their middle.
+        response: change of the left-hand side under each perturbation (R, J) [N m]; None if equal to it.
+        perturbations: perturbations of the torque in each equation (R, J) [N m], increasing, zero in the middle.
         torque_share: product of `Columns.torque_share` of all terms, per equation (R,) or one number. Errors are
             divided by it, so a filter that only removes torque explains none of it.
         unfiltered: the equations solved for the recorded torque, if a term filters it; else None.
@@ -223,8 +223,8 @@ class Balance:
     def solve_without(self, fold: Index, count: int, theta: Array | None = None) -> Array:
         """Fit parameters (K, P) without each of `count` folds, from the fold of each equation (R,).
 
-        The fit without a fold is one step from the fit to all, by normal equations. It is iterated where the squared
-        error differs from that of the step. `theta` (P,) is the fit to all equations, solved unless given.
+        The fit without a fold is one step from the fit to all, by normal equations. It is iterated if the squared error
+        differs from that of the tangent. `theta` (P,) is the fit to all equations, solved unless given.
         """
         tangent = self.linearise(theta)
         rows = np.column_stack([tangent.error, tangent.slopes]) * self.weights[:, None]
@@ -253,8 +253,8 @@ class Balance:
     def fit(self, clusters: Index, jacobian: Array | None = None, theta: Array | None = None) -> Fit:
         """Return the fit with the covariance of its parameters by the tangent, from clusters of residuals (R,).
 
-        A parameter at its bound counts as known and has no error. `theta` (P,) is solved unless given. `jacobian`
-        (R, S) holds derivatives of phi theta by nonlinear parameters, which extend the covariance to (P + S, P + S).
+        A parameter at its bound counts as known and has no error. `theta` (P,) is solved unless given. Derivatives of
+        phi theta by nonlinear parameters, `jacobian` (R, S), extend the covariance to (P + S, P + S).
         """
         theta = self.solve() if theta is None else theta
         error, slopes = self.error(theta), self.slopes(theta, jacobian)
@@ -273,7 +273,7 @@ class Balance:
     def slopes(self, theta: Array, jacobian: Array | None = None) -> Array:
         """Return derivatives of the predicted torque by the parameters (R, P), at parameters (P,).
 
-        With `jacobian` (R, S), derivatives of phi theta by nonlinear parameters, those by these follow (R, P + S).
+        `jacobian` (R, S), derivatives of phi theta by nonlinear parameters, adds derivatives by these (R, P + S).
         """
         return self._linearise_errors(theta, jacobian)[1]
 
@@ -288,7 +288,7 @@ class Balance:
         return error, derivatives / slope[:, None]
 
     def linearise(self, theta: Array | None = None) -> Tangent:
-        """Linearise the errors around parameters (P,): those given, else the fit; always zero for linear errors."""
+        """Linearise the errors around parameters (P,), by default the fit; linear errors around zero."""
         if self.is_linear:
             theta = np.zeros(self.phi.shape[1])
         elif theta is None:
@@ -299,7 +299,7 @@ class Balance:
     def _solve(self, theta: Array, free: Mask) -> Array:
         """Fit the free parameters by Gauss-Newton from `theta` (P,), and keep the others; bounds are not applied.
 
-        Free parameters without a start are first solved by linear least squares, if their columns are of motion alone.
+        If all parameters of motion alone start from zero, they are first solved by linear least squares.
         """
         of_motion, w = free & ~self.of_torque, self.weights
         if self.is_linear or not theta[of_motion].any():
@@ -351,12 +351,12 @@ def find_linear_rows(balance: Balance) -> Mask:
 def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) -> Balance:
     """Replace L equations by at most P + 1 with the same least-squares solution, after the other equations.
 
-    Nonlinear equations enter by their tangent; the solution then holds near its point. The new equations contain the
-    weights, so their weight and torque share are one. With perturbations, their response is linear.
+    Nonlinear equations are replaced by their tangent; the solution then holds near its point. The new equations contain
+    the weights, so their weight and torque share are one. With perturbations, their response is linear.
 
     Args:
         balance: equations.
-        is_linear: mask of the L linear equations (R,), or of those to replace by their tangent.
+        is_linear: mask of the L replaced equations (R,).
         slopes: derivatives of their predicted torque by the parameters (L, P), divided by the torque share.
         target: their left-hand sides: `slopes` times the parameters plus the error (L,) [N m].
     """
@@ -372,7 +372,7 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
 
 
 def _condense_linear_rows(balance: Balance) -> Balance:
-    """Return equations with the same solutions, with the linear ones condensed if there are more than 2 P of them."""
+    """Return equations with the same solutions, whose linear equations are condensed if more than 2 P."""
     if balance.is_linear or np.count_nonzero(is_linear := find_linear_rows(balance)) <= 2 * balance.phi.shape[1]:
         return balance
     share = np.broadcast_to(balance.torque_share, is_linear.shape)[is_linear]

@@ -1,6 +1,6 @@
-"""Gram matrices of equations by entry and fold, from which fits take a small solve.
+"""Gram matrices of equations by entry and fold, for fast fits.
 
-An entry is a recording, or a recording of one joint; its equations have one weight. The Gram matrix of a fit is the
+An entry is a recording, or one joint of a recording; its equations have one weight. The Gram matrix of a fit is the
 weighted sum over entries and folds. A further term adds rows and columns to the matrices. Row and column 0 of each
 matrix belong to the left-hand side.
 """
@@ -71,7 +71,7 @@ class FoldGrams:
 
         Args:
             parts: p columns of each variant, on the rows `here`.
-            weights: of the equations of each entry (E,).
+            weights: weight of the equations of each entry (E,).
             here: rows of the joint of the variants.
         """
         square, row_weight = weights**2, weights[self.entry[here], None]
@@ -117,8 +117,8 @@ def solve_each_fold(grams: Array, weights: Array, least: Array, most: Array) -> 
     """Return the steps (K + 1, P) of a fit to all folds, and of fits without each; None for nearly collinear columns.
 
     Args:
-        grams: of each entry and fold (E, K, P + 1, P + 1).
-        weights: of the equations of each entry (E,).
+        grams: Gram matrices of each entry and fold (E, K, P + 1, P + 1).
+        weights: weight of the equations of each entry (E,).
         least, most: bounds of the step (P,).
     """
     folds = np.einsum("e,ekij->kij", weights**2, grams)

@@ -29,11 +29,11 @@ class LocalErrors(Generic[Known]):
     """Errors near a place, to first order.
 
     Attributes:
-        known: the place, with the data that trials of steps from it need.
+        known: the place, with data for trials of steps.
         cost: squared error, or negative log likelihood.
         error: weighted errors (R,).
         slopes: derivatives of the errors by a step of the S parameters, per unit of the step (R, S).
-        at_least, at_most: masks of the parameters at their lower and upper bound (S,), which a step must not cross.
+        at_least, at_most: masks of the parameters at their lower and upper bound (S,), which no step crosses.
     """
 
     known: Known
@@ -63,16 +63,16 @@ class LocalErrors(Generic[Known]):
 
 @dataclass(frozen=True)
 class Rule:
-    """When an iteration ends.
+    """Rule for the end of an iteration.
 
     Attributes:
         turns: largest number of iterations.
-        dampings: of the steps in each iteration.
-        by_offset: whether the iteration also ends before a first step that `is_converged` calls negligible.
-        least: a decrease of the cost below this is small,
-        of_cost: or below this share of the cost,
-        of_fall: or below this share of the decrease so far.
-        patience: number of iterations with a small decrease, in total, after which the iteration ends.
+        dampings: dampings of the steps in each iteration.
+        by_offset: whether the iteration also ends if `is_converged` holds for the first step.
+        least: limit of a small decrease of the cost.
+        of_cost: limit of a small decrease, as a share of the cost.
+        of_fall: limit of a small decrease, as a share of the decrease so far.
+        patience: total number of small decreases after which the iteration ends.
     """
 
     turns: int
@@ -98,9 +98,9 @@ def gauss_newton(
 
     Args:
         place: start.
-        linearise: returns the errors near a place.
-        choose_step: returns the place reached by steps (S,), whole or in part, and its cost.
-        rule: when to end.
+        linearise: function from a place to the errors near it.
+        choose_step: function from errors and steps (S,) to the next place and its cost; it may shorten steps.
+        rule: end of the iteration.
     """
     first, n_small = None, 0
     for _ in range(rule.turns):

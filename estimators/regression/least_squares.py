@@ -1,4 +1,4 @@
-"""Least squares with block cross-validation and standard errors that hold under correlated residuals."""
+"""Least squares within bounds, with standard errors under correlated residuals."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SOLVER = SolverSettings()
 
 
 class IdentificationError(UserError):
-    """Data from which nothing can be identified; the message says why and what to record instead.
+    """Error of data that do not determine the result; the message says why, and how to record or read them.
 
     Attributes:
         effect: id of the effect that the data do not show, if that is the reason.
@@ -86,9 +86,9 @@ def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array
     Args:
         equations: R equations in P unknowns.
         weights: relative weight of each equation (R,).
-        clusters: stretch of time of each equation (R,); residuals may be correlated within one.
-        jacobian: derivatives of phi theta by S nonlinear parameters (R, S). They widen the standard errors and follow
-            theta in the covariance (P + S, P + S), but are not solved for.
+        clusters: stretch of time of each equation (R,), within which residuals may be correlated.
+        jacobian: derivatives of phi theta by S nonlinear parameters (R, S), which are not solved for. They widen the
+            standard errors and extend the covariance to (P + S, P + S).
     """
     phi = equations.phi * weights[:, None]
     theta = solve_least_squares(phi, equations.y * weights)
@@ -112,7 +112,7 @@ def compute_condition(phi: Array) -> float:
 def is_converged(residual: Array, change: Array) -> bool:
     """Return whether a Gauss-Newton step, which changes the residual (R,) by `change` (R,), is negligible.
 
-    It is, if the RMS of `change` times sqrt(R) is at most `SOLVER.converged` of the RMS of the residual.
+    The test is |change| sqrt(R) <= `SOLVER.converged` |residual|.
 
     Source: Bates and Watts, Technometrics 23(2), 1981 (the relative offset).
     """
@@ -196,14 +196,15 @@ def _compute_cluster_score(phi: Array, residual: Array, inverse: Array) -> Array
 def solve_within_bounds(
     solve: Callable[[Array, Mask], Array], theta: Array, free: Mask, least: Array, most: Array
 ) -> tuple[Array, Mask]:
-    """Solve for parameters (P,) within bounds by an active set; return them with the mask of those still free.
+    """Solve for parameters (P,) within bounds by an active set; return parameters and mask of the free parameters.
 
-    Free parameters that leave their bounds are held there. If two or more are held, one that would move in is freed.
+    Free parameters that leave their bounds are held there. If two or more are held, a parameter that moves inside is
+    freed again.
 
     Args:
-        solve: maps parameters (P,) and a mask of free ones (P,) to the parameters with the free ones solved.
+        solve: function from parameters (P,) and mask of free parameters (P,) to the solution.
         theta: start, and values of the parameters that are not free (P,).
-        free: parameters to solve for (P,).
+        free: mask of the parameters to solve for (P,).
         least, most: bounds (P,).
     """
     fixed, tried_masks = ~free, set[bytes]()
@@ -229,7 +230,7 @@ def solve_within_bounds(
 
 def sum_without_each(grams: Array) -> Array:
     """Return for each of K folds the sum of the Gram matrices (K, P + 1, P + 1) of the other folds."""
-    others = 1.0 - np.eye(len(grams))  # the total minus the fold would lose digits
+    others = 1.0 - np.eye(len(grams))  # a difference of total and fold loses digits
     return np.asarray(np.einsum("lk,kij->lij", others, grams))
 
 
@@ -330,9 +331,9 @@ def reduce_to_triangle(phi: Array, y: Array) -> Array:
 
 
 def _factor(gram: Array) -> Array | None:
-    """Compute the upper Cholesky factor of scaled normal equations (P, P); None if their least eigenvalue may be small.
+    """Compute the upper Cholesky factor of scaled normal equations G (P, P); None if their least eigenvalue is small.
 
-    The lower limit of the eigenvalue is LAPACK's estimate of the inverse of the 1-norm of their inverse.
+    The eigenvalue is at least LAPACK's estimate of 1 / |G^-1|_1.
     """
     factor, fault = scipy.linalg.lapack.dpotrf(gram)
     size = float(np.abs(gram).sum(axis=0).max())

@@ -38,12 +38,12 @@ class History(NamedTuple):
 
 
 def choose_indices(count: int, points: int) -> Index:
-    """Return about `points` evenly spaced indices into `count` equations, the last one included."""
+    """Return about `points` evenly spaced indices into `count` equations, including the last."""
     return np.unique(np.linspace(0, count - 1, min(points, count) + 1).round().astype(np.intp)[1:])
 
 
 def compute_history(equations: Equations, mask: Mask, points: Index, prior: float = PRIOR) -> History:
-    """Return the estimates of the recursion, the paper's (6), after the equations at `points` (K,), ascending.
+    """Return the estimates of the recursion, (6) in the paper, after the equations at ascending `points` (K,).
 
     Equations outside `mask` (R,) are not used. The estimate minimises |theta|^2 / prior plus the squared errors so far.
     The rows up to each point are reduced by QR to the triangle R, the square root of information, R'R = 1 / P.

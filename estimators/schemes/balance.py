@@ -1,12 +1,11 @@
-"""Balances of recordings, stacked; of an arm in the three views of the six schemes.
+"""Balances of recordings, stacked; for an arm in the three views of the six schemes.
 
     torque   at an instant                  Y(q, q', q'') theta + f = tau
     impulse  mean over a sample             (M q')' + dU/dq - dK/dq + f = tau, momentum by its increments
     energy   mean over a sample             (K + U)' + q' f = q' tau, stored energy by its increments
 
-In the view of torque or impulse an arm has n rows per sample, in that of energy one row. Its measurements are those of
-its joints, at the same instants. The rigid body's columns come from `Body`, those of a joint's terms from the
-pendulum's views, on the row of its joint.
+An arm of n joints has n rows per sample in the views of torque and impulse, and one row in the view of energy. `Body`
+makes the columns of the links. The views of the pendulum make the columns of other terms, in the row of their joint.
 """
 
 from __future__ import annotations
@@ -29,11 +28,11 @@ from pendulum_env.physics import Term, list_loads
 from pendulum_env.physics.term import zero
 from pendulum_env.recording import Recording
 
-CLUSTER = 0.5  # [s], longer than residuals stay correlated, except those that drift; shorter in short recordings
-CLUSTERS = 30  # at least, in all recordings together
+CLUSTER = 0.5  # [s], longer than the correlation of residuals without drift; shorter in short recordings
+CLUSTERS = 30  # least number in all recordings together
 
-Joints = tuple[Measurements, ...]  # of n joints
-Segments = Sequence[Sequence[Joints]]  # of each recording, the measurements of the joints in each of its segments
+Joints = tuple[Measurements, ...]  # measurements of n joints at the same instants
+Segments = Sequence[Sequence[Joints]]  # by recording, then by segment
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,13 +41,13 @@ class Stack:
 
     Attributes:
         equations: R equations in P unknowns.
-        usable: those that are away from stick (R,).
-        weights: of the equations (R,).
+        usable: mask of the equations away from stick (R,).
+        weights: weight of each equation (R,).
         joint: number of the joint (R,), 0 if the balances of the joints are summed.
         recording: number of the recording (R,).
-        clusters: short stretches of time (R,), never across recordings.
+        clusters: number of the short stretch of time (R,), within one recording.
         time: duration of all segments up to the equation (R,) [s].
-        starts: where each segment starts.
+        starts: index of the first equation of each segment.
     """
 
     equations: Equations
@@ -81,9 +80,7 @@ def _compute_power(joints: Joints, body: Body) -> Array:
     return compute_increments(body.energy(q, v))[:, None] / joints[0].period
 
 
-OF_LINKS: dict[
-    str, Callable[[Joints, Body], Array]
-] = {  # by view: regressor of base parameters (N, n, P), or (N, 1, P)
+OF_LINKS: dict[str, Callable[[Joints, Body], Array]] = {  # regressor of base parameters by view, (N, n or 1, P)
     "torque": lambda joints, body: body.torque(*stack_motion(joints)),
     "impulse": _compute_impulse,
     "energy": _compute_power,
@@ -91,7 +88,11 @@ OF_LINKS: dict[
 
 
 def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
-    """Adapt schemes to arms: energy schemes have no guard, since one of many joints is always near a reversal."""
+    """Remove the guard of energy schemes for an arm, whose joints together are always near a reversal.
+
+    Raises:
+        TypeError: if a scheme is not a `Scheme`.
+    """
     adapted = []
     for scheme in schemes:
         if not isinstance(scheme, Scheme):
@@ -103,12 +104,12 @@ def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
 def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[Equations]:
     """Compute the balance of N samples for each joint, or the summed balance of energy.
 
-    A column of a term, also a fixed one, acts on each loaded joint, times its factor.
+    Columns and fixed columns of a term act on each joint that it loads, times the factor of the joint.
 
     Args:
-        joints: measurements of the n joints at the same N instants.
-        terms: of the model, the links first.
-        view: `torque`, `impulse` or `energy`, a key of `VIEWS`.
+        joints: measurements of the n joints at N instants.
+        terms: terms of the model, the links first.
+        view: key of `VIEWS`: `torque`, `impulse` or `energy`.
     """
     links, *others = terms
     assert isinstance(links, Links)
@@ -139,7 +140,7 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
 def apply_scheme(scheme: Scheme, balances: Sequence[Equations], joints: Joints) -> list[Regression]:
     """Apply a scheme to the balance of each joint, or to the summed balance.
 
-    For a summed balance, samples near stick of any joint are left out if the scheme has a guard.
+    With a guard, a summed balance leaves out samples near stick of any joint.
     """
     clear = [m.find_clear(scheme.guard) for m in joints]
     gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
@@ -152,10 +153,9 @@ def apply_scheme(scheme: Scheme, balances: Sequence[Equations], joints: Joints) 
 
 
 def _combine_measurements(joints: Joints, factors: Mapping[int, float]) -> Measurements:
-    """Combine position, velocity and acceleration of joints, weighted by `factors` of joint numbers.
+    """Combine position, velocity and acceleration of joints, weighted by their factors; other series are of the first.
 
-    The other series are those of the first joint. For one joint, its measurements are returned as they are, without the
-    factor.
+    Measurements of one joint are returned without its factor.
     """
     first = joints[next(iter(factors))]
     if len(factors) == 1:
@@ -176,7 +176,7 @@ def measure_segments(recordings: Sequence[Recording], terms: Sequence[Term]) -> 
 
 
 def make_regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
-    """Return a function that computes the regression of each joint, or of all joints, from scheme and measurements.
+    """Make the function that computes the regressions of joints from a scheme and their measurements.
 
     Balances of an arm are memoised by the identity of `joints`.
     """
@@ -200,8 +200,8 @@ def stack(
 
     Args:
         segments: measurements of the joints in each segment of each recording.
-        compute_regressions: returns the regression of each joint from their measurements.
-        terms: of the columns; known parameters are subtracted before the noise of recordings is compared.
+        compute_regressions: function from measurements of the joints to their regressions.
+        terms: terms of the columns; known parameters are subtracted before the noise of recordings is compared.
     """
     measured = [joints[0] for group in segments for joints in group]
     regressions = [compute_regressions(joints) for group in segments for joints in group]
@@ -238,14 +238,14 @@ def stack(
 
 
 def _interleave_rows(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Interleave the rows of joints (N, ...), so that those of one instant are adjacent (n N, ...)."""
+    """Interleave the rows of n joints (N, ...): rows of one instant become adjacent (n N, ...)."""
     return parts[0] if len(parts) == 1 else np.stack(parts, axis=1).reshape(-1, *parts[0].shape[1:])
 
 
 def find_momentum_columns(terms: Sequence[Term]) -> list[int]:
-    """Return the indices of the columns with mass, which together make the momentum."""
+    """Find the indices of the columns of the momentum, which have mass."""
     has_momentum = [column.mass is not zero for term in terms for column in term.columns]
-    if isinstance(terms[0], Links):  # whose columns `Body` has
+    if isinstance(terms[0], Links):
         body = terms[0].body
         q, v = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
         has_momentum[: len(body.base)] = np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9

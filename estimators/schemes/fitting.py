@@ -28,8 +28,8 @@ from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import JointUnits
 
-POINTS = 200  # of the history
-MIN_CLUSTERS = 10  # with motion; standard errors from fewer are inaccurate
+POINTS = 200  # number of instants of the history
+MIN_CLUSTERS = 10  # least number with motion; standard errors from fewer are inaccurate
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class Convergence:
     """Convergence of the estimates: the recursion of the paper at K instants.
 
     Attributes:
-        time: duration of the recordings up to the instant, one after the other (K,) [s].
-        theta: (K, P), in the order of the model's columns; known and borrowed parameters are constant.
-        std: standard errors (K, P), those of the recursion scaled to end at those of the model.
+        time: total duration of the recordings up to the instant (K,) [s].
+        theta: estimates (K, P), in the order of the model's columns; known and borrowed parameters are constant.
+        std: standard errors of the recursion (K, P), scaled to end at those of the model.
     """
 
     time: Array
@@ -56,15 +56,15 @@ class Identified(Shown):
     """Estimates of one scheme.
 
     Attributes:
-        scheme: its id.
-        model: terms with estimates and standard errors that hold under correlated residuals.
+        scheme: id of the scheme.
+        model: terms with estimates, and standard errors under correlated residuals.
         convergence: history of the recursive estimates; it ends at the model, except for the effect of P(0).
-        residual_rms: the paper's norm (10) of the scheme's own residual, in `unit`.
-        unit: of y and the residual.
+        residual_rms: norm (10) of the paper, of the scheme's residual, in `unit`.
+        unit: unit of y and the residual.
         condition: condition number of the regressor, columns scaled to equal length.
         used: numbers of used and of all equations.
         residuals: RMS residual of each joint, or of the summed balance, in `units`.
-        units: of the residuals.
+        units: units of `residuals`.
     """
 
     scheme: str
@@ -79,7 +79,7 @@ class Identified(Shown):
 
     @property
     def withheld(self) -> frozenset[str]:
-        """Return the parameters without estimates, see the findings of the identification."""
+        """Return the names of parameters without an estimate; findings of the identification say why."""
         return frozenset(name for name, estimate in self.model.estimates.items() if estimate.is_unknown)
 
     def __repr__(self) -> str:
@@ -167,8 +167,8 @@ def fit_schemes(
 def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
     """Fit the equations: batch estimate with standard errors under correlated residuals, and the recursion.
 
-    The parameters of the momentum are those of the lender; without one they are estimated. A parameter beyond its bound
-    is held at the bound, and the others are fitted again.
+    With a `lender`, the parameters of the momentum are taken from this model. A parameter beyond its bound is held at
+    the bound, and the others are fitted again.
     """
     columns = [column for term in terms for column in term.columns]
     borrowed = {} if lender is None else {j: lender.estimates[columns[j].name] for j in find_momentum_columns(terms)}
@@ -198,7 +198,7 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
     model = Model.build(terms, theta, std).with_covariance(
         [columns[j].name for j in free], fit.covariance[:count, :count]
     )
-    n_joints = int(data.joint.max()) + 1  # equations of an instant, which the recursion takes one after the other
+    n_joints = int(data.joint.max()) + 1  # equations of one instant
     last = (choose_indices(len(data.time) // n_joints, POINTS) + 1) * n_joints - 1
     return Identified(
         scheme=scheme.id,
@@ -214,17 +214,17 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
 
 
 def _list_units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
-    """Return the units of the residuals of the joints, or of their common balance."""
+    """List the units of the residuals of the joints, or of their summed balance."""
     body = terms[0].mechanism
     is_sum = isinstance(scheme, Scheme) and scheme.adds_up
     return (scheme.unit,) if is_sum else tuple(body.units(at).unit(scheme.unit) for at in body.joints)
 
 
 def _compute_random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> Array:
-    """Compute the covariance (F, F) of a least-squares fit with errors that are sums of independent increments.
+    """Compute the covariance (F, F) of a least-squares fit with errors that are sums of independent increments d.
 
-    theta - truth = (phi' phi)^-1 sum_k phi_k e_k with e_k = sum_{j <= k} d_j, and so = (phi' phi)^-1 sum_j d_j S_j with
-    S_j the sum of phi from j to the end of the recording: one score for each cluster of increments.
+    theta - truth = (phi' phi)^-1 sum_k phi_k e_k with e_k = sum_{j <= k} d_j, thus (phi' phi)^-1 sum_j d_j S_j, where
+    S_j is the sum of phi from j to the end of the recording. Each cluster of increments gives one score.
     """
     weights = (data.weights * data.usable)[:, None]
     phi, error = equations.phi * weights, (equations.y - equations.phi @ theta) * data.usable
@@ -247,8 +247,7 @@ def _compute_convergence(
 ) -> Convergence:
     """Compute the history of the recursion at rows `points` (K,).
 
-    Its standard errors are scaled to end at those of the batch estimate. Parameters that are not `free` stay at theta
-    (P,) and std (P,).
+    Its standard errors are scaled to end at those of `fit`. Parameters that are not `free` stay at theta and std (P,).
     """
     weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
     history = compute_history(weighted, data.usable, points)

@@ -28,7 +28,7 @@ class IdentifiabilitySettings:
 
     small_angle: float = 0.3  # [rad]; up to this angle, sin q and q differ by less than 1.5 %
     min_length: float = 1e-4  # least length of a weighted sum of independent columns of length one
-    max_unexplained: float = 0.9  # share of the squared torque that the motion may leave unexplained if it follows it
+    max_unexplained: float = 0.9  # largest unexplained share of the squared torque of motion that follows the torque
     one_sided: float = 0.002  # largest share of motion against the main direction, as noise
     one_size: float = 0.02  # residual of a torque that depends on the direction of motion alone, as a share of its RMS
 
@@ -41,11 +41,10 @@ PLACES = 50  # instants at which the inertia of the joints is computed
 def find_undetermined(
     measurements: Sequence[Measurements], terms: Sequence[Term], units: JointUnits = TURNING
 ) -> tuple[Finding, ...]:
-    """Find the parameters of the terms that recordings together do not determine.
+    """Find the parameters of the terms that all recordings together do not determine.
 
-    Samples within `GUARD_TIME` of stick or a reversal are left out. Checks: motion, effective torque, both directions,
-    large angles, columns that are zero or dependent. For a free swing, known parameters are left out. `units` are those
-    at the joint.
+    Checks motion, effective torque, both directions, large angles, and columns that are zero or dependent. Samples
+    within `GUARD_TIME` of stick or a reversal are left out. For free swings, known parameters are left out.
     """
     names = [column.name for term in terms for column in term.columns]
     clear = [m.find_clear(GUARD_TIME) for m in measurements]
@@ -97,12 +96,12 @@ def find_undetermined_parameters(recordings: Sequence[Recording], terms: Sequenc
 def find_unidentifiable(
     model: Model, measurements: Sequence[Measurements], doubts: Sequence[Finding] = ()
 ) -> tuple[Finding, ...]:
-    """Find base parameters that a fitted model does not determine."""
+    """Find base parameters that a fitted model does not determine, without those withheld by `doubts`."""
     position, velocity, torque, acceleration = (
         np.concatenate([getattr(m, name) for m in measurements])[:, None]
         for name in ("position", "velocity", "held", "acceleration")
     )
-    if not torque.any() and "inertia" in model.estimates:  # a free swing: what accelerates the inertia
+    if not torque.any() and "inertia" in model.estimates:  # a free swing
         torque = model.estimates["inertia"].value * acceleration
     withheld = collect_withheld(doubts)
     found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in withheld]
@@ -116,10 +115,13 @@ def find_unidentifiable(
 def withhold_estimates(
     results: Mapping[str, Identified], segments: Segments, terms: Sequence[Term], units: JointUnits = TURNING
 ) -> tuple[dict[str, Identified], tuple[Finding, ...]]:
-    """Remove estimates that recordings do not determine, and return findings on those that no scheme determines.
+    """Remove estimates that recordings do not determine.
 
     A finding on the recordings withholds its parameters from all schemes. A large standard error withholds an estimate
     from its scheme alone.
+
+    Returns:
+        Results by id of the scheme, and findings on parameters that no scheme determines.
     """
     measured = [joints for group in segments for joints in group]
     body = terms[0].mechanism
@@ -147,7 +149,7 @@ def withhold_estimates(
 
 
 def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, terms: Sequence[Term]) -> None:
-    """Refuse recordings in which a joint of an arm never moves, or torque never moves a pendulum."""
+    """Raise an `IdentificationError` if a joint of an arm never moves, or torque never moves a pendulum."""
     measured = [joints for group in segments for joints in group]
     body = terms[0].mechanism
     for k, joint in enumerate(body.joints if isinstance(body, Body) else ()):
@@ -166,7 +168,7 @@ def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, term
 
 
 def _find_dependent_terms(segments: Segments, terms: Sequence[Term]) -> tuple[Finding, ...]:
-    """Find the dependent columns of the torque of an arm."""
+    """Find the dependent columns of the torque of an arm; see `find_dependent_columns`."""
     data = stack(segments, partial(make_regressions(terms), scheme("dynamic")))
     columns = [column.name for term in terms for column in term.columns]
     phi = data.equations.phi
@@ -176,12 +178,12 @@ def _find_dependent_terms(segments: Segments, terms: Sequence[Term]) -> tuple[Fi
 def find_undetermined_links(model: Model, position: Array, velocity: Array, torque: Array) -> list[str]:
     """Find parameters of links and friction that a model fitted to N samples of n joints (N, n) does not determine.
 
-    A parameter is undetermined if it is not significant and its standard error is large. An error is large if, as a
-    torque at the recorded speeds and the worst angle, it exceeds the largest recorded torque of a joint, or if the
-    inertia of a joint may then be zero.
+    These are insignificant parameters with a large standard error. An error is large if its torque, at the recorded
+    speeds and the worst angle, exceeds the largest recorded torque of a joint. It is also large if it allows a joint
+    without inertia.
     """
     largest, fastest = np.abs(torque).max(axis=0), np.abs(velocity).max(axis=0)
-    largest = np.where(largest > 0, largest, largest.max())  # of a joint without a motor
+    largest = np.where(largest > 0, largest, largest.max())  # a joint without a motor has no torque
     large = {"inertia": 0.0, "gravity": float(largest[0])}  # of a pendulum
     for joint, most, fast in zip(model.body.joints, largest.tolist(), fastest.tolist(), strict=True):
         at = f"@{joint}" if joint else ""
@@ -194,12 +196,19 @@ def find_undetermined_links(model: Model, position: Array, velocity: Array, torq
 
 
 def _find_large_errors(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
-    """Find base parameters with large standard errors against torque and inertia of each joint (n,)."""
+    """Compute the limit of the standard error of each base parameter.
+
+    Args:
+        model: fitted model of an arm.
+        body: its links.
+        position: recorded positions (N, n) [rad].
+        largest: largest torque of each joint (n,) [N m].
+    """
     places = position[:: max(1, len(position) // PLACES)]
     units = np.eye(len(body.joints))
     masses = [body.momentum(places, np.broadcast_to(unit, places.shape))[:, k] for k, unit in enumerate(units)]
     mean = np.mean(masses, axis=1)  # (n, P)
-    felt = np.sqrt(np.mean(np.square(masses), axis=1))  # (n, P)
+    felt = np.sqrt(np.mean(np.square(masses), axis=1))  # RMS inertia of a unit of each parameter (n, P)
     anywhere = np.random.default_rng(0).uniform(-np.pi, np.pi, (DRAWS, len(body.joints)))
     weight = np.abs(body.torque(anywhere, 0 * anywhere, 0 * anywhere)).max(axis=0)  # (n, P)
     inertia = np.abs(mean @ model.theta[: len(body.base)])  # of each joint (n,)
@@ -214,10 +223,9 @@ def is_determined(estimate: Estimate, large: float) -> bool:
 
 
 def _find_size_by_direction(torque: Array, velocity: Array) -> float | None:
-    """Return the size of a torque (N,) [N m] that depends on the direction of motion alone, else None.
+    """Find the size of a torque (N,) [N m] that depends on the direction of motion alone, else None.
 
-    With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is homogeneous: f = c and zero for all other
-    parameters solve it.
+    With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is solved by f = c and J = g = b = 0.
     """
     direction = np.sign(velocity)
     size = float(direction @ torque / (direction @ direction))
@@ -238,12 +246,12 @@ def has_effective_torque(m: Measurements) -> bool:
 
 
 def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list[Finding]:
-    """Find linearly dependent columns of the regressor (R, P), and columns that never act.
+    """Find linearly dependent columns of a regressor, and columns that never act.
 
     Args:
-        phi: rows clear of stick and reversals; columns of zeros are left out.
-        names: of the columns (P,).
-        acts: columns that act anywhere, also near reversals, as a stop does (P,).
+        phi: regressor (R, P), clear of stick and reversals; columns of zeros are left out.
+        names: names of the columns (P,).
+        acts: whether each column acts anywhere, also near reversals (P,).
     """
     length = np.linalg.norm(phi, axis=0)
     idle = [name for name, does_act in zip(names, acts, strict=True) if not does_act]

@@ -32,29 +32,27 @@ def identify(
     fixed: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,
 ) -> Identification:
-    """Fit the linear parameters of the terms to recordings, one set for all, by each scheme.
+    """Fit the linear parameters of the terms to all recordings together, by each scheme.
 
-    Parameters are those of the joint without the known loads of the recordings. Where a current was logged, these tell
-    the torque constant; where they do not, parameters are per ampere, and a finding says why.
+    Parameters are those of the joint without the known loads of the recordings. With a logged current, known loads
+    determine the torque constant. Otherwise parameters are per ampere, and a finding states the reason.
 
-    Of an arm, they are the base parameters of its links and those of what acts at its joints. A sample in which a joint
-    sticks is left out of the row of that joint alone, and joints with less noise count more.
+    An arm has the base parameters of its links, and those of the terms at its joints. A sample in which a joint sticks
+    is left out of the row of this joint alone. Joints with less noise have more weight.
 
     Args:
-        recordings: one or more; filters start anew with each, and noisier ones count less.
-        terms: of the model, with their nonlinear parameters set, or by id; of an arm `arm_base(body)`, or
+        recordings: one or more; filters restart in each, and noisier recordings have less weight.
+        terms: terms of the model with nonlinear parameters set, or their ids; for an arm `arm_base(body)`, or
             `Links(body)` and terms at its joints.
-        schemes: which to use, as they are or by id; one that borrows its inertia, or what makes the momentum of an arm,
-            comes after the scheme that lends it.
-        fixed: values that are known, by name of the parameter: `{"gravity": 2.01}`.
-        bounds: of other parameters: `{"viscous": (0.0, None)}`, None for no limit; an estimate that would leave them
-            stays at the bound.
+        schemes: schemes or their ids; a scheme that borrows the parameters of the momentum follows its lender.
+        fixed: known values by name of the parameter: `{"gravity": 2.01}`.
+        bounds: limits of other parameters: `{"viscous": (0.0, None)}`, None for no limit; an estimate beyond a bound
+            is set to the bound.
 
     Raises:
-        IdentificationError: if there is too little motion, or no torque at all.
-        ValueError: if a name is unknown, a term is at no joint of an arm, or a scheme borrows from one that was not
-            used before.
-        TypeError: if something else is given than recordings, terms and schemes.
+        IdentificationError: if the recordings have too little motion, or no torque.
+        ValueError: if a name is unknown, a term is at no joint of an arm, or a scheme comes before its lender.
+        TypeError: if an argument is not of recordings, terms or schemes.
     """
     terms, chosen = select_terms(terms), select_schemes(schemes)
     recordings = select_recordings(recordings, body=find_body(terms))
@@ -85,7 +83,7 @@ def identify(
 def limit_filters(
     schemes: Sequence[Regressor], segments: Segments
 ) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
-    """Limit the filters of schemes to the sampling rate, and return a finding on each limited filter."""
+    """Limit the filters of schemes to the sampling rate; return the schemes, and a finding if a filter changed."""
     if len(segments[0][0]) > 1:
         schemes = adapt_to_arms(schemes)
     rate = min(joints[0].rate for group in segments for joints in group)
@@ -110,10 +108,10 @@ def _calibrate(
     swing_terms: Sequence[Term],
     schemes: Sequence[Regressor],
 ) -> dict[str, Identified]:
-    """Return results in the unit of the recordings, with the standard error of the torque constant if there is one.
+    """Convert results to the unit of the recordings, and add the standard error of the torque constant.
 
     With a constant, all schemes are fitted again to the torque of a constant one standard error larger. `terms` are
-    those of the user, `swing_terms` those that were fitted.
+    those of the user, `swing_terms` the fitted terms.
     """
     recordings, constant = data.recordings, data.constant
     if constant is None:

@@ -1,4 +1,4 @@
-"""Result of an identification: the estimates of all schemes, and what seems wrong with recordings or model."""
+"""Result of an identification: the estimates of all schemes, and findings on recordings and model."""
 
 from __future__ import annotations
 
@@ -28,15 +28,13 @@ SHOWN = 3  # largest number of printed names of recordings
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identification(Mapping[str, Identified], Shown):
-    """Results of all schemes on the same recordings, by the id of the scheme.
-
-    Two identifications are equal only if they are the same object.
+    """Results of all schemes on the same recordings, by id of the scheme; equal only if they are the same object.
 
     Attributes:
         schemes: results by id of the scheme.
         findings: undetermined parameters, and possible faults of recordings or model.
-        recordings: names.
-        ends: duration of all recordings up to the end of each; empty if unknown [s].
+        recordings: names of the recordings.
+        ends: total duration of the recordings up to the end of each; empty if unknown [s].
         torque_unit: `N m`, or the unit of a current; parameters are then per unit of current.
         torque_constant: ratio of torque and current, if a current was converted; standard errors include its error.
         data: windows of the recordings; None if too little motion is clear of stick, and for an arm.
@@ -57,7 +55,7 @@ class Identification(Mapping[str, Identified], Shown):
 
     @property
     def primary(self) -> Identified:
-        """Return the result of `SAVED`, the scheme of a saved arm model; if it was not used, of the first scheme."""
+        """Return the result of the scheme `SAVED` if it was used, else of the first scheme."""
         return self.schemes.get(SAVED, next(iter(self.schemes.values())))
 
     def __getitem__(self, scheme: str) -> Identified:
@@ -75,11 +73,11 @@ class Identification(Mapping[str, Identified], Shown):
     def windows(self) -> Model:
         """Return the least-squares fit over windows, as in `compare` and `diagnose`.
 
-        Parameters that schemes report as biased are marked. Those withheld by findings, and an insignificant inertia,
-        have no value.
+        Parameters that are biased in a scheme are marked. Parameters withheld by findings, and an insignificant
+        inertia, have no value.
 
         Raises:
-            IdentificationError: if there are no windows.
+            IdentificationError: if `data` is None.
         """
         first, *_ = models = [result.model for result in self.schemes.values()]
         biased = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
@@ -97,7 +95,7 @@ class Identification(Mapping[str, Identified], Shown):
         """Fit a model to the windows by `fit`; return it in the unit of the recorded torque, with the torque constant.
 
         Raises:
-            IdentificationError: if there are no windows.
+            IdentificationError: if `data` is None.
         """
         if self.data is None:
             names = join_words(self.recordings)

@@ -1,21 +1,21 @@
 """Six regressor models of one pendulum, which convert measurements and terms into a linear regression.
 
-Three views of the torque balance tau = sum_k theta_k (mass_k q'' + force_k + dry_k sgn q') are enough for all six:
+They use three views of the torque balance tau = sum_k theta_k (mass_k q'' + force_k + dry_k sgn q'):
 
     torque   at an instant                                  dynamic
     impulse  mean torque over a sample, from momentum       hamiltonian, filtered_dynamic, filtered_hamiltonian
     energy   mean power over a sample, from stored energy   energy, filtered_power
 
-Momentum and stored energy enter by their increments, so a mass that jumps at some time does so without doing work, and
-a gate can leave out stick: the balance times any gate is still a balance. F = lambda / (s + lambda) then acts on the
-gated balance, both sides alike, starts from rest with it and needs no warm-up, at the start or after stick.
+Momentum and stored energy enter by their increments, so a mass that jumps in time does no work. A gate leaves out
+stick: the balance times any gate is still a balance. F = lambda / (s + lambda) acts on both sides of the gated balance.
+It starts from rest and needs no warm-up, at the start or after stick.
 
-With the bilinear rule for F, lambda (1 - F) of a running sum is exactly the exponential average of its increments:
-lambda (1 - F) p = F p' without differentiating p. That is how the filtered schemes are computed.
+With the bilinear rule for F, lambda (1 - F) p = F p' without differentiating p: lambda (1 - F) of a running sum is
+the exponential average of its increments. The filtered schemes are computed by this average.
 
-Departures from the paper: samples in stick are left out (there dry friction is any torque up to fc, not fc sgn q');
-eq. (9) lacks a factor 1/2 and the grouping of its derivative; its Hamiltonian pair borrows the inertia of the dynamic
-pair, here that is an option (`PAPER`), as momentum is linear in the parameters too.
+Differences from the paper: samples in stick are left out, because dry friction at rest is any torque up to fc. Eq. (9)
+lacks a factor 1/2 and the grouping of its derivative. The paper's Hamiltonian pair borrows the inertia of the dynamic
+pair, an option here (`PAPER`), since momentum is also linear in the parameters.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ View = Callable[[Measurements, Column], Array]
 
 
 class Regression(NamedTuple):
-    """Equations of N samples, and a mask of the usable ones (N,)."""
+    """Equations of N samples, and the mask of usable equations (N,)."""
 
     equations: Equations
     usable: Mask
 
 
 class Regressor(Protocol):
-    """Interface of a scheme for `identify`, for one of the six or a scheme of the user."""
+    """Interface of a scheme for `identify`: one of the six, or a scheme of the user."""
 
     @property
     def id(self) -> str:
@@ -65,7 +65,7 @@ class Regressor(Protocol):
 
     @property
     def borrows(self) -> str | None:
-        """Return the id of the scheme whose inertia this scheme uses, or None; see `fit_equations`."""
+        """Return the id of the scheme that determines the inertia of this scheme, or None; see `fit_equations`."""
 
     def regression(self, m: Measurements, terms: Sequence[Term]) -> Regression:
         """Compute equations y = phi theta, phi (N, P), for the columns of the terms; fixed columns are moved to y."""
@@ -98,8 +98,7 @@ def compute_energy_view(m: Measurements, column: Column) -> Array:
 def compute_supply(m: Measurements) -> Array:
     """Compute the mean power of the filtered torque over the sample before each instant (N,) [W].
 
-    Filtered torque and velocity change within a sample: the mean of their product is the product of their means, plus
-    a twelfth of the product of their increments.
+    Torque and velocity are linear within a sample: mean(tau v) = mean(tau) mean(v) + d tau dv / 12.
     """
     return m.held * compute_increments(m.position) / m.period + (
         compute_increments(m.torque) * compute_increments(m.velocity) / 12
@@ -119,7 +118,7 @@ def average_over_sample(values: Array | float, m: Measurements) -> Array:
 def average_over_samples(f: Array) -> Array:
     """Average over samples before instants (N, ...): (-f[k-2] + 13 f[k-1] + 13 f[k] - f[k+1]) / 24.
 
-    The first mean is f[0]; the second and the last are means of two values.
+    The first average is f[0]; the second and the last are of two values.
     """
     mean = np.empty_like(f)
     mean[2:-1] = (13 * (f[1:-2] + f[2:-1]) - (f[:-3] + f[3:])) / 24
@@ -127,7 +126,7 @@ def average_over_samples(f: Array) -> Array:
     return mean
 
 
-VIEWS: dict[str, tuple[View, Callable[[Measurements], Array]]] = {  # of a column, and of what the motor supplies (N,)
+VIEWS: dict[str, tuple[View, Callable[[Measurements], Array]]] = {  # of a column, and of the supply of the motor (N,)
     "torque": (compute_torque_view, lambda m: m.torque),
     "impulse": (compute_impulse_view, lambda m: m.held),
     "energy": (compute_energy_view, compute_supply),
@@ -137,8 +136,8 @@ VIEWS: dict[str, tuple[View, Callable[[Measurements], Array]]] = {  # of a colum
 def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) -> Array:
     """Apply F = (lambda / (s + lambda))^order to mean values per sample, (N,) or (N, P), from rest.
 
-    F[k] = a F[k-1] + (1 - a) x[k] with a = (2 - lambda T) / (2 + lambda T): the bilinear rule, applied to the running
-    sum of x and differentiated.
+    F[k] = a F[k-1] + (1 - a) x[k] with a = (2 - lambda T) / (2 + lambda T). This is the increment of the bilinear rule
+    for the running sum of x.
     """
     a = compute_decay(cutoff, period)
     for _ in range(order):
@@ -147,7 +146,11 @@ def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) 
 
 
 def compute_decay(cutoff: float, period: float) -> float:
-    """Compute the decay a of F over a sample, see `apply_low_pass`."""
+    """Compute the decay a of F over a sample, see `apply_low_pass`.
+
+    Raises:
+        ValueError: if the cutoff is not below the Nyquist frequency.
+    """
     if not 0 < cutoff < np.pi / period:
         raise ValueError(
             f"a filter at {cutoff:g} rad/s needs samples at more than {cutoff / np.pi:.4g} Hz, these are at "
@@ -156,21 +159,21 @@ def compute_decay(cutoff: float, period: float) -> float:
     return (2 - cutoff * period) / (2 + cutoff * period)
 
 
-# ---------------------------------------------------------------------------------- what a balance is passed through
+# ------------------------------------------------------------------------------------------- operators on a balance
 
 
 @dataclass(frozen=True)
 class LowPass:
     """Low-pass filter F = (lambda / (s + lambda))^order on both sides of a balance, which needs no acceleration.
 
-    Order 1 is the paper's F; where the motion is not smoothed, order 2 keeps encoder noise out of the inertia.
+    Order 1 is the paper's F; with motion that is not smoothed, order 2 reduces the bias of the inertia by noise.
     """
 
     cutoff: float = CUTOFF  # lambda [rad/s]
     order: int = 1
 
     def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
-        """Filter both sides of the balance, which are zero where the gate (N,) is closed; only the gate is usable."""
+        """Filter both sides of the balance times the gate (N,); equations within the gate are usable."""
         columns = np.column_stack([equations.phi, equations.y]) * gate[:, None]
         columns = apply_low_pass(columns, self.cutoff, period, self.order)
         return Regression(Equations(columns[:, :-1], columns[:, -1]), gate)
@@ -180,8 +183,8 @@ class LowPass:
 class Integral:
     """Sum of both sides of a balance over a sliding `window` [s], or from the start of the recording if it is None.
 
-    From the start, as in the paper's (7), the error is a random walk and least squares is far from efficient; over a
-    window, it is nearly white.
+    From the start, as in (7) of the paper, the error is a random walk, for which least squares is inefficient. Over a
+    window, the error is nearly white.
     """
 
     window: float | None = 0.05
@@ -193,8 +196,8 @@ class Integral:
     def __call__(self, equations: Equations, gate: Mask, period: float) -> Regression:
         """Sum both sides of the balance over the samples within the gate (N,), times the period [s].
 
-        An equation is usable if the gate is open for half of the window; without a window, if it is open at the sample.
-        The first window, or without a window the first sample, is not usable.
+        An equation is usable if the gate is open for half of the window, or without a window at the sample. The first
+        window, or without a window the first sample, is not usable.
         """
         gate_times, length = gate * period, self.samples(period)
         phi, y = np.cumsum(equations.phi * gate_times[:, None], axis=0), np.cumsum(equations.y * gate_times)
@@ -215,12 +218,11 @@ class Scheme:
     Attributes:
         id: name in files and on the command line.
         balance: its equation.
-        view: of `VIEWS`.
+        view: key of `VIEWS`.
         operator: filter or integral of both sides, or None.
-        guard: distance to stick and reversals within which samples are left out [s]; None keeps even stick, as the
-            paper does, but a balance of energy leaves out rest: there is no work, and nothing to learn.
-        borrows: id of the scheme whose inertia `identify` gives this one, as in the paper's Hamiltonian pair; momentum
-            is linear in the parameters, so None estimates it with the others.
+        guard: distance to stick and reversals within which samples are left out [s]. None includes stick, as in the
+            paper; the balance of energy leaves out rest, where no work is done.
+        borrows: id of the scheme that determines the inertia, as in the paper's Hamiltonian pair; None estimates it.
     """
 
     id: str
@@ -254,7 +256,7 @@ class Scheme:
         return self.apply_operator(Equations(phi, y), self.gate(m.find_clear(self.guard), m.moving), m.period)
 
     def gate(self, clear: Mask, moving: Mask) -> Mask:
-        """Find equations (N,) of the view without a sample in stick; the first one has no earlier sample."""
+        """Find equations (N,) of the view without a sample in stick; means need the earlier sample, too."""
         if self.view == "torque":
             return clear
         is_open = clear & moving if self.view == "energy" else clear
@@ -265,9 +267,9 @@ class Scheme:
         return Regression(equations, gate) if self.operator is None else self.operator(equations, gate, period)
 
 
-# E = I q'^2 / 2 + mgl (1 - cos q) is the stored energy, p = I q' the momentum. Balances of energy and power keep a
-# guard although friction does no work at rest: smoothing rounds |q'| at reversals, which biases dry friction. With the
-# inertia estimated too, the filtered Hamiltonian is the filtered dynamic model in other words.
+# E = I q'^2 / 2 + mgl (1 - cos q) is the stored energy, p = I q' the momentum. Balances of energy and power have a
+# guard, because smoothing rounds |q'| at reversals and biases dry friction. If the inertia is estimated, the filtered
+# Hamiltonian equals the filtered dynamic model.
 SCHEMES: tuple[Scheme, ...] = (
     Scheme("dynamic", "tau = I q'' + mgl sin q + b q' + fc sgn q'", "torque"),
     Scheme("filtered_dynamic", "F tau = I lambda (1 - F) q' + F(mgl sin q + b q' + fc sgn q')", "impulse", LowPass()),
@@ -284,7 +286,7 @@ def scheme(id: str, **options: Any) -> Scheme:
     """Return a scheme by id with other options: `scheme("filtered_power", operator=LowPass(100.0))`.
 
     Raises:
-        ValueError: if there is none; the message names the nearest and all that exist.
+        ValueError: if the id is unknown; the message lists the known ids.
     """
     return replace(find("scheme", id, {item.id: item for item in SCHEMES}), **options)
 
@@ -304,7 +306,7 @@ def select_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, .
 
     Raises:
         TypeError: if an object is no scheme.
-        ValueError: if an id is unknown or used twice, or there is no scheme.
+        ValueError: if an id is unknown or used twice, or no scheme is given.
     """
     if isinstance(given, str) and given == "all":
         return SCHEMES
@@ -317,6 +319,6 @@ def select_schemes(given: str | Sequence[str | Regressor]) -> tuple[Regressor, .
     ids = [item.id for item in chosen]
     if not ids:
         raise ValueError(f"there is no scheme to use: give ids of {', '.join(item.id for item in SCHEMES)}")
-    if len(set(ids)) < len(ids):  # they could not be told apart in the result
+    if len(set(ids)) < len(ids):  # the result has one entry for each id
         raise ValueError(f"a scheme is named twice in {', '.join(ids)}: use each once")
     return chosen

@@ -20,10 +20,10 @@ class Channel:
 
     Attributes:
         delay: time by which torque is logged late [s]; if negative, torque acts late by -delay.
-        lag: time constant [s] of a low-pass filter in the log, whose output at the end of each period is logged; if
-            negative, -lag is the time constant of a filter of the acting torque.
-        is_sampled: whether the log has samples of a torque that changes continuously; else torque is held from each
-            sample to the next.
+        lag: time constant [s] of a low-pass filter in the log, sampled at the end of each period; if negative, -lag is
+            the time constant of a filter of the acting torque.
+        is_sampled: whether the log has samples of a continuous torque; else torque is held from each sample to the
+            next.
     """
 
     delay: float = 0.0
@@ -38,7 +38,7 @@ class Channel:
     def remove_filter(self, torque: Array, period: float) -> Array:
         """Return the torque u (N,) before the filter of the log, at a sample time `period` [s].
 
-        The filter is y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag). A lag of at most zero changes nothing.
+        The filter is y[k] = a y[k-1] + (1 - a) u[k], a = exp(-period / lag). A lag of at most zero has no effect.
         """
         if self.lag <= 0:
             return torque
@@ -47,11 +47,10 @@ class Channel:
     def hold_torque(self, torque: Array, period: float) -> Array:
         """Return the torque (N,) held from each sample to the next, before delay and filter of the log.
 
-        A held torque u that is logged n + f samples late reads (1 - f) u[k - n] + f u[k - n - 1]. This mixture is
-        inverted forwards in time for f <= 0.5, with the feedback f / (1 - f), else backwards, with its inverse. The
-        feedback is at most `ECHO`; the remaining delay is interpolated. A positive delay moves torque to earlier
-        samples. The ends repeat. A sampled torque is interpolated instead, see `_hold_sampled_torque`.
-        A negative lag is not applied.
+        A held torque u that is logged n + f samples late has the log (1 - f) u[k - n] + f u[k - n - 1]. This mixture is
+        inverted forwards in time with the feedback f / (1 - f) for f <= 0.5, else backwards with its inverse. The
+        feedback is at most `ECHO`; the remaining delay is interpolated. The ends repeat. A sampled torque is
+        interpolated instead, see `_hold_sampled_torque`. A negative lag is not applied.
         """
         torque = self.remove_filter(torque, period)
         if self.is_sampled:

@@ -19,9 +19,9 @@ STILL = 1e-9  # [rad], largest change of position from sample to sample at rest
 def estimate_scatter(series: Array, where: Mask | slice = np.s_[:]) -> float:
     """Estimate the standard deviation of white noise on a signal (N,) that is mostly smooth or constant.
 
-    The estimate is the smaller of the scaled median and the root mean square of fourth differences, of those in
-    `where` (N - 4,). Rare jumps do not change the median. For a slow rounded signal the median is up to 2.5 times too
-    large, the root mean square at most 1.7 times.
+    The estimate is the smaller of the scaled median and the RMS of the fourth differences in `where` (N - 4,). Rare
+    jumps do not change the median. For a slow rounded signal the median is up to 2.5 times too large, the RMS at most
+    1.7 times.
     """
     differences = np.abs(np.diff(series, 4))[where]
     return float(min(np.median(differences) / 0.6745, np.sqrt(np.mean(differences**2))) / np.sqrt(comb(8, 4)))
@@ -35,8 +35,8 @@ def estimate_white_noise(series: Array) -> float:
 def find_rounding(series: Array) -> float:
     """Find the step of rounding of a signal (N,), its smallest change above 1e-12; 0 without rounding.
 
-    A held command counts as not rounded: it rests for more than three quarters of the samples and changes by more than
-    one step, or it has at most three values.
+    A held command counts as not rounded. It rests for more than three quarters of the samples and changes by more than
+    one step, or has at most three values.
     """
     changes = np.abs(np.diff(series))
     changes = changes[changes > 1e-12]
@@ -110,9 +110,12 @@ class Motion:
 
 
 def differentiate_position(recording: Recording, window: Array, half_width: int) -> Motion:
-    """Compute the motion from the position alone; a logged velocity is not used, as its delay would bias inertia.
+    """Compute the motion from the position alone; the delay of a logged velocity would bias inertia.
 
-    The smoothing has `half_width` samples. Windows with weights `window` (K - 2,) will average the acceleration.
+    Args:
+        recording: recording with N positions.
+        window: weights of the windows that will average the acceleration (K - 2,).
+        half_width: half width of the smoothing [samples].
     """
     period = 1.0 / recording.rate
     q, v = smooth_motion(recording, recording.position, half_width)

@@ -1,14 +1,14 @@
 """Measurements: motion and torque of a recording at the same instants, through one zero-phase filter.
 
-The torque balance stays true if every part of it passes the same linear filter. All quantities here pass one symmetric
-window w without second and fourth moments. It does not change polynomials of fifth degree; sin q of smoothed motion has
-an error of sixth order in its length.
+The torque balance stays true if each part passes the same linear filter. All quantities here pass one symmetric window
+w without second and fourth moments. It does not change polynomials of fifth degree; sin q of smoothed motion has an
+error of sixth order in its length.
 
-The command is held: between samples k - 1 and k acts command k - 1. The second difference of the position at k is the
-average acceleration under a triangle over k - 1 to k + 1, and the torque under that triangle is exactly the mean of
-commands k - 1 and k. Central differences average velocity over k - 1 to k + 1 in the same way. A correction by second
-differences d^2 removes the second moment of both averages, so that they agree on smooth parts of the balance, such as
-sin q, to fourth order. Motion and command pass it alike.
+Command k - 1 acts between samples k - 1 and k. The second difference of the position at k is the average acceleration
+under a triangle over k - 1 to k + 1. The average torque under this triangle is the mean of commands k - 1 and k.
+Central differences average velocity over k - 1 to k + 1 in the same way. A correction by second differences d^2 of
+motion and command removes the second moment of both averages. They then agree with smooth parts of the balance, such
+as sin q, to fourth order.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.term import ROOM, UNLOADED, Memory
 from pendulum_env.recording import Recording
 
-SPARE = 30  # samples by which a recording has to be longer than the filter
-TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS, of a run under the paper's excitation
-CLEAN = 0.005  # noise over RMS acceleration: more biases inertia by more than 2.5e-5
+SPARE = 30  # least number of samples of a recording beyond the filter
+TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS under the paper's excitation
+CLEAN = 0.005  # largest noise over RMS acceleration; it biases inertia by 2.5e-5
 WIDTHS = (*HALF_WIDTHS, 0.11)  # candidates of half widths [s]
 CLEAN_ONLINE = 0.01  # the same online, where a longer window delays the estimates
-CLEAN_SWING = 0.03  # the same of a free swing; its inertia is known and not biased
-SIDES = 3  # samples on either side that the kernels below use
+CLEAN_SWING = 0.03  # the same for a free swing, whose inertia is known
+SIDES = 3  # samples on either side in the kernels below
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 # (q[k+1] - q[k-1]) / 2 averages velocity over both sides of k; its change from k - 1 to k averages held commands by
@@ -61,7 +61,7 @@ class Measurements:
         reach: samples on either side that a value depends on.
         memory: state variables of terms with state, by term id, see `add_states`.
         load: known load of the joint.
-        temperature: of the joint [deg C].
+        temperature: temperature of the joint [deg C].
     """
 
     time: Array
@@ -119,7 +119,7 @@ class Smoothing:
 
     Attributes:
         half_width: half width of the window [samples].
-        slowest: speed below which the sign of the velocity is not trusted [rad/s].
+        slowest: least speed with a known sign [rad/s].
     """
 
     half_width: int
@@ -134,8 +134,8 @@ class Smoothing:
     def from_noise(cls, noise: float, rate: float) -> Smoothing:
         """Choose the smallest half width of at least two samples that keeps noise of the acceleration below a limit.
 
-        The limit is `CLEAN_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. The largest
-        candidate is taken if none meets it. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
+        The limit is `CLEAN_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. If no candidate
+        meets it, the largest is chosen. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
         """
         widths = [m for m in range(2, max(3, round(WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
@@ -153,7 +153,7 @@ class Smoothing:
     def make_step_kernels(self, period: float) -> Array:
         """Return weights (2, 2 reach) of position steps, newest first, for velocity and acceleration.
 
-        With steps in the place of positions, the velocity of a resting encoder is exactly 0. `period` in [s].
+        Steps instead of positions give a resting encoder a velocity of exactly 0. `period` in [s].
         """
         w = make_window(self.half_width)
         kernels = np.array([np.convolve(w, SLOPE) / period, np.convolve(w, CURVATURE) / period**2])
@@ -224,8 +224,8 @@ def measure_segments(recording: Recording) -> list[Measurements]:
 def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]]:
     """Filter n joints in each segment of their recordings; return n measurements per segment.
 
-    All joints have one width of the window, since their equations share all motion: the largest choice of any joint
-    in the longest segment. Segments too short for it are left out.
+    All joints have the same width of the window, since their equations share all motion. It is the largest that a joint
+    chooses in the longest segment. Shorter segments than this window are left out.
 
     Raises:
         IdentificationError: if all segments are too short.
@@ -259,8 +259,8 @@ def add_states(m: Measurements, terms: Sequence[Term]) -> Measurements:
 def choose_smoothing(recording: Recording) -> Smoothing:
     """Choose the shortest window of at least two samples with negligible encoder noise in the acceleration.
 
-    Noise is negligible below `CLEAN` of the RMS acceleration (`CLEAN_SWING` in a free swing); the longest candidate is
-    taken if none meets it. Short windows keep more samples near reversals, which show friction.
+    Noise is negligible below `CLEAN` of the RMS acceleration (`CLEAN_SWING` in a free swing). If no candidate meets it,
+    the longest is chosen. Short windows keep more samples near reversals, which show friction.
     """
     noise, clean = estimate_encoder_noise(recording.position), CLEAN_SWING if recording.known_inertia else CLEAN
     longest = (len(recording) - SPARE) // 2

@@ -18,9 +18,9 @@ SYMBOLS = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t", "fre
 class RegionSettings:
     """Settings of profiles, and limits of significant regions."""
 
-    bins: int = 24  # of a profile
+    bins: int = 24  # largest number of bins of a profile
     turns: float = 2.0  # range of the angle above which it is wrapped to one turn [turns]
-    fine: int = 4  # factor on the bins over a turn, which resolves periodic torque
+    fine: int = 4  # factor on the bins of wrapped angles, to resolve periodic torque
     share: float = 0.03  # least significance of a further profile, relative to the first
     stands_out: float = 5.0  # least mean residual of a region [standard errors]
 
@@ -35,7 +35,7 @@ class Profile:
 
     Attributes:
         axis: key of `SYMBOLS`.
-        unit: of the axis.
+        unit: unit of the axis.
         edges: limits of the bins (K + 1,), in `unit`.
         mean: mean residual in each bin (K,) [N m]; over frequency the amplitude.
         error: standard error of the mean by noise alone (K,) [N m].
@@ -57,14 +57,14 @@ class Region:
     Attributes:
         axis: key of `SYMBOLS`.
         low, high: ends of the interval, in `unit`.
-        residual: mean [N m]; over frequency the amplitude.
+        residual: mean residual [N m]; over frequency the amplitude.
         significance: absolute mean over its standard error by noise.
-        unit: of the axis; empty for a constant.
+        unit: unit of the axis; empty for a constant.
         at: joint of an arm; empty for a pendulum.
         units: names of the joint's units.
         is_profiled: whether the interval comes from a profile; else the residual is not limited to it.
         held_out_recordings: names of the recordings, if only held-out data have the residual.
-        cause: finding that explains the residual, if there is one.
+        cause: finding that explains the residual, or None.
     """
 
     axis: str
@@ -113,10 +113,15 @@ def make_region_everywhere(
     at: str = "",
     units: JointUnits = TURNING,
 ) -> Region:
-    """Return the region of all recorded velocities, or of any without samples, for a residual at no single place.
+    """Make the region of a residual that is not limited to an interval: all velocities of the samples.
 
-    `size` is the residual and `floor` the noise floor [N m]; their ratio is the significance. `x` are the samples of
-    the joint `at`, and `units` the names of its units.
+    Args:
+        cause: finding that explains the residual.
+        x: samples of the joint; without samples the region is unlimited.
+        size: residual [N m].
+        floor: noise floor [N m].
+        at: name of the joint.
+        units: names of its units.
     """
     fast = np.inf if x is None else float(np.abs(x.velocity).max())
     return Region(
@@ -177,7 +182,7 @@ def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
     It is sqrt(4 P / R) of the power P by `scipy.signal.lombscargle`; importing that takes half a second.
     """
     wave = np.exp(1j * omega * time)
-    overlap = np.mean(wave**2)  # 0 if cosine and sine are orthogonal; else turning the phase makes them so
+    overlap = np.mean(wave**2)  # half its phase makes cosine and sine orthogonal
     share = np.mean(residual * wave) * np.exp(-0.5j * np.angle(overlap))
     size = abs(overlap)
     return float(2 * np.sqrt(share.real**2 / (1 + size) + share.imag**2 / max(1 - size, np.finfo(float).eps)))
@@ -210,9 +215,9 @@ def find_regions(
 ) -> list[Region]:
     """Find at most `most` regions with a mean residual above five standard errors.
 
-    In turn, the most significant profile, or a constant, is subtracted from the residual (R,) [N m], until none is
-    significant or exceeds `REGIONS.share` of the first. The top region of each profile comes first, then the others.
-    `noise` is the standard deviation of each residual by noise alone [N m].
+    The most significant profile, or a constant, is subtracted from the residual (R,) [N m]. This repeats until no
+    profile is significant and exceeds `REGIONS.share` of the first. The top region of each profile comes first, then
+    the others. `noise` is the standard deviation of each residual by noise alone [N m].
     """
     main: list[Region] = []
     further: list[Region] = []

@@ -1,7 +1,7 @@
-"""Free-running simulation against the measured position, in many short windows at once.
+"""Free-running simulation against the measured position, in many short segments together.
 
-A window of the usual horizon from the measured state is long enough for a wrong torque to show as a wrong motion, and
-short enough that the growing errors of an unstable upright pendulum do not dominate.
+A segment of `HORIZON` from the measured state is long enough to show a wrong torque. It is short enough to limit the
+growing errors of an upright pendulum.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,22 +20,21 @@ from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
 from pendulum_env.physics.simulation import LONGEST_STEP, count_substeps, delay_torque, prepare_step
 from pendulum_env.physics.term import Memory, round_up
 
-HORIZON = 1.0  # [s], usual length of a window
-PERTURBATION = 1e-6  # [rad], of the initial position, whose growth is simulated
+HORIZON = 1.0  # [s], default length of a segment
+PERTURBATION = 1e-6  # [rad], small error of the initial position
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Windows of one recording for simulation: N periods, B windows.
+    """B segments of N periods of one recording, for simulation.
 
     Attributes:
-        windows: the recording they are cut from.
-        first: index of the first sample of each window (B,).
+        windows: windows of the recording.
+        first: index of the first sample of each segment (B,).
         torque: held command in each period (N, B) [N m].
-        position: measured (N + 1, B) [rad].
-        velocity: measured at the start (B,) [rad/s].
-        hidden: initial state variables of terms (B,) each, by term; others are propagated along the measured motion
-            before.
+        position: measured position (N + 1, B) [rad].
+        velocity: smoothed velocity at the start (B,) [rad/s].
+        hidden: initial state variables (B,) by id of the term; those of other terms follow from the earlier motion.
     """
 
     windows: Windows
@@ -53,7 +52,7 @@ class Segments:
         return KnownLoad(none + x.load.inertia, none + x.load.gravity, 0.5 * (torque[index] + torque[index + 1]))
 
     def command(self, delay: float) -> Array:
-        """Return the held command in every segment, (N, B) [N m], `delay` [s] late; zero before the recording began."""
+        """Return the held command in every segment, (N, B) [N m], `delay` [s] late; zero before the recording."""
         if delay == 0:
             return self.torque
         recording = self.windows.recording
@@ -66,7 +65,7 @@ class Segments:
 def choose_segments(windows: Windows, seconds: float = HORIZON, covers: bool = False) -> Segments:
     """Cut a recording into segments that start away from reversals, where the velocity is most accurate.
 
-    With `covers`, a last segment covers what would remain at the end, and overlaps the one before.
+    With `covers`, a last segment covers the rest at the end, and overlaps the previous segment.
     """
     recording = windows.recording
     length = count_periods(windows, seconds)
@@ -86,20 +85,20 @@ def choose_segments(windows: Windows, seconds: float = HORIZON, covers: bool = F
 
 
 def list_spans(windows: Windows) -> list[tuple[int, int]]:
-    """Return first sample and end of every segment, within the part of the recording that windows cover."""
+    """Return first sample and end of each stretch without a gap, in the part of the recording with windows."""
     bounds = pairwise((*windows.recording.starts, len(windows.recording)))
     cut_off = ((max(begin, windows.first), min(end, windows.stop)) for begin, end in bounds)
     return [(begin, end) for begin, end in cut_off if end - begin > 1]
 
 
 def count_periods(windows: Windows, seconds: float) -> int:
-    """Return the periods in a segment of some length [s]: at least 1, at most those of the median stretch."""
+    """Return the number of periods in some seconds: at least 1, at most that of the median stretch."""
     median_length = int(np.median([end - begin for begin, end in list_spans(windows)])) - 1
     return min(max(1, round(seconds * windows.recording.rate)), median_length)
 
 
 def refuse_long_horizon(w: Windows, seconds: float) -> None:
-    """Refuse a horizon that is longer than each stretch of a recording without a gap."""
+    """Raise an `IdentificationError` if a horizon exceeds the median stretch of a recording without a gap."""
     if (known := count_periods(w, len(w.recording))) < round(seconds * w.recording.rate):
         others = ", or hold other recordings out" if w.stop - w.first < len(w.recording) else ""
         begin, end = w.recording.time[[w.first, w.stop - 1]]
@@ -110,7 +109,7 @@ def refuse_long_horizon(w: Windows, seconds: float) -> None:
 
 
 def cut_segments(windows: Windows, first: Index, length: int) -> Segments:
-    """Cut segments of `length` periods from given samples (B,) on, with initial states from the smoothed motion."""
+    """Cut segments of `length` periods that start at samples `first` (B,), with smoothed initial states."""
     recording = windows.recording
     index = first + np.arange(length + 1)[:, None]
     return Segments(
@@ -132,10 +131,10 @@ def simulate_all(
 ) -> list[Array]:
     """Simulate positions of V models with terms of equal classes, for each recording (N + 1, V, B) [rad].
 
-    Recordings with segments of equal length are simulated together: a step of many costs little more.
+    Recordings with segments of equal length are simulated together, which is faster.
 
     Args:
-        segments: of each recording.
+        segments: segments of each recording.
         models: terms and linear parameters of each model.
         perturbations: added to the initial position [rad] and velocity [rad/s], for each model (V, 2).
     """
@@ -165,14 +164,14 @@ def simulate_segments(
     longest_step: float = LONGEST_STEP,
     observe: Callable[[Samples], None] | None = None,
 ) -> Trajectory:
-    """Simulate segments of equal length under V models from given states, all in a batch (V B,).
+    """Simulate segments of equal length under V models from given states, in one batch.
 
     Args:
-        segments: of each recording.
+        segments: segments of each recording, B in total.
         models: terms and linear parameters of each model.
-        position, velocity: at the start [rad], [rad/s].
+        position, velocity: initial values (V B,) [rad], [rad/s].
         hidden: initial state variables of some terms, by id; the segments or the measured motion give the others.
-        longest_step: of the integrator [s].
+        longest_step: longest step of the integrator [s].
         observe: as in `simulate`.
     """
     memory = dict(hidden or {})
@@ -214,7 +213,7 @@ def simulate_segments(
 def _stack_models(models: Sequence[Point], count: int) -> tuple[list[Term], Array]:
     """Stack terms and theta (P, V count) to simulate `count` pendulums of each of V models in one batch.
 
-    Terms that delay the command are left out: `Segments.command` does that.
+    Terms that delay the command are left out: `Segments.command` applies the delay.
     """
     terms = []
     for variants in zip(*(terms_of_model for terms_of_model, _ in models), strict=True):
@@ -226,9 +225,9 @@ def _stack_models(models: Sequence[Point], count: int) -> tuple[list[Term], Arra
 
 
 def start_memory(segments: Sequence[Segments], variants: Sequence[Term]) -> dict[str, Memory]:
-    """Return the states (V B,) with which B segments start under V variants of a term, variant by variant.
+    """Return the initial states (V B,) of B segments under V variants of a term, grouped by variant.
 
-    The states are those that the segments give, else those traced along the recorded motion.
+    They are the `hidden` states of the segments, else states traced along the recorded motion.
     """
     id = variants[0].id
     if all(id in segment.hidden for segment in segments):
@@ -263,14 +262,14 @@ def compute_deviation(segments: Sequence[Segments]) -> float:
 def compute_growth(segments: Segments, terms: Sequence[Term], theta: Array) -> Array:
     """Return the largest growth factor of a small error of the initial position during each segment (B,).
 
-    Near the upright equilibrium the error grows exponentially, so a free-running error does not test the model.
+    Near the upright equilibrium the growth is exponential, so a free-running error does not test the model.
     """
     paths = simulate_all([segments], [Point(tuple(terms), theta)] * 2, np.array([[0.0, 0.0], [PERTURBATION, 0.0]]))[0]
     return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / PERTURBATION)
 
 
 def select_segments(segments: Segments, which: Mask | Index) -> Segments:
-    """Return some of the segments, by the mask `which` (B,) or their numbers."""
+    """Return some of the segments, by a mask (B,) or their numbers."""
     return replace(
         segments,
         first=segments.first[which],

@@ -1,9 +1,9 @@
 """Errors of segments as innovations of a Kalman filter with known noise.
 
-The acting torque differs from the recorded one by noise, which the motion integrates: simulation errors grow along a
-segment and are correlated from sample to sample, and late samples dominate an unweighted fit. A Kalman filter of the
-errors of position and velocity, linearised along the measured motion, turns them into innovations. These are white with
-equal variance, so least squares on them is efficient.
+The motion integrates the noise of the recorded torque. Simulation errors therefore grow along a segment and are
+correlated between samples, and late samples dominate an unweighted fit. A Kalman filter of position and velocity
+errors, linearised along the measured motion, converts them into innovations. These are white with equal variance, so
+least squares on them is efficient.
 
 Source: Ljung, System Identification, 2nd edition, sections 7.2 and 7.4; for the velocity error across a reversal,
 Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems, 2004, section 7.3.
@@ -33,8 +33,8 @@ class Innovations:
     """Filter of the errors of B segments at N instants.
 
     Attributes:
-        transition: of the error of position and velocity from the instant before (N, B, 2, 2).
-        gain: of the filter (N, B, 2).
+        transition: transition matrix of position and velocity errors from the previous instant (N, B, 2, 2).
+        gain: gain of the filter (N, B, 2).
         spread: standard deviation of the innovation at each instant (N, B) [rad].
     """
 
@@ -44,15 +44,15 @@ class Innovations:
 
     @classmethod
     def from_segments(cls, segments: Segments, terms: Sequence[Term], theta: Array, every: int) -> Innovations:
-        """Make the filter of the error after each `every` samples, for terms with linear parameters theta (P,).
+        """Make the filter of the error at every `every`-th sample, for terms with linear parameters theta (P,).
 
-        The initial state of a segment has no error; it is fitted. Process noise is that of the recorded torque.
+        Process noise is that of the recorded torque. The initial state has no error, because it is fitted.
         """
         recording = segments.windows.recording
         index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)
         interval = every / recording.rate
         transition, inertia, turns = _linearise_motion(segments, index, terms, theta, interval)
-        # torque noise is independent between periods: over the interval its mean acts on the velocity
+        # torque noise is independent between periods: its mean over the interval acts on the velocity
         velocity_variance = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
         velocity_variance *= np.where(turns, REVERSAL_FACTOR, 1.0)
         position_ratio = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
@@ -85,8 +85,8 @@ def _linearise_motion(
     """Linearise the errors of position and velocity along the measured motion at instants `index` (N + 1, B).
 
     Returns:
-        Transition over each interval (N, B, 2, 2), inertia (N + 1, B), and whether the joint turns in an interval or
-        did in the one before (N, B).
+        Transition over each interval (N, B, 2, 2), inertia (N + 1, B), and whether the joint reverses in this or the
+        previous interval (N, B).
     """
     balance, measured = TorqueBalance(terms, theta, bool(segments.windows.samples.load)), segments.windows.samples
     memory = {

@@ -1,9 +1,8 @@
-"""Multiple shooting: short segments with fitted initial states, for transmissions whose link is not measured.
+"""Multiple shooting: short segments with fitted initial states, for transmissions with an unmeasured link.
 
-Propagated along the measured motion from the start of a recording, the state of a link is lost after a few bounces,
-since each amplifies the error of the one before. In segments of a quarter of a second errors stay bounded. Initial
-states are fitted by Levenberg-Marquardt, with a damping for each segment; those that converged to the wrong side of the
-play are restarted from the other. Parameters are fitted together with the states by Gauss-Newton.
+Each bounce amplifies the error of a link's simulated state, which is lost after a few bounces. In segments of a
+quarter of a second errors stay bounded. Initial states are fitted by Levenberg-Marquardt with a damping per segment,
+from both sides of the play. Parameters are fitted together with the states by Gauss-Newton.
 
 Source: Bock, Randwertproblemmethoden zur Parameteridentifizierung, 1987; for the elimination of the states, Golub and
 Pereyra, Inverse Problems 19(2), 2003.
@@ -39,37 +38,36 @@ from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory, find_link
 from pendulum_env.physics.term import Memory
 
-PERTURBATION = np.array(
-    [3e-4, 3e-3, 1e-3, 1e-2]
-)  # of position and velocity of motor and link, for derivatives [rad], [rad/s]
-SMOOTH = 0.03  # times as much where no contact is met: what a secant misses passes for what the parameters do
-DAMPING = np.array([0.01, 1.0, 100.0])  # factors tried on the damping of a state
+# position and velocity of motor and link [rad], [rad/s]: steps for derivatives
+PERTURBATION = np.array([3e-4, 3e-3, 1e-3, 1e-2])
+SMOOTH = 0.03  # factor on these steps without contacts: errors of derivatives by states bias the parameters
+DAMPING = np.array([0.01, 1.0, 100.0])  # tried factors on the damping of a segment's state
 
 
 @dataclass(frozen=True)
 class ShootingSettings:
     """Numbers of multiple shooting."""
 
-    length: float = 0.25  # [s], of a segment
-    coarse: float = 1e-3  # [s], step of the integrator,
-    fine: float = 0.25e-3  # [s], and that of the last fit to a stiff contact
-    initial_turns: int = 2  # iterations for every start of a segment,
-    more_turns: int = 4  # more of them where the best is far from the measured motion,
-    far: float = 2.0  # times the median error,
-    final_turns: int = 6  # and largest number for the best
-    fewest: int = 2  # segments for each parameter
-    most: int = 120  # segments in a fit of parameters
-    difference: float = 1e-2  # relative, of a parameter for derivatives
-    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.0)  # tried of a step of the parameters
-    largest: float = 0.3  # relative change of a parameter in a step
-    damping: float = 1e-4  # of a step of the parameters
-    turns: int = 25  # largest number,
-    trial_turns: int = 6  # and that of starts which are compared
-    stiffer: tuple[float, ...] = (1.0, 1.8)  # times the contact's stiffness: starts of a fit
-    climbs: int = 4  # trials of a stiffer and wider play,
-    climb: float = 0.9  # and ratio of errors that each must reach
-    gain: float = 0.01  # share by which an iteration must lower the squared error,
-    patience: int = 2  # and number of those that do not, after which a fit ends
+    length: float = 0.25  # length of a segment [s]
+    coarse: float = 1e-3  # step of the integrator [s]
+    fine: float = 0.25e-3  # step of the integrator in the last fit to a stiff contact [s]
+    initial_turns: int = 2  # iterations of each start of a segment's state
+    more_turns: int = 4  # additional iterations of segments with large errors
+    far: float = 2.0  # least large error [median errors]
+    final_turns: int = 6  # largest number of iterations of the best start
+    fewest: int = 2  # least number of segments per parameter
+    most: int = 120  # approximate largest number of segments in a fit of parameters
+    difference: float = 1e-2  # relative change of a parameter for derivatives
+    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.0)  # tried shares of a step of the parameters
+    largest: float = 0.3  # largest relative change of a parameter in a step
+    damping: float = 1e-4  # damping of a step of the parameters
+    turns: int = 25  # largest number of iterations
+    trial_turns: int = 6  # largest number of iterations of each compared start
+    stiffer: tuple[float, ...] = (1.0, 1.8)  # factors on the contact's stiffness at the starts of a fit
+    climbs: int = 4  # largest number of trials of a stiffer and wider play
+    climb: float = 0.9  # largest ratio of errors after and before a trial
+    gain: float = 0.01  # least relative decrease of the squared error in an iteration
+    patience: int = 2  # number of iterations with a smaller decrease after which a fit ends
 
 
 SHOOTING = ShootingSettings()
@@ -77,23 +75,34 @@ SHOOTING = ShootingSettings()
 
 @dataclass(frozen=True)
 class Shooting:
-    """Segments of one recording with their initial states (S, B): q, q', then the hidden ones."""
+    """Segments of one recording with their initial states.
+
+    Attributes:
+        segments: B segments.
+        states: position, velocity, and hidden states of the link at the start (S, B).
+        damping: damping of the state of each segment (B,).
+        step: longest step of the integrator [s].
+    """
 
     segments: Segments
     states: Array
-    damping: Array  # (B,)
-    step: float = SHOOTING.coarse  # [s], longest of the integrator
+    damping: Array
+    step: float = SHOOTING.coarse
 
     @property
     def measured(self) -> Array:
-        """Positions to compare with (N, B) [rad]."""
+        """Measured positions at the compared samples (N, B) [rad]."""
         grain = choose_grain(self.segments)
         return self.segments.position[grain::grain]
 
     def simulate(
         self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
     ) -> Trajectory:
-        """Simulate segments of V points from states (V, S, B), each (N + 1, V B); `observe` as in `simulate`."""
+        """Simulate segments of V points from states (V, S, B); `observe` as in `simulate`.
+
+        Returns:
+            Trajectory with series (N + 1, V B).
+        """
         q, v, *hidden = (row.ravel() for row in np.swapaxes(states, 0, 1))
         link = {find_link(points[0].terms).id: tuple(hidden)}
         return simulate_segments([self.segments], points, q, v, link, self.step, observe)
@@ -111,7 +120,7 @@ def repeat_points(points: Sequence[Point], times: int) -> list[Point]:
 
 
 def start_shooting(windows: Windows, point: Point, first: Index) -> Shooting:
-    """Cut segments from given samples on, with initial states from the measured motion."""
+    """Cut segments that start at given samples, with initial states from the measured motion."""
     segments, link = cut_segments(windows, first, count_periods(windows, SHOOTING.length)), find_link(point.terms)
     hidden = start_memory([segments], [link])[link.id]
     return Shooting(
@@ -139,7 +148,7 @@ def compute_state_slopes(shooting: Shooting, points: Sequence[Point], states: Ar
 def compute_state_steps(error: Array, slopes: Array, damping: Array) -> Array:
     """Return Levenberg-Marquardt steps of states (F, S, B) for the F factors `DAMPING` on the damping (B,).
 
-    error: (B, N) [rad]; slopes: its derivatives by the states (B, N, S).
+    `error` is (B, N) [rad], and `slopes` are its derivatives by the states (B, N, S).
     """
     information = np.swapaxes(slopes, 1, 2) @ slopes
     diagonal = np.einsum("bss->bs", information)[:, :, None] * np.eye(slopes.shape[2])
@@ -156,7 +165,7 @@ def compute_state_steps(error: Array, slopes: Array, damping: Array) -> Array:
 def refine_states(
     shooting: Shooting, points: Sequence[Point], states: Array, damping: Array, turns: int
 ) -> tuple[Array, Array, Array]:
-    """Fit states (V, S, B) at each of V points; return them, their damping (V, B) and squared errors (V, B)."""
+    """Fit states (V, S, B) at each of V points; return states, damping (V, B) and squared errors (V, B)."""
     for _ in range(turns):
         error, slopes = compute_state_slopes(shooting, points, states)
         before = np.sum(error**2, axis=2)
@@ -174,7 +183,11 @@ def refine_states(
 def _choose_best(
     candidates: Array, after: Array, states: Array, before: Array, damping: Array
 ) -> tuple[Array, Array, Array]:
-    """Return the best of F states tried for each segment (V, F, S, B), or the old ones where none is better."""
+    """Choose the best of F tried states of each segment (V, F, S, B), or the old states if none is better.
+
+    Returns:
+        States (V, S, B), their damping (V, B) and squared errors (V, B).
+    """
     best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
     squares = np.take_along_axis(after, best, 1)[:, 0]
     is_better = squares < before
@@ -190,7 +203,7 @@ def _choose_best(
 def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
     """Return the segments with the best initial states for a point, and their squared errors (B,).
 
-    The starts are the present states, those from the measured motion, and a link on either side of the play.
+    The starts are the present states, the states from the measured motion, and a link on either side of the play.
     """
     traced = start_shooting(shooting.segments.windows, point, shooting.segments.first).states
     gap = find_link(point.terms).nonlinear_values.get("gap", 0.0)
@@ -256,15 +269,13 @@ def estimate_link_state(segments: Segments, x: Samples, term: Term) -> Memory:
 
 @dataclass(frozen=True)
 class Slopes:
-    """Errors (M,) of all segments in a row and their derivatives by relative changes of the parameters (M, P).
-
-    The part that other initial states would explain is projected out of both; segments that diverge have lower weights.
+    """Errors of all segments in a row, and their derivatives by relative changes of the parameters.
 
     Attributes:
-        error: weighted.
-        by_parameter: weighted.
-        segment: that each row belongs to (M,).
-        weights: of the segments of each recording (B,).
+        error: weighted errors (M,) without the part that initial states explain; divergent segments have low weights.
+        by_parameter: derivatives of `error` (M, P).
+        segment: number of the segment of each row (M,).
+        weights: weights of the segments of each recording (B,).
         parts: for each recording errors (B, N), derivatives by the parameters (B, N, P) and by the states (B, N, S).
     """
 
@@ -383,13 +394,13 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
     """Fit a model by multiple shooting, with standard errors from the spread of the segments.
 
     Args:
-        windows: recording's windows.
-        model: initial guess; one of its terms has a link. It is returned unchanged if segments are too few.
+        windows: windows of each recording.
+        model: start of the fit; one of its terms has a link. It is returned unchanged if segments are too few.
     """
     point, multimodal = Point.from_model(model), find_hints(type(find_link(model.terms))).multimodal
     if _are_few(windows, point):
         return model
-    if multimodal:  # a loose contact has local minima at several stiffnesses, and windows favour a soft one
+    if multimodal:  # a loose contact has local minima at several stiffnesses; `model` may be at a soft contact
 
         def fit_best(starts: Sequence[Point]) -> FittedShooting:
             fits = (fit_shooting(prepare_segments(windows, start, 3), start, SHOOTING.trial_turns) for start in starts)
@@ -417,13 +428,16 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
 
 
 def add_standard_errors(windows: Sequence[Windows], model: Model) -> Model:
-    """Return the model with standard errors from the spread of the segments; without, if these are too few."""
+    """Return the model with standard errors from the spread of the segments; unchanged if these are too few."""
     point = Point.from_model(model)
     return model if _are_few(windows, point) else _make_model(FittedShooting(point, prepare_segments(windows, point)))
 
 
 def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
-    """Return segments of recordings with the best initial states for a point, one in `share` of those of a fit."""
+    """Return segments of each recording with the best initial states for a point; a fit uses `share` 1.
+
+    A larger `share` selects one in `share` of these segments.
+    """
     first = [list_adjacent_segments(windows) for windows in every]
     step = share * -(-sum(len(k) for k in first) // SHOOTING.most)
     return tuple(
@@ -459,9 +473,9 @@ def change_point(point: Point, factors: Mapping[str, float]) -> Point:
 
 
 def add_link_gravity(point: Point) -> Point:
-    """Return the point with gravity set to that of the link: gravity per inertia times the inertia of the link.
+    """Return the point with gravity set to the link's gravity per inertia times its inertia.
 
-    A point without these parameters is returned as it is.
+    A point without these parameters is unchanged.
     """
     names = [column.name for term in point.terms for column in term.columns]
     term = find_link(point.terms)
@@ -473,10 +487,7 @@ def add_link_gravity(point: Point) -> Point:
 
 
 def add_link_friction(point: Point, share: float) -> Point:
-    """Return a point whose last term, a link, has a share of the dry and the viscous friction of the joint.
-
-    Only parameters that the link has are set.
-    """
+    """Return the point with a share of the joint's dry and viscous friction in its last term, a link."""
     link, joint = point.terms[-1], point.linear_values
     joint_names = {"friction": "coulomb", "viscous": "viscous"}
     parameters = [parameter for parameter in link.nonlinear_parameters if parameter.name in joint_names]

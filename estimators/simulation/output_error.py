@@ -1,11 +1,11 @@
-"""Output error: parameters refined by simulated motion, over many short segments at once.
+"""Output error: parameters refined by simulated motion over many short segments.
 
-Equations clear of stick lack the information in and around stick, which a simulation has. All segments and all
+Simulation includes the information in and around stick, which equations clear of stick lack. All segments and all
 perturbed parameters are simulated as one batch, and the parameters are fitted to the measured positions (Gauss-Newton).
-The initial state of each segment is free: its two sensitivities are projected out. Over long segments it is the
-measured state instead, since a free one would hide a drift.
+The initial state of each segment is free: its two sensitivities are projected out. Long segments start from the
+measured state, because a free state hides a drift.
 
-With filters, errors are innovations: the fit is then of maximum likelihood, if the residual is noise.
+With filters, errors are innovations. If the residual is noise, the fit is then of maximum likelihood.
 
 Source: Ljung, System Identification, 2nd edition, section 10.2, with multiple shooting as in Bock 1983.
 """
@@ -28,15 +28,15 @@ from estimators.weak_form.windows import compute_jump_errors
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 
-DRAWS = 16  # of noise; the mean of ratios to a mean of few draws would be biased
+DRAWS = 16  # number of noise draws; ratios to a mean of fewer draws are biased
 
 
 @dataclass(frozen=True)
 class OutputErrorSettings:
     """Numbers of the fit of simulated segments."""
 
-    shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05)  # tried of a Gauss-Newton step
-    damping: float = 1e-6  # of this step
+    shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
+    damping: float = 1e-6  # damping of this step
     difference: float = 1e-3  # relative change of a parameter for derivatives
     leap: float = 0.5  # largest step of a parameter from zero, in the unit of the parameter
     smallest: float = 1e-3  # least size to which changes of a parameter are relative, in the unit of the parameter
@@ -47,7 +47,7 @@ OUTPUT_ERROR = OutputErrorSettings()
 
 
 PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
-Filters = Sequence[Innovations]  # of each recording's segments; none for unfiltered errors
+Filters = Sequence[Innovations]  # one per recording; empty for unfiltered errors
 
 
 def compute_errors(
@@ -94,7 +94,7 @@ def make_innovations(segments: Sequence[Segments], point: Point) -> list[Innovat
 
 
 def compute_segment_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> Array:
-    """Return the root mean square error of each segment, of all recordings in a row [rad]."""
+    """Return the RMS error of each segment of all recordings [rad]."""
     return compute_rms_by_segment(*compute_errors(segments, [point], filters))
 
 
@@ -123,7 +123,7 @@ def compute_slopes(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
 
 
 def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) -> ErrorsOf:
-    """Return a function that computes the errors of the segments for points, with free initial states.
+    """Make the function from points to the errors of the segments with free initial states.
 
     Errors are weighted by the segment's error at `point`, see `weigh_segments`.
     """
@@ -137,7 +137,7 @@ def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) 
 
 
 def fit_segments(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
-    """Fit the linear and the continuous nonlinear parameters to the segments, from a point."""
+    """Fit the linear and the continuous nonlinear parameters to the segments, with free initial states."""
     return minimise(_weigh_errors(segments, start, filters), start, turns)
 
 
@@ -151,7 +151,7 @@ def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
     def choose_step(local: LocalErrors[Point], steps: list[Array]) -> tuple[Point, float]:
         values, smallest = local.known.values, OUTPUT_ERROR.smallest
         size = np.maximum(np.abs(values), smallest)
-        # a parameter that was zero needs an absolute step
+        # a parameter of zero needs an absolute step
         longest = np.where(size > smallest, 0.5, OUTPUT_ERROR.leap / smallest)
         step = np.clip(steps[0], -longest, longest) * size
         points = [local.known.with_values(values + share * step) for share in OUTPUT_ERROR.shares]
@@ -161,16 +161,16 @@ def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
 
 
 def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
-    """Fit the maximum-likelihood model near a point, if its residual is noise.
+    """Fit a model near a point by innovations, of maximum likelihood if the residual is noise.
 
-    Segments should be about half a second long: the errors of longer ones grow nonlinearly.
+    Segments should be about half a second long: errors of longer segments grow nonlinearly.
     """
     filters = make_innovations(segments, start)
     return make_model(segments, fit_segments(segments, start, filters=filters), filters)
 
 
 def compute_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> float:
-    """Return the root mean square error of the segments with free initial states [rad]; with filters, innovation."""
+    """Return the RMS error of the segments with free initial states [rad]; with filters, of the innovations."""
     error, _ = compute_errors(segments, [point], filters)
     return float(np.sqrt(np.mean(error**2)))
 
@@ -178,8 +178,8 @@ def compute_rms(segments: Sequence[Segments], point: Point, filters: Filters = (
 def compute_torque_noise(segments: Sequence[Segments], point: Point) -> Array:
     """Return the mean square error of each segment due to torque noise alone, with free initial states (B,) [rad^2].
 
-    The simulated motion takes the place of the measured one. Noise differs by segment: torque that was moved in time is
-    uncertain where it jumps, and an unstable motion amplifies it.
+    It is computed by perturbed simulations. Segments differ: torque that was moved in time is uncertain at its jumps,
+    and an unstable motion amplifies noise.
     """
     rng = np.random.default_rng(0)
     paths = simulate_all(segments, [point])
@@ -211,10 +211,7 @@ def compute_noise(segments: Sequence[Segments], point: Point) -> Array:
 
 
 def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:
-    """Draw the held torque of another log of the same motion (N, B) [N m].
-
-    White noise is added, and the errors of jumps.
-    """
+    """Add white noise and the errors of jumps to the held torque (N, B) [N m]."""
     index = segment.first + np.arange(len(segment.torque))[:, None]
     std = np.hypot(segment.windows.raw_torque_noise, compute_jump_errors(segment.windows.recording)[index])
     return np.asarray(segment.torque + std * rng.standard_normal(segment.torque.shape))
@@ -228,10 +225,7 @@ def make_model(segments: Sequence[Segments], point: Point, filters: Filters = ()
 
 
 def make_model_with_covariance(point: Point, relative: Array) -> Model:
-    """Return the model at a point with standard errors.
-
-    `relative` is the covariance of the parameters relative to their size (P + S, P + S).
-    """
+    """Make the model at a point, with the covariance (P + S, P + S) `relative` to the size of the parameters."""
     std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
     names, count = list_nonlinear_names(point.terms), len(point.theta)
     model = Model.build(*point, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))

@@ -8,7 +8,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Table, Term, list_loads
 
-NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # terms with a parameter >= 0 for any body
+NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # ids of terms with a parameter >= 0 for any body
 
 
 def is_torque_dependent(*terms: Term) -> bool:
@@ -17,15 +17,15 @@ def is_torque_dependent(*terms: Term) -> bool:
 
 
 def has_known_parameter(*terms: Term) -> bool:
-    """Return whether the value of a linear parameter of the terms is given, so that it is not fitted."""
+    """Return whether the value of a linear parameter of the terms is given and not fitted."""
     return any(column.is_known for term in terms for column in term.columns)
 
 
 def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return lower and upper bounds of the linear parameters of a model with some terms, (P,) each.
 
-    They are the bounds of the laws; where these leave the lower bound open, parameters in `NOT_NEGATIVE` are at least
-    zero. A friction parameter at a joint with a table of friction may have any sign.
+    They are the bounds of the laws. Parameters of `NOT_NEGATIVE` without a lower bound are at least zero, except
+    friction at a joint with a table of friction.
     """
     tables = {
         at for term in terms if isinstance(term, Table) and term.kind == "dissipative" for at in list_loads(term.at)
@@ -37,7 +37,7 @@ def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
 
 
 def list_law_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
-    """Return the lower and upper bounds of the laws alone, (P,) each; they allow parameters that no body has."""
+    """Return the lower and upper bounds of the laws alone, (P,) each; they may allow negative inertia."""
     columns = [column for term in terms for column in term.columns]
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])
 
@@ -48,9 +48,9 @@ def _is_of_body(term: Term, has_table: bool) -> bool:
 
 
 def mark_bounds(model: Model) -> Model:
-    """Return a fitted model with standard error zero of known parameters, and `at_bound` of those at a bound.
+    """Return a fitted model with standard error zero of known parameters, and `at_bound` of parameters at a bound.
 
-    A parameter is at a bound of `list_bounds` if it has its value and no standard error.
+    These have the value of a bound of `list_bounds` and no standard error.
     """
     estimates = dict(model.estimates)
     for column, low, high in zip(model.columns, *list_bounds(model.terms), strict=True):

@@ -1,8 +1,7 @@
 """Least squares with instrumental variables, which removes the bias from feedback of sensor noise.
 
-In a closed loop the torque depends on the measured position and its noise, so regressors and errors are correlated and
-least squares is biased. Regressors Z along the controller's reference are correlated with the motion, not with the
-errors,
+In a closed loop the torque depends on the measured position and its noise. Regressors and errors are then correlated
+and least squares is biased. Regressors Z along the controller's reference are not correlated with the errors,
 
     theta = (Z' phi)^-1 Z' y .
 
@@ -34,11 +33,11 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
 
     Args:
         data: windows of recordings with `reference`.
-        terms: functions of motion alone, with nonlinear parameters set.
+        terms: terms that depend on motion alone, with nonlinear parameters set.
 
     Raises:
-        IdentificationError: if a recording has no reference, the reference moves too little, or a term depends on more
-            than motion.
+        IdentificationError: if a recording has no reference, the reference moves too little, or a term depends on
+            other quantities than motion.
     """
     for term in terms:
         if term.hides or term.fixed or any(column.of_torque for column in term.columns):

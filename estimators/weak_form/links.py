@@ -1,6 +1,6 @@
-"""Windowed equations of an arm: rows of one joint after another, with columns of links that depend on all joints.
+"""Windowed equations of an arm, grouped by joint, with columns of links that depend on all joints.
 
-A window of a joint is clear of that joint's stick and reversals; other joints may stick. The rigid body's columns are
+A window of a joint is clear of stick and reversals of this joint; other joints may stick. The rigid body's columns are
 linear in the acceleration, <w Y(q, q', q'')> = <w M(q) q''> + <w Y(q, q', 0)>. The first part averages raw second
 differences of the positions; the second is smooth.
 """
@@ -35,7 +35,7 @@ PLACES = 50  # approximate number of samples of each recording over which a join
 
 
 def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> TorqueWindows:
-    """Cut recordings of an arm into windows, with the columns of its links and of terms that two joints share.
+    """Cut recordings of an arm into windows, with the columns of its links and couplings.
 
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
@@ -64,14 +64,14 @@ def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Te
 
 
 def join_recording(entries: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:
-    """Return the windows of one recording of an arm, given those of each joint at any samples."""
+    """Join the windows of the joints of one recording of an arm, with the columns of its links and couplings."""
     return _join_joints([entries], [_compute_link_columns(entries, find_links(terms))], terms)
 
 
 def _join_joints(
     entries: Sequence[Sequence[Windows]], parts: Sequence[_LinkColumns], terms: Sequence[type[Term] | Term]
 ) -> TorqueWindows:
-    """Join windows of all recordings, and the links' columns there, to equations grouped by joint.
+    """Join windows of all recordings, grouped by joint, with the columns of links, couplings and payloads.
 
     `entries` has per recording the windows of each joint, `parts` the links' columns of these.
     """
@@ -96,10 +96,10 @@ def _join_joints(
 
 
 def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadColumns | None:
-    """Return the columns of known payloads, by which the errors of payloads enter the standard errors.
+    """Return the columns of known payloads, for their errors' share in the standard errors; None without a payload.
 
     The ten columns of a `LinkLoad` are the links' columns `linear` (R, P) times the change of the P base parameters by
-    each standard parameter. Recordings that hold the same object share them. None without a payload.
+    each standard parameter. Recordings with the same payload share its columns.
     """
     loads = [w.payload for w in data.windows]
     payloads = list(dict.fromkeys(load for load in loads if load is not None))
@@ -112,7 +112,7 @@ def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadC
 
 
 def _compute_coupling_columns(entries: Sequence[Sequence[Windows]], kind: type[Coupling]) -> TermColumns:
-    """Compute the columns of a coupling of joints on the rows of all joints, and their rates; without inertia."""
+    """Compute the columns of a coupling of joints on the rows of all joints, and their rates."""
     parts = [_compute_shared_columns(joints[k], joints, kind()) for k in range(len(entries[0])) for joints in entries]
     linear, rates = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     return TermColumns(linear, rates, np.zeros((len(entries[0]), linear.shape[1])))
@@ -175,7 +175,7 @@ def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _LinkColumn
 def _calibrate_windows(entries: Sequence[Windows], k: int, columns: _LinkColumns) -> Windows:
     """Return the windows of joint k with noise at most the residual of a fit of links and all smooth laws.
 
-    The acceleration noise becomes that of all joints, by their share in the torque of joint k, over the inertia M_kk.
+    Their acceleration noise is that of the torque sum_j M_kj q_j'' of all joints, divided by M_kk.
     """
     w = entries[k]
     laws = [law for law in smooth_laws(w) if law.id not in ("inertia", "gravity")]

@@ -24,14 +24,14 @@ class NonlinearSettings:
     """Numbers of the searches over nonlinear parameters."""
 
     turns: int = 20  # largest number of Gauss-Newton steps
-    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.02)  # of a Gauss-Newton step that are tried
+    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.02)  # tried step lengths, as shares of a Gauss-Newton step
     leap: float = 0.7  # largest step [step units, or of the logarithm]: a factor of two
     damping: float = 1e-12  # keeps a step finite with collinear slopes
     difference: float = 1e-3  # step of a parameter for derivatives [step units]
     jump: float = 0.1  # a law jumps if a hundredth of `difference` changes it by this share of the change over it
     scanned: int = 21  # values of an edge per scan
     widths: tuple[float, ...] = (1.0, 0.1, 0.01, 1e-3)  # half widths of successive scans, shares of the first
-    rounds: int = 6  # of the cross-entropy search
+    rounds: int = 6  # rounds of the cross-entropy search
     draws: int = 48  # variants per round
     elite: int = 8  # best variants so far, around which the next round draws
 
@@ -55,10 +55,10 @@ def list_nonlinear_names(terms: Sequence[Term]) -> list[str]:
 
 
 def list_released_variants(term: Term) -> list[list[Term]]:
-    """List, per nonlinear parameter at its nominal value, the variants with other values of it to start a search from.
+    """List, per nonlinear parameter at its nominal value, variants with other values as starts of a search.
 
-    An integer takes each value from its start to its upper limit; only the first integer is released. Variants with a
-    `fault` are left out.
+    An integer takes each value from its alternative start to its upper limit; only the first integer is released.
+    Variants with a `fault` are left out.
     """
     variants_of_each, has_integer, starts = [], False, find_hints(type(term)).alternative_starts
     for parameter in term.nonlinear_parameters:
@@ -105,9 +105,9 @@ def refine_nonlinear(
 ) -> Term:
     """Find the variant of a term with locally least squared residual; parameters in `edges` stay.
 
-    Gauss-Newton takes derivatives by differences, and evaluates all of an iteration, or all step lengths, in one batch.
-    Parameters with a positive lower limit move by factors. The search ends where an iteration lowers the squared
-    residual by less than a share `gain`. Time constants are at most `longest` [s]: beyond, an exponential is a line.
+    Gauss-Newton with derivatives by differences evaluates all variants of an iteration in one batch. Parameters with a
+    positive lower limit change by factors. The search ends if an iteration lowers the squared residual by less than a
+    share `gain`. Time constants are at most `longest` [s], beyond which an exponential equals a line.
 
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
@@ -153,10 +153,10 @@ def refine_nonlinear(
 
 
 def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
-    """List the continuous nonlinear parameters at which a law of a term jumps, so that derivatives are useless.
+    """List the continuous nonlinear parameters at which a law of a term jumps and has no useful derivative.
 
-    These are instants, and parameters such as a speed at which friction ends. Terms with state or impacts have only
-    instants. `x` are the samples at which jumps are tested.
+    An example is an instant, or the speed at which friction ends. Terms with state or impacts have only instants.
+    Jumps are tested at the samples `x`.
     """
     may_jump = not (term.has_state() or term.has_impacts)
     parameters = list_continuous_parameters(term)
@@ -164,7 +164,7 @@ def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
 
 
 def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
-    """Return whether a small change of a parameter changes the laws of a term at no sample, or by a jump."""
+    """Return whether a small change of a parameter leaves the laws of a term unchanged at all samples, or is a jump."""
     value = term.nonlinear_values[parameter.name]
     unit = get_step_unit(parameter, value)
 
@@ -207,9 +207,9 @@ def scan_edges(term: Term, residuals: ResidualFunction, edges: Sequence[Nonlinea
 
 
 def search_by_cross_entropy(variants: Sequence[Term], residuals: ResidualFunction) -> Term:
-    """Return the best variant found by random draws around the best variants so far, for errors with many local minima.
+    """Search the variant of least residual by random draws around the best variants; for many local minima.
 
-    The free continuous parameters have to be positive: the draws are normal in their logarithms. The seed is fixed.
+    The free continuous parameters must be positive: the draws are normal in their logarithms. The seed is fixed.
 
     Source: Rubinstein and Kroese, The Cross-Entropy Method, 2004.
     """

@@ -15,14 +15,14 @@ from pendulum_env.physics import Model, Term
 
 
 class Point(NamedTuple):
-    """Terms with nonlinear parameters set, and linear parameters theta (P,): a place in a search."""
+    """Terms with nonlinear parameters set, and linear parameters theta (P,): a point of a search."""
 
     terms: tuple[Term, ...]
     theta: Array
 
     @property
     def values(self) -> Array:
-        """Return all free parameters (P + S,): the linear ones, then the continuous nonlinear parameters."""
+        """Return all free parameters (P + S,): linear, then continuous nonlinear parameters."""
         nonlinear = [
             term.nonlinear_values[parameter.name]
             for term in self.terms
@@ -56,7 +56,7 @@ class Point(NamedTuple):
     def with_values(self, values: Array) -> Point:
         """Return the point with other values (P + S,), clipped to their bounds.
 
-        Nonlinear parameters that follow a linear one take its value before clipping; without it, 0.
+        Nonlinear parameters that follow a linear parameter take its value before clipping; without it, 0.
         """
         nonlinear = list(values[len(self.theta) :])
         linear, terms = Point(self.terms, values[: len(self.theta)]).linear_values, []

@@ -39,7 +39,7 @@ from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, SIGNIFICANT, Term
 
-RECENT = 4  # sets of terms whose equations are kept
+RECENT = 4  # number of sets of terms whose equations are cached
 PERTURBATION = 1e-6  # of the torque for derivatives, share of the largest torque
 PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # the same for nonlinear laws
 
@@ -48,10 +48,10 @@ PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])
 class VariantSettings:
     """Extent of the search for the best variant of an effect."""
 
-    exact: int = 3  # best variants of a law of the torque that are fitted exactly
-    longest: float = 100.0  # time constant [recorded times]
-    reach: float = 0.03  # of the scan for an instant, to either side, share of the recorded time
-    gain: float = 2e-6  # least decrease of their squared error in an iteration, as a share; idle ones decrease less
+    exact: int = 3  # number of the best torque-dependent variants that are fitted exactly
+    longest: float = 100.0  # largest time constant [recorded times]
+    reach: float = 0.03  # half width of the scan for an instant, share of the recorded time
+    gain: float = 2e-6  # least relative decrease of the squared error of torque-dependent terms in an iteration
     follows: int = 3  # iterations that set a nonlinear parameter to the linear parameter that it follows
 
 
@@ -91,7 +91,7 @@ class TorqueRows:
         return TorqueRows(self.data.part(joint))
 
     def select_joint(self, joint: str) -> TorqueRows:
-        """Return the rows of a joint; all rows for a term at no single joint."""
+        """Return the rows of a joint; all rows for a term at several joints."""
         return self if self.data.part(joint) is self.data else self._make_joint_rows(joint)
 
     def columns(self, variants: Terms) -> list[Columns]:
@@ -139,12 +139,12 @@ class TorqueRows:
         return part._replace(fixed_change=self.perturbations - self._compute_response(slopes, min(torque_share, 1.0)))
 
     def _compute_response(self, slopes: Array, torque_share: float) -> Array:
-        """Return the responses (R, J) [N m] of equations to perturbations, from slopes s between these (R, J - 1).
+        """Return the responses (R, J) [N m] of equations to perturbations, from the slopes s between these (R, J - 1).
 
-        Errors of the torque u and of the motion both explain a residual r. The motion has a share c of the variance of
-        noise, and its torque is smaller by `torque_share` k, the ratio of the norms of remaining and recorded torque.
-        The likeliest errors together have the size of an error r / sqrt((1 - c) s^2 + c k^2) of u, which is finite
-        beyond a saturation. A law that makes all torques smaller explains nothing.
+        A residual r is an error of the recorded torque u or of the motion. The motion has a share c of the variance of
+        noise. Its torque is smaller by `torque_share` k, the ratio of the norms of remaining and recorded torque. The
+        likeliest errors equal an error r / sqrt((1 - c) s^2 + c k^2) of u, which is finite beyond a saturation. A law
+        that scales all torques down does not reduce this error.
         """
         share = self._motion_share[:, None]
         steps = np.sqrt((1.0 - share) * slopes**2 + share * torque_share**2) * np.diff(self.perturbations, axis=1)
@@ -153,10 +153,7 @@ class TorqueRows:
 
     @cached_property
     def _motion_share(self) -> Array:
-        """Share of the motion in the variance of each equation's error by noise (R,).
-
-        It is zero of joints of an arm, and if the inertia is insignificant: its noise would explain the torque.
-        """
+        """Share of the motion in the variance of each equation's noise (R,); 0 for an arm or insignificant inertia."""
         data = self.data
         if any(w.at or w.recording.known_inertia for w in data.windows):
             return np.zeros(len(data.weights))
@@ -185,7 +182,7 @@ class TorqueRows:
 
     @cached_property
     def perturbations(self) -> Array:
-        """Perturbations of the torque in each row of all joints (R, J) [N m], scaled as the row is."""
+        """Perturbations of the torque in each row of all joints (R, J) [N m], times the scale of the row."""
         joints = [self.select_joint(at) for at in self.data.joints]
         return np.concatenate([np.outer(rows.data.scale, rows._perturbations) for rows in joints])
 
@@ -238,10 +235,10 @@ class TorqueRows:
         )
 
     def with_variant(self, terms: Terms, here: slice) -> Callable[[Term, Columns], Balance]:
-        """Return a function of a variant and its columns, which returns the rows of the terms plus the variant.
+        """Make the function from a variant and its columns to the rows of the terms plus the variant.
 
         `here` are the rows of the variant's joint. Weights are those of `terms` alone. Rows of other joints are
-        condensed to their tangent. Terms that filter torque (`lead`) are assembled anew for each variant.
+        condensed to their tangent. Rows with a term that filters torque (`lead`) are assembled for each variant.
         """
         if not terms or any(term.lead for term in terms):
             shared, w = self.list_term_columns(terms), self.weights(terms)
@@ -261,14 +258,14 @@ class TorqueRows:
         )
 
     def weights(self, terms: Terms) -> Array:
-        """Return the weight of each row (R,), that of its entry: smaller with a larger residual of the terms."""
+        """Return the weight of each row (R,), smaller for entries with a larger residual of the terms."""
         return self._weigh_entries(terms)[self.data.recording_of_window]
 
     @memoized
     def _weigh_entries(self, terms: Terms) -> Array:
-        """Return the weight of each recording, or recording of a joint (E,), by its residual under the terms.
+        """Return the weight of each entry (E,) by its residual under the terms; by noise without terms or of one entry.
 
-        With a single recording, or without terms, it is the weight by noise.
+        An entry is a recording, or one joint of a recording.
         """
         if len(self.data.windows) == 1 or not terms:
             return self._entry_weights
@@ -282,7 +279,7 @@ class TorqueRows:
     def _solve_by_noise(self, terms: Terms) -> Array:
         """Fit the linear parameters (P,) with the weights of noise.
 
-        If terms before the last depend on the torque, the fit starts from that without the last term.
+        If terms before the last depend on the torque, the fit without the last term is the start.
         """
         *others, last = terms
         start = None
@@ -300,7 +297,7 @@ class TorqueRows:
 
     @memoized
     def fit_folds(self, terms: Terms) -> FoldFits:
-        """Fit some terms to all rows and without each fold; linearised around the fit without the last, if accurate."""
+        """Fit some terms to all rows and without each fold; linearised around the fit without the last if accurate."""
         linearised = self._fit_linearly(terms) or self._fit_last_term(terms)
         if linearised is not None:
             return linearised[0]
@@ -309,15 +306,15 @@ class TorqueRows:
 
     @memoized
     def _fit_linearly(self, terms: Terms) -> tuple[FoldFits, Array] | None:
-        """Return the fits of terms, and the weights of recordings (E,); None if a term depends on the torque."""
+        """Return the fits of terms, and the weights of entries (E,); None if a term depends on the torque."""
         return None if is_torque_dependent(*terms) else self._fit_last_term(terms)
 
     def _fit_last_term(self, terms: Terms) -> tuple[FoldFits, Array] | None:
         """Fit the last of some terms with the others, to first order around the fit of these, by Gram matrices.
 
         Returns:
-            The fits, and the weights of recordings (E,); None if columns are nearly collinear, or if the first order
-            does not suffice.
+            The fits, and the weights of entries (E,); None if columns are nearly collinear, or if the first order is
+            inaccurate.
         """
         *others, last = terms
         if not others or is_torque_dependent(last):
@@ -352,7 +349,7 @@ class TorqueRows:
     def _fold_grams(self, terms: Terms, by_noise: bool = False) -> FoldGrams:
         """Return the Gram matrices of the rows, linearised around the fit of the terms, or the fit `by_noise` alone."""
         if by_noise and not is_torque_dependent(*terms):
-            return self._fold_grams(terms)  # they are the same around any fit
+            return self._fold_grams(terms)  # linear rows have the same matrices around any fit
         balance = self.equations(terms, by_noise=True)
         near = balance.linearise(self._solve_by_noise(terms)) if by_noise else self.linearise(terms)
         return FoldGrams.compute(near, self.data.recording_of_window, self.layout.fold, len(self.data.windows), FOLDS)
@@ -403,7 +400,7 @@ class TorqueRows:
     def compute_absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
         """Return, per term that filters torque, its rows and the variance of torque noise that it removes [(N m)^2].
 
-        Errors are increased by it: a lag must not become likelier by smoothing noise.
+        Errors are increased by this variance, so a lag does not gain by smoothing noise.
         """
         filters = [term for term in terms if term.fixed and term.has_state()]
         return [(self.data.locate_rows(term.at), self._average_absorbed_noise(term)) for term in filters]
@@ -416,8 +413,8 @@ class TorqueRows:
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the modelled torque by continuous nonlinear parameters, and their full names.
 
-        `theta` (P,) are the linear parameters. Links with estimated states are left out: along one motion their torque
-        J (q'' - w^2 s - c s' + g sin q) is the same for any J, if w, c, g and the joint's own parameters follow.
+        `theta` (P,) are the linear parameters. Links with estimated states are left out: for any inertia J of a link,
+        other w, c, g and parameters of the joint give the same torque J (q'' - w^2 s - c s' + g sin q) along a motion.
         """
         slopes: dict[str, Array] = {}
         start = 0
@@ -437,11 +434,11 @@ class TorqueRows:
     def compare(self, terms: Terms, variants: Terms) -> list[float]:
         """Return the weighted RMS torque error [N m] of the fit of the terms plus each of V variants of one effect.
 
-        It includes torque noise that terms remove. Of variants that depend on the torque, the best are fitted exactly.
+        Torque noise that terms remove is included. The best variants that depend on the torque are fitted exactly.
         """
         w, here = self.weights(terms), self.data.locate_rows(variants[0].at)
         parts = self.columns(variants)
-        with_variant = cache(lambda: self.with_variant(terms, here))  # most variants do not need it
+        with_variant = cache(lambda: self.with_variant(terms, here))  # made only if a variant is fitted exactly
 
         def exact(variant: Term, columns: Columns) -> float:
             return with_variant()(variant, columns).compute_least_square()
@@ -484,7 +481,7 @@ class TorqueRows:
         return min(best, refined, key=lambda trial: trial.fitted_rms)
 
     def refine(self, trial: ScoredTerms, id: str) -> ScoredTerms:
-        """Return the trial with the nonlinear parameters of its term `id` optimised, or the trial itself if no better.
+        """Optimise the nonlinear parameters of the term `id` of a trial; return the trial itself if not better.
 
         Parameters that follow a linear parameter are set to it. Multimodal terms stay.
         """
@@ -510,10 +507,10 @@ class TorqueRows:
         return trial if is_worse or not is_possible(refined, samples) else refined_trial
 
     def _make_residual_function(self, terms: Terms) -> ResidualFunction:
-        """Return a function of variants that returns the weighted residual (R,) of the fit of the terms plus each.
+        """Make the function from variants to the weighted residual (R,) of the fit of the terms plus each variant.
 
         The columns of the unknown parameters are projected out once, so each variant takes a small solve. A variant
-        whose fit leaves the bounds, has known parameters or depends on the torque is fitted exactly.
+        that leaves the bounds, has known parameters or depends on the torque is fitted exactly.
         """
         shared, w = self.list_term_columns(terms), self.weights(terms)
         tangent, frame, (least, most) = self.linearise(terms), self._frame_of_unknown(terms), list_bounds(terms)
@@ -568,7 +565,7 @@ def _refit_exactly(
 ) -> Array:
     """Return squared errors (V,) of variants that depend on the torque, exact for the best by each of the estimates.
 
-    The other squared errors are those of the first estimate (V,), at least the smallest exact one.
+    The other squared errors are those of the first estimate (V,), at least the smallest exact error.
     """
     best = np.unique([np.argsort(estimate)[: VARIANTS.exact] for estimate in estimates])
     exact_squares = np.array([exact(*pairs[k]) for k in best.tolist()])

@@ -31,8 +31,8 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
 from pendulum_env.units import is_of_torque
 
-NEGLIGIBLE = 0.01  # share of the torque below which encoder noise hides no effect of practical use
-NEGLIGIBLE_SWING = 0.002  # the same of a free swing, in which friction is a small share of the torque
+NEGLIGIBLE = 0.01  # encoder noise that hides no effect of practical use, as a share of the torque
+NEGLIGIBLE_SWING = 0.002  # the same for a free swing, where friction is a small share of the torque
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ class WeakFormSettings:
 
     precision: float = 5e-4  # error of smoothing and integration, share of the standard deviation of torque
     fewest: int = 10  # least number of windows, to estimate errors
-    enough: int = 100  # number of windows clear of stick that is enough for a window length,
-    clear: float = 0.3  # or share of the recording in such windows, half a window each
-    clusters: int = 4  # least number of clusters per parameter of an arm's links, so that all combinations vary
-    shortest: int = 4  # least length of a cluster of an arm [half windows]: errors are correlated over less
+    enough: int = 100  # windows clear of stick that suffice for a window length
+    clear: float = 0.3  # share of the recording in these windows that also suffices, half a window each
+    clusters: int = 4  # least number of clusters per parameter of an arm's links
+    shortest: int = 4  # least length of a cluster of an arm, above the correlation time of errors [half windows]
     significant: float = 5.0  # standard errors by which the residual of a contact exceeds friction
 
 
@@ -69,7 +69,7 @@ class PayloadColumns(NamedTuple):
     """Windowed torque of known payloads of an arm.
 
     Attributes:
-        torque: of all payloads (R,) [N m].
+        torque: sum of all payloads (R,) [N m].
         columns: derivatives of the torque by the parameters of all payloads (R, S).
     """
 
@@ -85,9 +85,9 @@ class TorqueWindows:
         windows: one entry per recording, or per recording and joint, grouped by joint.
         weights: relative weight of each equation (R,), smaller for recordings with more noise.
         clusters: block of time of each equation (R,), for standard errors under correlated residuals.
-        link_states: by the id of a link, samples with its estimated states, one entry per recording. States of other
+        link_states: samples with the estimated states of a link, per recording, by id of the link. States of other
             terms are simulated along the measured motion.
-        shared_columns: by id, columns of terms at no single joint.
+        shared_columns: columns of terms at several joints, by id.
         payload: torque of known payloads of an arm, or None.
     """
 
@@ -100,7 +100,7 @@ class TorqueWindows:
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints, in the order of their rows; the one joint of a pendulum has an empty name."""
+        """Names of the joints, in the order of their rows; empty for the joint of a pendulum."""
         return tuple(dict.fromkeys(w.at for w in self.windows))
 
     @cached_property
@@ -116,11 +116,11 @@ class TorqueWindows:
         return parts
 
     def locate_rows(self, at: str) -> slice:
-        """Return the rows of a joint; all rows for terms at no single joint."""
+        """Return the rows of a joint; all rows for terms at several joints."""
         return self._parts[at][0] if at in self._parts else slice(None)
 
     def part(self, at: str) -> TorqueWindows:
-        """Return the windows of a joint; all windows for terms at no single joint."""
+        """Return the windows of a joint; all windows for terms at several joints."""
         return self._parts[at][1] if at in self._parts else self
 
     @cached_property
@@ -144,9 +144,9 @@ class TorqueWindows:
         return concatenate_samples([w.select_driving_samples(HardStop) for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Return for each variant of one effect the concatenated driving samples of all recordings, with its states.
+        """Return the concatenated driving samples of all recordings with the states of each variant of one effect.
 
-        A link with estimated states has these for all variants. States are simulated for other effects.
+        Estimated states of a link are the same for all variants. States of other effects are simulated.
         """
         known = self.link_states.get(variants[0].id)
         if known:
@@ -161,7 +161,7 @@ class TorqueWindows:
     def columns(self, variants: Sequence[Term]) -> list[tuple[Array, Array]]:
         """Return the linear columns (R, P) and the sum of the fixed columns (R,) of each variant of one effect.
 
-        R counts the rows of the effect's joint; its columns are zero in all other rows.
+        R is the number of rows of the effect's joint; the columns are zero in all other rows.
         """
         if variants[0].id in self.shared_columns:
             return [(self.shared_columns[variant.id].linear, np.zeros(len(self.weights))) for variant in variants]
@@ -169,9 +169,9 @@ class TorqueWindows:
         return of_joint.averages.columns(variants, of_joint.trace(variants))
 
     def find_largest_sizes(self, term: Term) -> Array:
-        """Return the size of each linear parameter of a term (P,) whose torque is the largest that was applied.
+        """Return the size of each linear parameter of a term (P,) that gives the largest applied torque.
 
-        A parameter in N m is such a torque by itself: dry friction acts in full at low speeds that windows leave out.
+        A parameter in N m is set to this torque: dry friction acts in full at low speeds, which windows leave out.
         """
         linear, is_torque = self.columns([term])[0][0], [is_of_torque(column.unit) for column in term.columns]
         most = float(np.abs(self.part(term.at).applied_torque()).max())
@@ -199,8 +199,8 @@ class TorqueWindows:
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
         """Return block and entry of each equation (R,), and the recording of each block (S,).
 
-        An entry is the number of one of `windows`: a recording of a pendulum, or one joint of a recording of an arm.
-        A block lasts about `length` seconds. The joints of an arm share their blocks.
+        A block lasts about `length` seconds; the joints of an arm share their blocks. An entry is an index of
+        `windows`.
         """
         block, entry = _number_blocks(self.windows, length), self.recording_of_window
         recording_of_block = np.zeros(int(block.max()) + 1, dtype=np.intp)
@@ -210,9 +210,9 @@ class TorqueWindows:
     def measure_structure(self, residual: Array, inertia: float) -> ResidualStructure:
         """Measure the size of a residual (R,) [N m], and its correlation between windows half a window apart.
 
-        The covariance due to white sensor noise, of a joint with an inertia [kg m^2], is subtracted; noise larger than
-        the residual counts as large as that. The correlation is normalised in blocks of one second, so that blocks with
-        large residuals do not dominate. A correlated part below `precision` counts as zero.
+        The covariance due to white sensor noise, of a joint with an inertia [kg m^2], is subtracted; this noise is at
+        most the residual. The correlation is normalised in blocks of one second, so blocks with large residuals do not
+        dominate. A correlated part below `precision` counts as zero.
         """
         block, start = _number_blocks(self.windows, 1.0), 0
         products, squares, owners = [], [], []
@@ -263,18 +263,18 @@ class TorqueWindows:
     def with_contacts(
         self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float, free: tuple[float, float]
     ) -> TorqueWindows:
-        """Return the windows with contacts: windows not clear of stick whose residual exceeds dry friction.
+        """Add contacts with a stop: windows near stick whose residual exceeds dry friction.
 
-        At a reversal, a residual above twice the dry friction plus noise is the force of a stop. At rest, friction may
-        be larger: a contact must also lie beyond all angles of free motion, and the residual press outwards.
+        At a reversal, the residual of a contact exceeds twice the dry friction plus noise. At rest, friction may be
+        larger: a contact must also lie outside the range of free motion, with a residual that points outwards.
 
-        Equations of contacts are scaled by the error of the force: at rest twice the dry friction and the variation at
-        the same angle; at a reversal that lasts n samples, 1 / n^2 of the force.
+        Equations of contacts are scaled by the error of the force. At rest it is twice the root sum of squares of dry
+        friction and scatter. At a reversal of n samples it is 1 / n^2 of the force.
 
         Args:
-            terms: of a model without a link.
+            terms: terms of a model without a link.
             theta, covariance: linear parameters of the terms (P,), and their covariance (P, P).
-            inertia: of the joint [kg m^2].
+            inertia: inertia of the joint [kg m^2].
             free: range of free motion [rad], see `find_free_range`.
         """
         unclear = join_windows([replace(w, centers=w.unclear) for w in self.windows])
@@ -298,9 +298,9 @@ class TorqueWindows:
     def find_free_range(
         self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float
     ) -> tuple[float, float]:
-        """Return the least and largest angle [rad] in windows clear of stick without a residual above friction.
+        """Return the least and largest angle [rad] of windows clear of stick with a residual within friction and noise.
 
-        The arguments are those of `with_contacts`; without such a window, the range is (inf, -inf).
+        The arguments are those of `with_contacts`. Without windows, the range is (inf, -inf).
         """
         residual, friction, noise = self._residual(terms, theta, covariance, inertia)
         angle = self.samples.position[np.abs(residual) <= 2 * friction + noise]
@@ -352,12 +352,12 @@ class TorqueWindows:
         return np.concatenate([w.applied_torque() for w in self.windows])
 
     def net_torque(self) -> Array:
-        """Return the measured torque less that of known loads and payloads (R,) [N m], the left-hand side."""
+        """Return the left-hand side: the measured torque minus that of known loads and payloads (R,) [N m]."""
         net = np.concatenate([w.net_torque() for w in self.windows])
         return net if self.payload is None else net - self.payload.torque
 
     def equations(self, terms: Sequence[Term]) -> Equations:
-        """Return the regression of the torque, less known loads and fixed columns, on the linear columns of terms."""
+        """Return the regression of the torque, minus known loads and fixed columns, on the linear columns of terms."""
         parts = [self.columns([term])[0] for term in terms]
         phi = np.column_stack([linear for linear, _ in parts])
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
@@ -378,7 +378,7 @@ class TorqueWindows:
 def bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: Array) -> Array:
     """Return an upper bound of dry friction in each window (R,) [N m], in either direction.
 
-    It is the largest in the window, plus `WEAK_FORM.significant` standard errors; terms with state are not counted.
+    The bound is the largest value in the window plus `WEAK_FORM.significant` standard errors, without terms with state.
     """
     if len(w.centers) == 0:
         return np.empty(0)
@@ -396,9 +396,9 @@ def bound_friction(w: Windows, terms: Sequence[Term], theta: Array, covariance: 
 
 
 def _compute_scatter(angle: Array, force: Array) -> float:
-    """Return the standard deviation of torques (R,) about their linear function of the angle (R,) [N m].
+    """Return the standard deviation [N m] of torques (R,) about a line in the angle (R,) with a slope of at least 0.
 
-    The slope is at least zero; the result is 0 without torques.
+    Without torques it is 0.
     """
     deviation = angle - angle.mean() if len(angle) else angle
     slope = max(float(deviation @ force) / max(float(deviation @ deviation), 1e-300), 0.0)
@@ -430,12 +430,12 @@ def _number_blocks(windows: Sequence[Windows], length: float) -> Index:
 
 
 def _list_recordings(windows: Sequence[Windows]) -> list[int]:
-    """Return the recording of each entry: its `run`, or its index for a pendulum."""
+    """Return the number of the recording of each entry: its `run`, or its index for a pendulum."""
     return [k if w.run is None else w.run for k, w in enumerate(windows)]
 
 
 def _list_half_widths(recording: Recording) -> tuple[float, ...]:
-    """Return those of `HALF_WIDTHS` [s] that have two samples and fit into the recording; else two samples.
+    """Return the `HALF_WIDTHS` [s] of at least two samples that fit into the recording; else two samples.
 
     Raises:
         IdentificationError: if the recording is too short.
@@ -449,7 +449,7 @@ def _list_half_widths(recording: Recording) -> tuple[float, ...]:
 
 
 def smooth_laws(w: Windows) -> tuple[Term, ...]:
-    """Return terms that together fit nearly any smooth torque, so that their residual is noise."""
+    """Return terms that together fit nearly any smooth torque; their residual is noise."""
     fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
     return (
         *BASE,
@@ -466,8 +466,8 @@ def smooth_laws(w: Windows) -> tuple[Term, ...]:
 def calibrate_noise(w: Windows) -> Windows:
     """Limit the noise estimate of windows to the residual of a fit of all smooth laws.
 
-    Torque that changes from sample to sample, as under fast control, is estimated as noise. The acceleration follows a
-    real torque, which leaves no residual.
+    Torque that changes at each sample, as under fast control, counts as noise in the first estimate. The acceleration
+    follows this torque, so it leaves no residual.
     """
     phi = np.column_stack([w.columns([law])[0][0] for law in smooth_laws(w)])
     if known := w.recording.known_inertia:
@@ -478,8 +478,8 @@ def calibrate_noise(w: Windows) -> Windows:
 def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
     """Scale the noise estimates of windows down so that their floor is at most the residual of a linear fit.
 
-    The fit has columns `phi` (R, P) and a known torque (R,) [N m]; with fewer than 2 P rows nothing changes. `inertia`
-    maps parameters (P,) to the inertia [kg m^2].
+    The fit has columns `phi` (R, P) and a known torque (R,) [N m]. With fewer than 2 P rows the windows are unchanged.
+    `inertia` maps parameters (P,) to the inertia [kg m^2].
     """
     freedom = len(phi) - phi.shape[1]
     if freedom < phi.shape[1]:
@@ -493,11 +493,11 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
 
 
 def choose_half_width(recording: Recording) -> float:
-    """Choose the shortest half width [s] at which encoder noise is below torque noise, or negligible.
+    """Choose the shortest half width [s] with enough windows clear of stick and little encoder noise.
 
-    It must also leave enough windows clear of stick. If no half width meets both, the longest with enough windows is
-    chosen, or the one with the longest clear time. Short windows keep samples near
-    reversals, which show friction. Encoder noise falls with length^2.5.
+    Encoder noise must be below torque noise or negligible. If no half width meets both, the longest with enough windows
+    is chosen, else the half width with the longest clear time. Short windows include samples near reversals, which show
+    friction. Encoder noise falls with length^2.5.
     """
     widths, cut_at = _list_half_widths(recording), cache(partial(cut, recording))
     longest = cut_at(widths[-1])
@@ -528,7 +528,7 @@ def choose_half_width(recording: Recording) -> float:
 
 
 def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermColumns] | None = None) -> TorqueWindows:
-    """Join windows of several recordings, with weights from 0 to 1 by their noise, and columns at no single joint."""
+    """Join windows of several recordings, weighted from 0 to 1 by their noise, with columns of several joints."""
     joints, count = {w.at for w in windows}, sum(columns.linear.shape[1] for columns in (shared_columns or {}).values())
     total = sum(w.recording.duration for w in windows) / len(joints)
     half_width = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
@@ -559,7 +559,11 @@ def cut_all(
 def prepare_windows(
     recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
 ) -> TorqueWindows:
-    """Cut recordings, or a part of each, into windows: see `cut_all`."""
+    """Cut recordings, or a part of each, into windows: see `cut_all`.
+
+    Raises:
+        IdentificationError: if too few windows are clear of stick.
+    """
     data = cut_all(recordings, half_widths, part)
     if (usable := len(data.weights)) < WEAK_FORM.fewest:
         names = ", ".join(recording.name for recording in recordings)

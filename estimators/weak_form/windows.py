@@ -1,15 +1,15 @@
 """Weak form of the torque balance: averages over short smooth windows that stay clear of stick.
 
-Multiplying the balance by a smooth window w of compact support and integrating gives one equation per window,
+The integral of the balance times a smooth window w of compact support gives one equation per window,
 
-    <w tau> = sum_k theta_k <w (mass_k q'' + force_k + dry_k sgn q')>,
+    <w tau> = sum_k theta_k <w (mass_k q'' + force_k + dry_k sgn q')>.
 
-in which both sides pass the same zero-phase low-pass filter. Windows that overlap little have nearly uncorrelated
-errors, so ordinary least squares on them is close to efficient. Windows that touch stick are left out.
+Both sides pass the same zero-phase low-pass filter. Windows that overlap little have nearly uncorrelated errors, so
+ordinary least squares is nearly efficient. Windows that touch stick are left out.
 
-The command is held: the second difference of the position at sample k is
-the average acceleration under a triangle over samples k - 1 to k + 1, whose torque is exactly the mean of commands
-k - 1 and k. The same triangle acts on smooth functions as (f[k-1] + 10 f[k] + f[k+1]) / 12 (Numerov).
+The second difference of the position at sample k is the average acceleration under a triangle over samples k - 1 to
+k + 1. The average of the held torque under this triangle is the mean of commands k - 1 and k. A smooth function has
+the average (f[k-1] + 10 f[k] + f[k+1]) / 12 (Numerov).
 
 Source: weak-form identification as in Messenger and Bortz, Multiscale Modeling and Simulation 19(3), 2021.
 """
@@ -40,8 +40,8 @@ from pendulum_env.physics.simulation import StepPrograms
 from pendulum_env.physics.term import Memory, trace_variants
 from pendulum_env.recording import Recording
 
-Averages: TypeAlias = "scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator"  # text: they are loaded where used
-DENSEST = 4  # entries of a matrix of averages per sample, above which averages are made by sliding the window
+Averages: TypeAlias = "scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator"  # text: loaded when used
+DENSEST = 4  # entries per sample of a matrix of averages, above which an operator slides the window
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +49,11 @@ class WindowAverages:
     """Averages over the R windows of one recording, or of several concatenated ones: rows of a regression.
 
     Attributes:
-        samples: at N instants.
-        moving: instants at which the velocity has a sign (N,); dry friction counts as zero at others.
-        acceleration: at the instants (N,), see `Windows`.
-        narrow: matrix (R, N) that averages series that are averages over the triangle already, as held torque is.
-        wider: matrix (R, N) that averages smooth functions, over the triangle first.
+        samples: samples at N instants.
+        moving: mask of instants with a significant velocity (N,); dry friction counts as zero at others.
+        acceleration: acceleration at the instants (N,), see `Windows`.
+        narrow: matrix (R, N) of averages of series that are already averages over the triangle, such as held torque.
+        wider: matrix (R, N) of averages of smooth functions, which includes the triangle.
     """
 
     samples: Samples
@@ -78,7 +78,6 @@ class WindowAverages:
         smooth, dry = column.force(x), column.dry(x)
         if np.ndim(dry) or dry:
             smooth = smooth + dry * np.sign(x.velocity) * self.moving
-        # torque samples are averages over the triangle already
         averages = _average_series(self.narrow if column.of_torque else self.wider, smooth)
         mass = column.mass(x)
         if np.ndim(mass) or mass:
@@ -94,7 +93,7 @@ class WindowAverages:
         zeros = np.zeros(self.narrow.shape[0])
         for variant, x in zip(variants, samples, strict=True):
             linear = [self.column(c, x) for c in variant.columns]
-            # fixed columns are torques that hold like the command, and already averages over the triangle
+            # fixed columns are held torques, which are already averages over the triangle
             fixed = sum((_average_series(self.narrow, c.force(x)) for c in variant.fixed), zeros)
             fixed = np.where(np.isfinite(fixed), fixed, 0.0)
             parts.append((np.column_stack(linear) if linear else np.empty((len(zeros), 0)), fixed))
@@ -107,7 +106,7 @@ class WindowAverages:
         total = np.zeros((self.narrow.shape[0], len(perturbations)))
         for column in term.fixed:
             forces = np.empty(size)
-            for k, samples in enumerate(perturbed):  # one by one, to stay in the processor cache
+            for k, samples in enumerate(perturbed):  # one at a time fits the processor cache
                 forces[:, k] = column.force(samples)
             total += self.narrow @ forces
         return total
@@ -150,7 +149,7 @@ def concatenate_samples(parts: Sequence[Samples]) -> Samples:
 
 
 def concatenate_memory(parts: Sequence[Samples]) -> dict[str, Memory]:
-    """Concatenate the states of terms along several recordings, which have the same terms with states."""
+    """Concatenate the states of the same terms along several recordings."""
     return {
         id: tuple(np.concatenate(series) for series in zip(*(x.memory[id] for x in parts), strict=True))
         for id in parts[0].memory
@@ -166,21 +165,21 @@ class Windows:
         samples: time, smoothed position and velocity, and torque at the instants, each (N,).
         acceleration: raw second difference of the position (N,) [rad/s^2]; only its averages are meaningful.
         kernel: weights of a window (2 m + 1,), summing to one.
-        centers: index of the middle sample of each window in the equations (R,): those clear of stick, m samples
-            apart, and contacts with a stop if added.
+        centers: index of the middle sample of each window in the equations (R,): windows clear of stick, m samples
+            apart, and added contacts with a stop.
         turning: middle samples of other windows with mostly motion, near a reversal, a start or a halt, m / 4 apart.
         resting: middle samples of other windows with mostly rest, m apart.
-        moving: samples whose speed exceeds its noise (N,).
-        is_clear: samples about which a window is clear of stick (N,).
+        moving: mask of samples with a speed above its noise (N,).
+        is_clear: mask of samples about which a window is clear of stick (N,).
         torque_noise: standard deviation of a window's torque by white noise [N m].
-        acceleration_noise: the same of its acceleration [rad/s^2].
+        acceleration_noise: standard deviation of a window's acceleration by white noise [rad/s^2].
         acceleration_shared: correlation of the acceleration noise of windows half a window apart.
         velocity_noise: standard deviation of the smoothed velocity [rad/s].
         first, stop: range of samples with windows; earlier samples only drive terms with memory.
         at: name of the recorded joint of an arm; empty for a pendulum.
         run: number of the arm's recording, which its joints share; None for a pendulum.
         payload: known payload of the arm.
-        scale: factor on the equation about each sample (N,), below one where its torque is less certain; None if one.
+        scale: factor on the equation about each sample (N,), below one for uncertain torque; None if all are one.
     """
 
     recording: Recording
@@ -239,7 +238,7 @@ class Windows:
         return self._averages_by(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
 
     def _averages_by(self, kernel: Array) -> WindowAverages:
-        """Return the averages with a kernel in the place of the window."""
+        """Return the averages with another kernel (2 m + 1,)."""
         narrow, wider = self._averages(kernel), self._averages(np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12]))
         return WindowAverages(self.samples, self.moving, self.acceleration, narrow, wider)
 
@@ -276,7 +275,7 @@ class Windows:
         return np.asarray(self.averages.narrow @ series)
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
-        """Return for each variant of one effect the driving samples, with its states along the recording."""
+        """Return the driving samples with the states of each variant of one effect."""
         return trace_all([self], variants)[0]
 
     def select_driving_samples(self, kind: type[Term]) -> Samples:
@@ -294,10 +293,7 @@ class Windows:
         return self.averages.columns(variants, self.trace(variants))
 
     def compute_absorbed_noise(self, term: Term) -> float:
-        """Return the variance of white torque noise that a term's fixed columns absorb [(N m)^2], by random noise.
-
-        It is at least 0. A delay absorbs none, for which random noise gives a small number.
-        """
+        """Estimate the variance of white torque noise that a term's fixed columns absorb [(N m)^2], by random noise."""
         noise = np.random.default_rng(0).standard_normal(len(self.recording)) * self.raw_torque_noise
         noisier = self.with_torque(self.recording.torque + noise, self.samples.torque + average_held_torque(noise))
         ((_, noisy_fixed),), ((_, fixed),) = noisier.columns([term]), self.columns([term])
@@ -314,7 +310,7 @@ class Windows:
         return -known * self.average(self.acceleration) if known else self.torque()
 
     def net_torque(self) -> Array:
-        """Return the averages (R,) of the recorded torque less that of the known load, the left-hand side [N m]."""
+        """Return the left-hand side: the averages (R,) of the recorded torque minus that of the known load [N m]."""
         return self.torque() - self.averages.column(LOAD, self.samples) if self.samples.load else self.torque()
 
     def select_center_samples(self) -> Samples:
@@ -328,7 +324,7 @@ class Windows:
         return float(np.hypot(self.torque_noise, self._add_load(inertia) * self.acceleration_noise))
 
     def rate_noise(self, inertia: float) -> float:
-        """Return the standard deviation by noise of a window's rate of the torque of an inertia [N m/s]."""
+        """Return the standard deviation by noise of the rate of an inertia's torque in a window [N m/s]."""
         padded = np.pad(self.kernel, 3)
         bend, slope = (float(np.linalg.norm(np.diff(padded, order))) for order in (2, 3))
         return self._add_load(inertia) * self.acceleration_noise * self.recording.rate * slope / bend
@@ -345,9 +341,9 @@ class Windows:
 
 
 def average_held_torque(torque: Array) -> Array:
-    """Return the average (N,) under the triangle about each sample of a torque that is held until the next sample.
+    """Return the average (N,) of a held torque under the triangle about each sample: (u[k-1] + u[k]) / 2.
 
-    It is the mean of this and the torque before; the first value stays.
+    The first value stays.
     """
     averages = torque.copy()
     averages[1:] = 0.5 * (torque[1:] + torque[:-1])
@@ -357,7 +353,7 @@ def average_held_torque(torque: Array) -> Array:
 def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list[Samples]]:
     """Return, per recording and variant of one effect, the driving samples with the variant's states.
 
-    States start anew in each segment. An effect without state returns its driving samples unchanged.
+    States restart in each segment. Samples of an effect without state are unchanged.
     """
     kind = type(variants[0])
     driving = [w.select_driving_samples(kind) for w in windows]
@@ -407,7 +403,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
 
     Args:
         recording: at least 0.1 s longer than a window.
-        half_width: of a window [s], at least two samples.
+        half_width: half width of a window [s], at least two samples.
         part: begin and end of the range with windows, as shares of the recording.
     """
     m = max(2, round(half_width * recording.rate))
@@ -416,7 +412,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     motion = differentiate_position(recording, window, smoothing)
     v = motion.velocity
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
-    guard = m + 1 + smoothing // 3  # the smoothed velocity may cross zero a little off the true one
+    guard = m + 1 + smoothing // 3  # smoothing may shift a zero of the velocity
     near_stick, is_excluded = find_near_reversals(v, moving, guard), np.zeros(len(v), dtype=bool)
     for begin, end in pairwise((*recording.starts, len(recording))):
         lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
@@ -459,7 +455,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
 
 
 def _average_log(recording: Recording, window: Array) -> Array:
-    """Return the weights by which a window averages samples of the log, whose torque may have been moved in time."""
+    """Return the weights of samples of the log in a window's average, with the response of a torque moved in time."""
     average = np.convolve(window, [0.5, 0.5])
     return average if recording.moved is None else np.convolve(average, recording.moved.response)
 
@@ -472,10 +468,7 @@ def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array) 
 
 
 def _scale_by_jumps(recording: Recording, window: Array, torque_noise: float) -> Array | None:
-    """Return the factor on the equation about each sample (N,): its noise over that with jumps; None if all are one.
-
-    `torque_noise` is that of a window [N m].
-    """
+    """Return the factor on the equation about each sample (N,): its noise over that with jumps; None if all are one."""
     errors = compute_jump_errors(recording)
     if torque_noise == 0 or not errors.any():
         return None
@@ -486,8 +479,8 @@ def _scale_by_jumps(recording: Recording, window: Array, torque_noise: float) ->
 def compute_jump_errors(recording: Recording) -> Array:
     """Return the standard error of each sample of the torque by a jump at an unknown time (N,) [N m].
 
-    Torque that was sampled while it changed has jumped at a time that is uniform between two samples, with an error of
-    jump / sqrt(12). A jump is the difference of a change from the median of five, if it is more than noise.
+    The time of a jump of sampled torque is uniform between two samples, which gives the error jump / sqrt(12). A jump
+    is the difference of a change from the median of five changes, if it exceeds noise.
     """
     if recording.moved is None or not recording.moved.is_sampled:
         return np.zeros(len(recording))
