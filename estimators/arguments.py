@@ -50,10 +50,14 @@ def select_recordings(
     """Return recordings as a tuple; time counts from the start of each, since logs often have Unix time.
 
     Args:
-        given: a recording, what `read_recording` reads (a path, a data frame, a mapping of arrays), or several.
-        empty: whether there may be none.
+        given: one or several recordings, paths, data frames or mappings of arrays, see `read_recording`.
+        empty: whether no recording is allowed.
         body: mechanism of the recordings.
-        log_format: of a model, for reading files and tables; `Recording` objects stay as they are.
+        log_format: log format of a model, for reading files and tables; `Recording` objects are unchanged.
+
+    Raises:
+        TypeError: if an object is no recording, or has other joints.
+        ValueError: if a recording is given twice, or none.
     """
     is_single = isinstance(given, Recording) or is_readable(given)
     sources = (given,) if is_single else convert_to_tuple(given)
@@ -79,9 +83,8 @@ def _read_input(given: Any, number: str, body: Mechanism, format: Source) -> Rec
         return given
     if not is_readable(given):
         raise TypeError(
-            f"{quote_value(given)} is not a recording: give the path of a file, a data frame, a mapping of "
-            "arrays, or a "
-            "Recording"
+            f"{quote_value(given)} is not a recording: give the path of a file, a data frame, a mapping of arrays, or "
+            "a Recording"
         )
     name = f"recording{number}" if is_data(given) else None
     try:
@@ -128,9 +131,9 @@ def select_effects(
     without: Iterable[str],
     body: Mechanism = PENDULUM,
 ) -> dict[str, type[Term]]:
-    """Select effects from a library, by default all known ones: only some, or all except some.
+    """Select effects from a library, by default all known effects: `only` some, or all `without` some.
 
-    For an arm, `stribeck` means every joint where it makes sense, `stribeck@elbow` one joint.
+    For an arm, `stribeck` selects this effect at each possible joint, `stribeck@elbow` at one joint.
     """
     kinds = list_effects(body) if library is None else library
     known = {kind.id: kind for kind in place_effects(kinds.values(), body)}
@@ -154,11 +157,11 @@ def _list_ids(given: object) -> tuple[str, ...]:
 def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence[Recording]) -> dict[str, type[Term]]:
     """Select effects that recordings can show.
 
-    Effects of whole turns need a joint that turns, effects of torque a recording with torque, others their quantity in
-    a recording, such as a temperature.
+    Effects of whole turns need a joint that turns, and effects of torque a recording with torque. Other effects need
+    their quantity in a recording, such as a temperature.
 
     Raises:
-        IdentificationError: if effects are given, and none can be shown.
+        IdentificationError: if effects are given, and recordings can show none.
     """
     if any(recording.units.slides for recording in recordings):
         sliding = {id: kind for id, kind in kinds.items() if id not in REVOLUTE_ONLY}
@@ -202,7 +205,7 @@ def apply_limits(
 
 
 def check_horizon(horizon: float | None, is_simulated: bool) -> None:
-    """Refuse a horizon [s] that is not positive and finite, or that is given where no free run is simulated."""
+    """Raise a `UserError` if a horizon [s] is not positive and finite, or is given without a simulated free run."""
     if horizon is not None and not 0 < horizon < math.inf:
         raise UserError(f"the horizon cannot be {horizon:g} s: give a number above zero")
     if horizon is not None and not is_simulated:

@@ -1,4 +1,4 @@
-"""Comparison of a model with recordings, as it is."""
+"""Comparison of a model with recordings, without a fit."""
 
 from __future__ import annotations
 
@@ -24,33 +24,33 @@ from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 
-SHOWN = 6  # regions where a model fails, shared by the joints
+SHOWN = 6  # largest number of regions where a model fails, of all joints together
 
 
 def compute_distance(name: str, data: RegressionData, model: Model, loop: LoopMotion) -> Distance:
-    """Compute the errors of a model with inertia on data, also those of its motion in the loop."""
+    """Compute the errors of a model with inertia on data, with those of its motion in the loop."""
     steady, unstable = data.with_steady_segments(model)
     return Distance(name, loop.extend(steady.errors(model)), data.floors, unstable)
 
 
 @refuse_unknown_arguments
 def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float | None = None) -> Comparison:
-    """Compare a model with recordings, as it is: torque residual and free-running simulation.
+    """Compare a model with recordings without a fit: torque residual and free-running simulation.
 
     A logged current is converted by the torque constant of the model, or else of the known loads. The errors of an arm
     are those of the torque of each joint, for all recordings together.
 
     Args:
-        model: or a result that has one.
-        recordings: compared one by one, and together.
+        model: a model, or a result with a model.
+        recordings: recordings to compare, separately and together.
         horizon: length of free-running simulations [s], each from the measured state under the recorded torque; by
             default 1 s.
 
     Raises:
-        IdentificationError: if one of the recordings holds too little motion, or a joint of an arm does, or if none has
-            a quantity that the model needs, such as a temperature, or one is shorter than the horizon.
+        IdentificationError: if a recording or a joint of an arm moves too little, a recording is shorter than the
+            horizon, or no recording has a quantity that the model needs, such as a temperature.
         ModelError: if the model has no inertia, or is of a current and the recordings are not.
-        TypeError: if something else is given than a model and recordings.
+        TypeError: if an argument is no model or recording.
         ValueError: if the horizon is not above zero, or is given for an arm.
     """
     model = check_model(model)

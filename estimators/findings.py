@@ -9,7 +9,7 @@ from pendulum_env.quantity import Quantity as Quantity
 
 
 class Kind(StrEnum):
-    """Kind of a finding. Comments name the numbers that come with it."""
+    """Kind of a finding; comments name its numbers."""
 
     # parameters that the recordings do not determine
     NO_MOTION = "no_motion"
@@ -81,9 +81,9 @@ class Kind(StrEnum):
     TIED = "tied"
     STIFF_STOP = "stiff_stop"  # angle, and largest depth
     SCALE_UNKNOWN = "scale_unknown"  # share of the motion that the torque drives
-    SMALL_EFFECT = "small_effect"  # share that it explains, least share, p_value
+    SMALL_EFFECT = "small_effect"  # explained share, least share, p_value
     PART_OF_TURN = "part_of_a_turn"  # angle that the motion covers
-    UNTESTED_RANGE = "untested_range"  # low, high, where nothing was met so far
+    UNTESTED_RANGE = "untested_range"  # low and high end of the range that the motion covers
 
     # unexplained residual of a model
     IMPOSSIBLE = "impossible"  # violated bounds, by name of the gate or the parameter
@@ -99,7 +99,7 @@ class Kind(StrEnum):
     TIES = "ties"
     IMITATES = "imitates"
     IMITATES_TABLE = "imitates_table"  # nonlinear parameters of the table, by name
-    NOT_TESTED = "not_tested"  # low, high, where nothing was met so far
+    NOT_TESTED = "not_tested"  # low and high end of the range that the motion covers
     NOT_EXCITED = "not_excited"
     ONLY_CONTACTS = "only_contacts"  # angle
     GATE_FAILED = "gate_failed"  # value and `limit.` of each gate
@@ -107,7 +107,7 @@ class Kind(StrEnum):
     LONG_STEPS = "long_steps"
     BY_CHANCE = "by_chance"
 
-    # what follows for the next step
+    # the next step
     TABLE_HELPS = "table_helps"
     NO_EFFECT_OPEN = "no_effect_open"
     FIT_HELD_OUT = "fit_held_out"
@@ -146,7 +146,7 @@ WITHHOLDING = NOTHING_DETERMINED | {
 
 @dataclass(frozen=True)
 class Remedy:
-    """Columns that read some recordings correctly."""
+    """Settings of columns that read some recordings correctly."""
 
     columns: Mapping[str, str]  # as in `read_recording`
     recordings: tuple[str, ...]  # names
@@ -157,15 +157,14 @@ class Finding:
     """Finding on data, a model or the next step.
 
     Attributes:
-        kind: of the finding.
-        numbers: by name, see `Kind`; units are those of torque in N m.
-        parameters: names of the parameters concerned.
-        effects: ids of effects or terms concerned; of an indistinguishable pair, the effect and the term of the model.
-        recordings: names of the recordings concerned; empty for all.
-        joints: of an arm, names of the joints concerned.
-        pairs: effects in question, each with the term of the model that it may be mistaken for, or none; or settings of
-            a drive with their values.
-        remedies: columns that read recordings correctly.
+        kind: kind of the finding.
+        numbers: numbers by name, see `Kind`; units are those of torque in N m.
+        parameters: names of its parameters.
+        effects: ids of its effects or terms; of an indistinguishable pair, the effect and the term of the model.
+        recordings: names of its recordings; empty for all.
+        joints: names of its joints, for an arm.
+        pairs: effects with the indistinguishable term of the model, or None; or settings of a drive with their values.
+        remedies: corrections of columns.
     """
 
     kind: Kind
@@ -179,12 +178,12 @@ class Finding:
 
     @property
     def withheld(self) -> tuple[str, ...]:
-        """Return the parameters whose estimates are meaningless."""
+        """Return the names of parameters without a meaningful estimate."""
         return self.parameters if self.kind in WITHHOLDING else ()
 
     @property
     def rivals(self) -> tuple[str, str] | None:
-        """Return an effect and the term of the model that these data cannot distinguish from it."""
+        """Return an effect and the indistinguishable term of the model; None for other findings."""
         return self.effects[:2] if self.kind in (Kind.ONE_DIRECTION, Kind.SMALL_ANGLES) else None  # type: ignore[return-value]
 
     def json(self) -> JSON:
@@ -202,7 +201,7 @@ class Finding:
 
 
 def collect_withheld(findings: Iterable[Finding]) -> set[str]:
-    """Return the parameters whose estimates some findings withhold."""
+    """Return the names of all parameters that findings withhold."""
     return {name for finding in findings for name in finding.withheld}
 
 

@@ -1,11 +1,11 @@
-"""Free swings: recordings in which no torque is applied: the motion tells parameters relative to the inertia.
+"""Free swings: recordings without applied torque, which determine parameters relative to the inertia.
 
-The inertia I is known, or it is 1. Then its torque stands for that of a motor,
+The torque of the inertia I replaces that of a motor,
 
     -I q'' = mgl sin q + b q' + fc sgn q' + ...
 
-Another known parameter scales all of them, the inertia too. With I = 1 all torques are divided by the inertia: gravity
-and Coulomb friction are in rad/s^2, viscous friction in 1/s.
+I is given, or follows from another known parameter. Otherwise I = 1, and all torques are divided by the inertia:
+gravity and Coulomb friction are in rad/s^2, viscous friction in 1/s.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ NO_LOAD = Load(0.0, 0.0)
 
 
 def scale_swing(recording: Recording, inertia: float, torque_unit: str) -> Recording:
-    """Return a free swing with a known inertia, zero torque, and a unit of torque; return other recordings as they are.
+    """Return a free swing with a known inertia, zero torque, and a unit of torque; other recordings are unchanged.
 
     Its load torque and torque constant are removed.
     """
@@ -51,7 +51,7 @@ def find_scaling_values(model: Model, fixed: Mapping[str, float] | None) -> dict
 
 
 def scale_swings(recordings: Sequence[Recording], known: Mapping[str, float]) -> float | None:
-    """Return the inertia [kg m^2] of free swings: known, or by another known parameter of the base; None without one.
+    """Return the inertia [kg m^2] of free swings, by a known parameter of the base; None without a known parameter.
 
     Raises:
         IdentificationError: if known loads differ, or the known parameter contradicts the motion.
@@ -99,13 +99,13 @@ def fit_inertia(recordings: Sequence[Recording]) -> float:
 
 
 def make_swing_terms(terms: Sequence[Term], recordings: Sequence[Recording]) -> tuple[Term, ...]:
-    """Return terms as they are fitted to free swings, with the inertia that scales them; other terms as they are.
+    """Return terms for a fit of free swings, with a fixed inertia; unchanged for other recordings.
 
-    A regression of the inertia on a small known torque would attenuate it by the noise of the acceleration. The known
-    parameter is therefore free, and `restore_known` scales the model to it.
+    Noise of the acceleration would bias an inertia that is fitted to a small known torque. The known parameter is
+    therefore free, and `restore_known` scales the model to it.
 
     Raises:
-        IdentificationError: if there is no inertia among the terms.
+        IdentificationError: if the terms have no inertia.
     """
     known = find_known_values(terms)
     if "inertia" in known or not all(recording.known_inertia for recording in recordings):
@@ -150,7 +150,7 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
 
 
 def remove_unit_inertia(model: Model) -> Model:
-    """Return a model in units per inertia without the limit of its inertia to 1; return other models as they are."""
+    """Return a model in units per inertia without the limit of its inertia to 1; other models are unchanged."""
     if model.torque_unit != PER_INERTIA:
         return model
     unlimited = {term: getattr(type(term), "bare", (type(term),))[0]() for term in model.terms if term.id == "inertia"}
@@ -158,5 +158,5 @@ def remove_unit_inertia(model: Model) -> Model:
 
 
 def is_torque_needed(kind: type[Term]) -> bool:
-    """Return whether an effect shows only under torque: it changes the torque of a motor, or lies behind the motor."""
+    """Return whether an effect acts only under torque: it changes the torque of a motor, or lies behind the motor."""
     return kind.link or is_torque_dependent(kind())

@@ -12,9 +12,9 @@ Answer = TypeVar("Answer")
 
 
 def memoized(method: Callable[Concatenate[Owner, Asked], Answer]) -> Callable[Concatenate[Owner, Asked], Answer]:
-    """Store each answer of a method with its object, by positional arguments; a list counts as a tuple.
+    """Store each result of a method in its object, by positional arguments; a list counts as a tuple.
 
-    Keyword arguments are passed on, and not part of the key.
+    Keyword arguments are passed on, but not part of the key.
     """
 
     @wraps(method)

@@ -1,4 +1,4 @@
-"""Recordings and their predictions by a model, sample by sample."""
+"""Predictions of recordings by a model at each sample."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ QUANTITIES = ("position", "torque", "predicted_torque", "residual", "simulated_p
 class Prediction:
     """A recording of N samples and its prediction by a model.
 
-    Arrays are (N,), of an arm with n joints (N, n). A sample without a value is NaN.
+    Arrays are (N,), for an arm with n joints (N, n). A sample without a value is NaN.
 
     Attributes:
-        name: of the recording.
+        name: name of the recording.
         time: instants (N,) [s].
         position: measured position (N,) [rad].
-        torque: measured torque, averaged over a short window about each sample (N,) [N m]. NaN where the joint sticks
-            or reverses within the window, and near gaps.
-        predicted_torque: torque that the model needs for the measured motion, averaged alike (N,) [N m].
+        torque: measured torque, averaged over a short window about each sample (N,) [N m]. NaN if the joint sticks or
+            reverses within the window, and near gaps.
+        predicted_torque: torque of the model for the measured motion, averaged over the same windows (N,) [N m].
         simulated_position: position of free-running simulations of one second, each from the measured state (N,) [rad].
             A servo is simulated over the whole recording, from its goal. An arm is not simulated.
             `position_rms` leaves out seconds in which a small error grows tenfold.
-        is_counted: samples at which `torque_rms` takes the residual, half a window apart (N,).
-        is_held_out: samples that the model was not fitted to (N,); None in a comparison, which fits nothing.
-        units: at each joint, `units[""].unit("N m")` is that of the torque; the joint of a pendulum has an empty name.
+        is_counted: mask of the samples in `torque_rms`, half a window apart (N,).
+        is_held_out: mask of the samples that were not fitted (N,); None in a comparison.
+        units: units of each joint; `units[""].unit("N m")` is the unit of torque of a pendulum.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Prediction:
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Return time and all quantities by name, (N,) each; an arm has one per joint, such as `torque_elbow`."""
+        """Return time and all quantities by name, (N,) each; those of an arm by joint, such as `torque_elbow`."""
         named = {"time": self.time}
         for quantity in QUANTITIES:
             for at, values in zip(self.units, getattr(self, quantity).reshape(len(self.time), -1).T, strict=True):
@@ -78,7 +78,7 @@ class Prediction:
 
 
 def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, ...]:
-    """Predict the recordings of a result: fitted ones, then held-out ones.
+    """Predict the fitted, then the held-out recordings of a result.
 
     Raises:
         IdentificationError: if the result has no data.
@@ -113,7 +113,7 @@ def _make_empty_prediction(model: Model, recording: Recording) -> Prediction:
 def _predict(model: Model, data_part: RegressionData, predictions: Sequence[Prediction], is_held_out: bool) -> None:
     """Fill in the predictions of recordings, or of a part of each, from windows about every sample.
 
-    The windows of the fit replace those about their samples, which are counted. Simulated positions need a known
+    The windows of the fit replace those about the same samples, which are counted. Simulated positions need a known
     inertia.
     """
     data_part = data_part.with_link_states(model)
@@ -159,7 +159,7 @@ def _split_by_joint(values: Array) -> Array:
 
 
 def _locate_windows(prediction: Prediction, w: Windows) -> tuple[int, int]:
-    """Return the sample of a recording at which the samples of windows begin, and the index of their joint."""
+    """Return the index of the first sample of windows in a recording, and the index of their joint."""
     return int(np.searchsorted(prediction.time, w.recording.time[0])), list(prediction.units).index(w.at)
 
 
@@ -174,7 +174,7 @@ def _write_torque(prediction: Prediction, windows: Sequence[Windows], torque: Ar
 
 
 def _simulate(model: Model, segments: Segments, position: Array) -> None:
-    """Fill in free-running simulations of segments; where two overlap, the later one counts."""
+    """Fill in free-running simulations of segments; of overlapping segments, the later."""
     path = segments.position + simulate_errors(segments, model.terms, model.theta)
     index = segments.first + np.arange(len(path))[:, None]
     position[segments.first] = path[0]

@@ -12,9 +12,9 @@ def no_progress(text: str, share: float) -> None:
 
 
 def report_forward(progress: Progress) -> Progress:
-    """Return progress that only increases, for an unknown number of rounds, each reported from 0 to 1.
+    """Make a progress that only increases, for an unknown number of rounds, each reported from 0 to 1.
 
-    A share below the last one begins a new round. Each round covers `ROUND` of the remaining bar; a share of 1 reports
+    A share below the previous share begins a new round, which covers `ROUND` of the remaining bar. A share of 1 reports
     1.
     """
     done, last_share = 0.0, 0.0

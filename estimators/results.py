@@ -25,11 +25,11 @@ class Distance:
     """Errors of a model on one or all recordings.
 
     Attributes:
-        name: of the recording.
-        errors: in torque and in free-running position.
-        floors: torque error that measurement noise alone gives at each joint [N m].
-        unstable: share of the windows of free run in which a small error grows tenfold, as with the arm balanced
-            upright; they are not counted in the error of position, unless there are no others.
+        name: name of the recording.
+        errors: errors in torque and in free-running position.
+        floors: torque error by measurement noise alone at each joint [N m].
+        unstable: share of free runs in which a small error grows tenfold, as near the upright; the error of position
+            leaves them out unless all are unstable.
     """
 
     name: str
@@ -57,16 +57,16 @@ class Comparison(Shown):
     """Comparison of a model with recordings.
 
     Attributes:
-        model: the given one; nothing is fitted.
+        model: the compared model.
         distances: errors on each recording; empty for an arm.
         joint: errors on all recordings together.
         profiles: residual torque over position, velocity, torque, time and frequency, all recordings together; empty
             for an arm.
-        regions: where the residual exceeds the noise, the most significant first; for an arm, joint by joint.
+        regions: regions with a residual above the noise, the most significant first; for an arm, joint by joint.
         disagreements: recordings of another plant than the model or the other recordings.
         torque_constant: ratio of torque and current, if a current was converted.
         data: the compared recordings.
-        horizon: length of the windows of free run [s]; None for an arm.
+        horizon: length of free runs [s]; None for an arm.
     """
 
     model: Model
@@ -128,12 +128,9 @@ class Comparison(Shown):
 
 
 def make_result_json(
-    model: Model,
-    constant: TorqueConstant | None,
-    regions: Sequence[Region],
-    disagreements: Sequence[Disagreement],
+    model: Model, constant: TorqueConstant | None, regions: Sequence[Region], disagreements: Sequence[Disagreement]
 ) -> JSON:
-    """Return the entries that the files of `compare` and `diagnose` share, as a dictionary for JSON."""
+    """Return the common entries of the files of `compare` and `diagnose`, as a dictionary for JSON."""
     joint_units = {at: model.units(at) for at in model.body.joints}
     return {
         "torque_unit": model.torque_unit,

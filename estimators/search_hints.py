@@ -1,7 +1,7 @@
 """Hints for the search over nonlinear parameters of effects: initial grids and physical conditions.
 
-An effect holds its law, from which the hints follow; effects of the library have better ones here. Users add hints for
-an effect of their own by `set_hints`.
+Default hints follow from the law of an effect. Effects of the library have better hints in `_HINTS`. Users set hints of
+other effects by `set_hints`.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from pendulum_env.physics.table import ByAngle, Extent, FrictionBySpeed, PowerOf
 from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
 
-# Arguments: a class of terms, N samples of the motion, and the torque (N,) that the model leaves unexplained [N m].
+# Arguments: a class of terms, N samples of the motion, and the unexplained torque (N,) [N m].
 Grid = Callable[[type[Any], Samples, Array], Iterable[Term]]
 
-VARIANTS = 36  # of a grid over the bounds of all nonlinear parameters
+VARIANTS = 36  # number of variants of a grid over the bounds of all nonlinear parameters
 MOST_ORDERS = 400  # largest number of trial values of a single integer parameter
-COARSE = 60  # cogging: all orders up to this one are tried
+COARSE = 60  # cogging: largest order of a complete search
 FINEST, STARTS = 400, 3  # cogging: highest order, twice the ratio of usual gears; number of trial orders above COARSE
 WAVES = 3  # cogging: least number of periods of the longest of several waves within the motion
 WARMER = 1.0  # [K], least change of the temperature
@@ -41,7 +41,8 @@ ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # trial numbers of pieces of table
 def make_grid_over_bounds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """Spread about `VARIANTS` variants over the bounds of the nonlinear parameters; an instant lies within the motion.
 
-    Parameters with a nominal value, or that follow another one, keep their default. Variants with a fault are left out.
+    Parameters that have a nominal value or follow another parameter keep their default. Variants with a fault are left
+    out.
     """
     searched = [
         parameter for parameter in kind.nonlinear_parameters if parameter.nominal is None and not parameter.follows
@@ -78,12 +79,12 @@ class SearchHints:
     """Hints for the search over one effect; the defaults follow from its law.
 
     Attributes:
-        grid: variants from which the search starts.
-        n_tried: number of variants among which the grid chose by the residual; without it, the number of variants.
-        is_possible: whether a term has nonlinear parameters of a joint that moved as in N samples.
-        alternative_starts: values by name from which the search begins where data call for another than the nominal
-            one; without them, the grid holds all values to try.
-        multimodal: nonlinear parameter over which the error of torque has many local minima, searched one by one.
+        grid: function that lists variants as starts of the search.
+        n_tried: function that counts the variants that the grid compares with the residual; by default those listed.
+        is_possible: whether nonlinear parameters of a term are plausible for the motion in N samples.
+        alternative_starts: starts of released nonlinear parameters by name, other than their nominal values; without
+            starts, the grid has all values to try.
+        multimodal: nonlinear parameter over which the error of torque has many local minima; all are searched.
         profiled: nonlinear parameter over which the error of rollouts has many local minima; its standard error is the
             interval of the profile likelihood.
     """
@@ -97,10 +98,10 @@ class SearchHints:
 
 
 def set_hints(kind: type[Term], hints: SearchHints) -> None:
-    """Set the hints for the search over an effect, and over the same effect at a joint or within limits.
+    """Set the hints for the search over an effect, also at a joint or within limits.
 
     Raises:
-        UserError: if the grid or a law of its variants fails on a made-up motion.
+        UserError: if the grid or a law of its variants fails on a test motion.
     """
     check_variants(f"grid of {kind.__name__}", lambda x: hints.grid(kind, x, x.torque))
     _HINTS[kind] = hints
@@ -112,15 +113,15 @@ def find_hints(kind: type[Term]) -> SearchHints:
 
 
 def make_grid(kind: type[Term], x: Samples, residual: Array) -> list[Term]:
-    """List the variants of an effect from which a search starts, within the bounds of its parameters.
+    """List variants of an effect as starts of a search, within the bounds of its parameters.
 
-    `residual` is the torque that the model leaves unexplained in the samples (N,) [N m].
+    `residual` is the unexplained torque in the samples (N,) [N m].
     """
     return list(dict.fromkeys(clip_term(variant) for variant in find_hints(kind).grid(kind, x, residual)))
 
 
 def count_variants(kind: type[Term], x: Samples, residual: Array) -> int:
-    """Count the variants among which `make_grid` chooses."""
+    """Count the variants that `make_grid` has compared with the residual, or else lists."""
     count = find_hints(kind).n_tried
     return len(make_grid(kind, x, residual)) if count is None else count(kind, x, residual)
 
@@ -142,24 +143,24 @@ def _list_torque_limits(kind: type[Any], x: Samples, residual: Array) -> list[Te
 
 
 def _is_saturation(term: TorqueSaturation, x: Samples) -> bool:
-    """Refuse a limit far below the torque: if nearly nothing came through, nearly nothing remains to explain."""
+    """Require a limit of at least 15 % of the peak torque: a lower limit removes nearly all torque to explain."""
     return bool(term.limit >= 0.15 * _find_peak(x))
 
 
 def _list_stribeck_velocities(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List ten Stribeck velocities up to half of the 95th percentile of the speed, or 0.1 rad/s if that is larger."""
+    """List ten Stribeck velocities up to half of the 95th percentile of the speed, at least 0.1 rad/s."""
     fast = float(np.percentile(np.abs(x.velocity), 95))
     return [kind(float(vs)) for vs in np.geomspace(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
 
 
 def _is_stribeck(term: Stribeck, x: Samples) -> bool:
-    """Require friction that fades at speeds that were reached: otherwise any friction would do."""
+    """Require a Stribeck velocity within the reached speeds, where its friction differs from dry friction."""
     return bool(term.stribeck_velocity <= np.max(np.abs(x.velocity)))
 
 
 def _list_cogging_orders(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """List all low orders, and the strongest of the high orders of strain-wave gears."""
-    n_bins = 8 * FINEST  # of a turn, so fine that each wave lies within several
+    n_bins = 8 * FINEST  # eight bins per wave of the highest order
     bin_of_sample = np.floor(np.asarray(x.position) / (2 * np.pi) * n_bins).astype(int) % n_bins
     power = np.abs(np.fft.rfft(np.bincount(bin_of_sample, residual, n_bins)))[COARSE + 1 : FINEST + 1]
     high_orders = COARSE + 1 + np.argsort(power)[::-1][:STARTS]
@@ -167,7 +168,7 @@ def _list_cogging_orders(kind: type[Any], x: Samples, residual: Array) -> list[T
 
 
 def _is_cogging(term: Cogging, x: Samples) -> bool:
-    """Require that each of several waves was seen several times: waves of any orders draw any curve."""
+    """Require `WAVES` periods of each of several waves within the motion: fewer waves can draw any curve."""
     first, *others = sorted(order for order in term.nonlinear_values.values() if order)
     return not others or bool(np.ptp(x.position) * first >= 2 * np.pi * WAVES)
 
@@ -188,9 +189,9 @@ def _list_stops(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
 
 
 def _is_stop(term: HardStop, x: Samples) -> bool:
-    """Require that each stop is met, and that the joint is free along at least half of its path.
+    """Require that the motion meets each stop, and that the joint is free along at least half of its path.
 
-    A stop that is never met is none, and a torque that always acts is that of a spring.
+    A torque along more than half of the path is that of a spring.
     """
     order = np.argsort(x.position)
     path, q = np.cumsum(np.abs(np.asarray(x.velocity)[order])), np.asarray(x.position)[order]
@@ -219,7 +220,7 @@ def _list_frequencies(kind: type[Any], x: Samples, residual: Array) -> list[Term
 
 
 def _compute_periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
-    """Compute the power of the residual at frequencies [rad/s] that are close enough for every peak."""
+    """Compute the power of the residual at frequencies [rad/s], close enough to resolve every peak."""
     time = np.asarray(x.time)
     gaps = np.diff(time)
     step = float(np.median(gaps[gaps > 0])) / 2
@@ -233,7 +234,7 @@ def _compute_periodogram(x: Samples, residual: Array) -> tuple[Array, Array]:
 
 
 def _list_flexible_joints(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List all combinations of 34 resonances, two dampings and three gravities, whatever the motion."""
+    """List all combinations of 34 resonances, two dampings and three gravities, for any motion."""
     return [
         kind(float(w), float(c), g)
         for w in np.geomspace(6.0, 300.0, 34)
@@ -243,7 +244,7 @@ def _list_flexible_joints(kind: type[Any], x: Samples, residual: Array) -> list[
 
 
 def _list_gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List all combinations of six gaps, three resonances, two dampings and two gravities, whatever the motion."""
+    """List all combinations of six gaps, three resonances, two dampings and two gravities, for any motion."""
     return [
         kind(float(gap), float(w), c, g)
         for gap in np.geomspace(2e-3, 0.08, 6)
@@ -254,9 +255,9 @@ def _list_gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
 
 
 def _list_table_angles(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List tables over the reached angles, and over a turn if the joint made one.
+    """List tables over the reached angles, and over a turn if the joint made a turn.
 
-    A share `outside` of a piece of the samples lies beyond each end of a table.
+    Beyond each end of a table lie the share `outside` of the samples of a piece.
     """
     extents = []
     for pieces in ANGLES:
@@ -309,7 +310,7 @@ _HINTS: dict[type[Term], SearchHints] = {
         alternative_starts={f"order_{k}": 2.0 for k in range(2, 6)},
     ),
     Spring: SearchHints(
-        # beside gravity a spring that hardens may be none; an arm's gravity is that of its links
+        # gravity may replace the linear part of a hardening spring; gravity of an arm is that of its links
         lambda kind, x, residual: [kind()] if kind.at else [kind(), kind(3.0)],
         alternative_starts={"degree": 3.0},
     ),

@@ -7,9 +7,9 @@ import scipy
 
 from pendulum_env._typing import Array, Index
 
-FEWEST = 4  # estimates that show a trend: a line or a step leaves two degrees of freedom
-N_BESIDE = 2  # least estimates on either side of a jump: one alone may be an outlier
-CONFIDENCE = 0.95  # of the interval of a drift
+FEWEST = 4  # least number of estimates of a trend, with two degrees of freedom beyond a line or step
+N_BESIDE = 2  # least number of estimates on either side of a jump; a single estimate may be an outlier
+CONFIDENCE = 0.95  # level of the interval of a drift
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Trend:
     Attributes:
         drift: slope per unit of time, NaN for fewer than four estimates.
         interval: its 95 % confidence interval.
-        jump: the step that explains the estimates better than a line; None if a line is better.
-        p_value: probability of a line or step as clear as this one if nothing changes, at most.
+        jump: step that explains the estimates better than a line; None if a line is better.
+        p_value: upper bound of the probability of a line or step with this gain, for a constant parameter.
     """
 
     drift: float = np.nan
@@ -42,16 +42,16 @@ def fit_trend(time: Array, value: Array, std: Array) -> Trend:
     """Fit a drift to estimates, and test a line and a step at every date against a constant.
 
     The drift is the median of the slopes between all pairs of estimates (Theil-Sen). Estimates of real machines scatter
-    by more than their standard errors, by temperature or lubrication. The variance s^2 of that scatter is the one under
-    which a constant has a chi-square of N - 1 (Paule-Mandel). A line or step lowers chi-square by D, with weights
-    1/(std^2 + s^2). D over the remaining chi-square per degree of freedom has the F distribution. With weights 1/std^2,
-    D has the chi-square distribution with one degree of freedom if the estimates scatter by their standard errors
-    alone. The larger p-value counts, times the number of lines and steps tried (Bonferroni). It is 1 if a line explains
-    the estimates best and the interval of the drift contains zero.
+    by more than their standard errors, by temperature or lubrication. With the variance s^2 of this scatter, a constant
+    has a chi-square of N - 1 (Paule-Mandel). A line or step lowers chi-square by D, with weights 1/(std^2 + s^2). D
+    over the remaining chi-square per degree of freedom has the F distribution. With weights 1/std^2 and no further
+    scatter, D has the chi-square distribution with one degree of freedom. The larger p-value of both is multiplied by
+    the number of tried lines and steps (Bonferroni). It is 1 if a line is best and the interval of the drift contains
+    zero.
 
     Args:
-        time: of the estimates (N,), in any unit.
-        value: of the estimates (N,).
+        time: times of the estimates (N,), in any unit.
+        value: estimates (N,).
         std: their standard errors (N,), positive.
 
     Source: Sen, Journal of the American Statistical Association 63, 1968; Paule and Mandel, Journal of Research of the
@@ -80,13 +80,13 @@ def fit_trend(time: Array, value: Array, std: Array) -> Trend:
 
 
 def estimate_scatter_variance(value: Array, variance: Array) -> float:
-    """Estimate the variance of values (N,) of a constant beyond that of their errors (N,), see `fit_trend`."""
+    """Estimate the scatter variance s^2 of values (N,) beyond the variance of their errors (N,), see `fit_trend`."""
 
     def compute_excess(s2: float) -> float:
         w = 1 / (variance + s2)
         return float(w @ (value - np.average(value, weights=w)) ** 2) - (len(value) - 1)
 
-    upper = float(np.sum((value - value.mean()) ** 2))  # chi-square is below 1 there
+    upper = float(np.sum((value - value.mean()) ** 2))  # chi-square is below 1 with this variance
     return (
         float(scipy.optimize.brentq(compute_excess, 0.0, upper, xtol=1e-9 * upper)) if compute_excess(0.0) > 0 else 0.0
     )

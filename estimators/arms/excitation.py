@@ -22,9 +22,9 @@ from pendulum_env.plant import PAPER
 MIN_SPEED = 0.05  # [rad/s or m/s]; slower samples are near stick and have no information
 REVERSAL_GUARD = 0.03  # [s] before and after a reversal, including the reach of filters
 INFORMATION_PRIOR = 0.1  # (noise / spread)^2 with 0.1 N m of noise per tick and a spread of the arms of 30 %
-CRAWL_SPEED = 0.15  # [rad/s or m/s]; slow but clear of stick, which separates dry from viscous friction
-BEAM_ELEMENTS = 3200  # numbers in the information matrices of a beam: 32 motions for two links, 1 for six
-ACCELERATION_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the acceleration, tried in turn until the torque suffices
+CRAWL_SPEED = 0.15  # [rad/s or m/s]; slow but clear of stick, to separate dry from viscous friction
+BEAM_ELEMENTS = 3200  # elements of all information matrices of a beam: 32 motions for two links, 1 for six
+ACCELERATION_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25)  # of the acceleration, tried in this order for enough torque
 TORQUE_PROBLEM = "the motion needs more torque than the joints have: allow less speed or angle, or more torque"
 
 
@@ -36,9 +36,9 @@ def is_clear_of_stick(v: Array, a: Array) -> Mask:
 def compute_parameter_scales(body: Body) -> Array:
     """Compute scales of base parameters, viscous and dry friction (P,) from the robot file.
 
-    The scale of a first moment is the norm of the first moments of its link, and likewise for the inertia. A link
-    without values has the smallest scale of another link. A joint without friction has the least of the others, else
-    that of the paper.
+    The scale of a first moment is the norm of the first moments of its link, and of an inertia that of the inertias. A
+    link without values has the smallest scale of another link. A joint without friction has the smallest friction of
+    another joint, or that of the paper.
     """
     groups = []  # kind, and link
     for quantity, _, joint in (name.partition("@") for name in body.names):
@@ -63,14 +63,15 @@ class MotionBatch:
     """B motions of an arm up to a knot, and their information.
 
     Attributes:
-        limits: of the joints, (B, n) each.
-        speed: at the last knot (B, n) [rad/s or m/s].
-        information: of parameters relative to their scales, for unit noise of the mean torque of a tick (B, P, P).
-        variances: squared standard errors of the parameters, in the same units (B, P).
+        limits: limits of the joints, (B, n) each.
+        speed: speed at the last knot (B, n) [rad/s or m/s].
+        information: information on parameters relative to their scales, for unit noise of the mean torque of a tick
+            (B, P, P).
+        variances: squared standard errors of the relative parameters (B, P).
     """
 
     def __init__(self, body: Body, limits: Limits, batch: int) -> None:
-        """Start at rest, with all joints as near to zero as the limits (n,) or (B, n) allow."""
+        """Start at rest, with all joints clipped from zero to the limits (n,) or (B, n)."""
         self._body, self._scales = body, compute_parameter_scales(body)
         self.limits = Limits(*(np.broadcast_to(values, (batch, values.shape[-1])) for values in limits))
         self._previous_position = np.clip(0.0, self.limits.low, self.limits.high)  # at the last but one knot
@@ -79,7 +80,7 @@ class MotionBatch:
         self.variances = np.full((batch, len(self._scales)), 1 / INFORMATION_PRIOR)
 
     def select(self, which: Index) -> Self:
-        """Return copies of motions of the batch; an index may occur several times."""
+        """Return a batch with copies of motions of this batch; an index may occur several times."""
         copy = object.__new__(type(self))
         copy._body, copy._scales = self._body, self._scales
         copy.limits = Limits(*(values[which] for values in self.limits))
@@ -93,9 +94,9 @@ class MotionBatch:
         return self._previous_position + 0.5 * KNOT_PERIOD * (self._previous_speed + self.speed)
 
     def advance(self, share: Array) -> None:
-        """Advance to the next knot, with shares (B, n) in [-1, 1] of the largest speeds, as far as the limits allow.
+        """Advance to the next knot, with shares (B, n) in [-1, 1] of the largest speeds, within the limits.
 
-        The information of the reference motion over one more period of knots is added.
+        The information of the reference motion over the next period of knots is added.
         """
         position = self.position
         next_speed = limit_speeds(self._body, self.limits, position, self.speed, share)
@@ -126,17 +127,17 @@ def design_excitation(
 ) -> Reference:
     """Design an informative motion within the limits of the joints by a beam search, knot by knot.
 
-    At each knot, the joints are tried in a random order at full and at crawl speed, to either side. The motions with
-    the smallest standard errors are kept: many for a few joints, one for six. At the end, the arm is brought to rest.
+    At each knot, the joints are tried in random order at full and at crawl speed in both directions. The motions with
+    the smallest standard errors are kept: 32 for two joints, one for six. At the end, the arm is brought to rest.
 
     Args:
-        body: with the limits of its file; half a turn, or 0.2 m, to either side without limits.
+        body: links with the limits of their file; without limits half a turn, or 0.2 m, to either side.
         seconds: duration of the motion before it is brought to rest [s].
         max_angle: bound of every angle to either side of zero [rad]; the limit of the file applies, too.
         max_speed: bound of every speed [rad/s], 4 rad/s or 0.5 m/s by default; the limit of the file applies, too.
         max_torque: bound of every torque [N m]; the limit of the file applies, too.
         max_acceleration: bound of every acceleration [rad/s^2]; by default the largest speed is reached in 0.2 s.
-        rng: of the orders.
+        rng: random generator of the orders.
 
     Raises:
         IdentificationError: if limits leave a joint no room, a bound is not positive, or every motion needs too much
@@ -155,9 +156,9 @@ def design_excitation(
 
 
 def find_problem(motion: Reference, limits: Limits) -> str:
-    """Return the problem of a motion: too much torque, not counting friction, or a joint at rest; empty without one.
+    """Return the problem of a motion: too much torque without friction, or a joint at rest; else an empty text.
 
-    A motion that still moves at its last knot lacked the torque to stop.
+    A motion that does not end at rest also needs too much torque.
     """
     q, v, a = motion(np.arange(0.0, motion.seconds, TICK))
     is_affordable = np.abs(motion.body.torque(q, v, a) @ motion.body.values) <= limits.torque
@@ -170,7 +171,7 @@ def find_problem(motion: Reference, limits: Limits) -> str:
 def _search_motion(body: Body, limits: Limits, seconds: float, rng: np.random.Generator) -> Reference:
     """Search for the motion with the smallest standard errors, and bring it to rest.
 
-    The beam holds W motions. At each knot, each joint in turn tries four speeds with each motion; the W best are kept.
+    The beam has W motions. At each knot, four speeds of each joint are tried with each motion; the W best are kept.
     """
     motions = MotionBatch(body, limits, 1)
     start, speeds = motions.position[0], motions.speed[:, None]  # (W, knots, n) of W motions in the beam
@@ -185,7 +186,7 @@ def _search_motion(body: Body, limits: Limits, seconds: float, rng: np.random.Ge
             candidate_shares[:, joint] = np.tile(levels[:, joint], len(shares))
             candidates = motions.select(candidate_owners)
             candidates.advance(candidate_shares)
-            # motions with equal values are equal by the limits, or mirror images
+            # motions with equal values are equal or mirror images
             best = np.unique(candidates.log_precision.round(9), return_index=True)[1][::-1][:width]
             shares, owners = candidate_shares[best], candidate_owners[best]
         motions = candidates.select(best)
@@ -194,10 +195,7 @@ def _search_motion(body: Body, limits: Limits, seconds: float, rng: np.random.Ge
 
 
 def stop_motion(body: Body, motions: MotionBatch, start: Array, speeds: list[Array]) -> Reference:
-    """Bring a motion with these speeds, each (1, n), to rest, as far as the torque allows.
-
-    `motions` and `speeds` are changed. The motion may still move after twice the time that half the acceleration needs.
-    """
+    """Bring a motion with speeds (1, n) at its knots to rest if the torque suffices; `motions` and `speeds` change."""
     n_before = len(speeds)
     limits = motions.limits
     # twice the time at half the acceleration

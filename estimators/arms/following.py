@@ -27,12 +27,12 @@ class Follow:
 
         tau = Y(q, q', a) theta + b q_r' + fc sgn q_r',    a = q_r'' + 2 w (q_r' - q') + w^2 (q_r - q)
 
-    It uses the links and the friction of the file. Other friction of the plant causes a lag behind the reference.
+    Links and friction are those of the file. Other friction of the plant causes a lag behind the reference.
     Source: Siciliano, Sciavicco, Villani and Oriolo, Robotics, 2009, section 8.5.2.
 
     Attributes:
         motion: the reference.
-        limits: of the torques (n,) [N m].
+        limits: largest torques (n,) [N m].
     """
 
     motion: Reference
@@ -64,9 +64,9 @@ def follow(
     name: str = "simulated",
     progress: Progress = no_progress,
 ) -> ArmRecording:
-    """Record a simulated arm that follows a motion.
+    """Record `samples` of a simulated arm that follows a motion.
 
-    The torque keeps to `max_torque` [N m] and to the limits of the file.
+    Torque stays within `max_torque` [N m] and the limits of the file. `rng` gives the seed of the arm.
     """
     limits = np.minimum(motion.body.torque_limits, np.inf if max_torque is None else max_torque)
     (position,), (velocity,), _ = motion(np.zeros(1))

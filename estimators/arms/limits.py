@@ -46,8 +46,11 @@ def find_limits(
 ) -> Limits:
     """Combine the limits of the file, the arguments of `design_excitation` and the defaults.
 
-    Of limits of position, speed and torque, the tightest applies. `max_angle` [rad], `max_speed`, `max_torque` and
+    The tightest limit of position, speed and torque applies. `max_angle` [rad], `max_speed`, `max_torque` and
     `max_acceleration` do not apply to sliding joints.
+
+    Raises:
+        IdentificationError: if a bound is not positive, or limits leave a joint no room.
     """
     bounds = {"angle": max_angle, "speed": max_speed, "torque": max_torque, "acceleration": max_acceleration}
     for name, bound in bounds.items():

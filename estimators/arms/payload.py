@@ -1,9 +1,9 @@
 """Payloads of an arm: the body at a link in some recordings, relative to others or to a model.
 
-The ten standard parameters of a body that is fixed to a link have ten columns, which combine those of the base
-parameters: Y_link = Y K, with K the link's columns of `Body.combine`. In one recording they are part of the base
-parameters. Where these are known, or the same in other recordings, the rest is the payload's. Friction is fitted anew
-where another payload is carried, as it changes with temperature. The rows are those of the windows of torque.
+The ten standard parameters of a body that is fixed to a link have the columns Y_link = Y K of the torque, with Y the
+columns of the base parameters and K the link's columns of `Body.combine`. The base parameters of the arm come from a
+model or from recordings without the payload. Friction is fitted separately for each payload, as it changes with
+temperature. The rows are those of the windows of torque.
 Source: Khosla and Kanade, IEEE Conference on Decision and Control, 1985; Gaz and De Luca, IROS 2017.
 """
 
@@ -36,9 +36,9 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording
 
-HIDDEN = 1e-6  # share of a direction that no motion of the joints shows, from which a parameter is unknown
-# of a payload that stands out: mass or a first moment in standard errors, share of residual torque
-MIN_Z_SCORE, MAX_SHARE = 5.0, 0.5
+HIDDEN = 1e-6  # largest share of a determined parameter in directions that no motion of the joints shows
+MIN_Z_SCORE = 5.0  # least mass or first moment of a significant payload [standard errors]
+MAX_SHARE = 0.5  # largest residual torque with a significant payload, relative to that without it
 GAP = 0.25  # least difference of the masses of two payloads, relative to the range of all masses
 
 
@@ -47,14 +47,14 @@ class Payload:
     """A body that an arm carries.
 
     Attributes:
-        joint: in front of the link that carries it; all parameters are in its frame.
-        estimates: mass, first moments and moments of inertia about the joint's origin, by their names in URDF's frame
-            (`m`, `mx` ... `Izz`); those that the motion of the joints shows, of the nearest possible body.
-        center: of mass [m], by axis x, y and z; axes whose first moment is not shown are left out.
-        exists: whether some body has the parameters of the free fit, within two standard errors; None if not all are
-            shown.
+        joint: joint in front of the link that carries it; all parameters are in its frame.
+        estimates: mass, first moments and moments of inertia about the joint's origin of the nearest possible body, by
+            their names in URDF's frame (`m`, `mx` ... `Izz`); only parameters that the motion determines.
+        center: centre of mass [m] by axis x, y and z; only axes with a determined first moment.
+        exists: whether a body has the parameters of the free fit, within two standard errors; None if some are
+            undetermined.
         torque_rms: RMS residual torque of each joint without and with the payload [N m].
-        load: the same parameters at the link; those that are not shown have the least norm.
+        load: the parameters at the link; undetermined parameters have the least norm.
     """
 
     joint: str
@@ -66,14 +66,14 @@ class Payload:
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """Parameters that no motion of the joints shows."""
+        """Names of parameters that no motion of the joints determines."""
         return tuple(name for name in STANDARD if name not in self.estimates)
 
     @property
     def stands_out(self) -> bool:
-        """Return whether a mass has a significant weight, and halves the residual torque of two joints.
+        """Return whether the mass or a first moment is significant, and the payload halves the residual of two joints.
 
-        The motion may show the first moments well where it hardly shows the mass.
+        The motion may determine the first moments better than the mass.
         """
         mass = self.estimates.get("m")
         weights = [self.estimates[name] for name in STANDARD[:4] if name in self.estimates]
@@ -95,23 +95,20 @@ class Payload:
 
 
 def find_payload(
-    model: Model,
-    carrying: Sequence[Recording],
-    without: Sequence[Recording] = (),
-    joint: str | None = None,
+    model: Model, carrying: Sequence[Recording], without: Sequence[Recording] = (), joint: str | None = None
 ) -> Payload:
     """Identify the body that an arm carries in some recordings.
 
     Args:
-        model: of the arm without it. Its friction is refitted; its other parameters are refitted only if there are
-            recordings without the payload. Otherwise, their standard errors are left out of those of the payload.
+        model: model of the arm without it. Its friction is refitted. Recordings `without` the payload refit its other
+            parameters, too; without these, the payload's standard errors do not include theirs.
         carrying: recordings with the payload.
         without: recordings without it.
-        joint: in front of the link that carries it, the last one by default.
+        joint: joint in front of the link that carries it, by default the last joint.
 
     Raises:
-        IdentificationError: if there is too little motion.
-        ValueError: if there is no such joint.
+        IdentificationError: if the recordings have too little motion.
+        ValueError: if the joint is unknown.
     """
     joints = find_links(model.terms).joints
     joint = find("joint", joint or joints[-1], {name: name for name in joints})
@@ -121,16 +118,16 @@ def find_payload(
 
 
 def find_carried(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[tuple[Payload, tuple[int, ...]]]:
-    """Identify the payloads that an arm carries at its last link in some of its recordings and not in others.
+    """Identify the payloads that an arm carries at its last link in some of its recordings.
 
-    Each recording is first fitted with a payload of its own, relative to the first recording. Sorted masses are split
-    into groups at differences above `GAP`. The lightest or the heaviest group has no payload, since motion may hardly
-    show the mass. Of the two groupings in which a payload stands out, that with the lower residual counts, else the
-    first: only possible bodies explain the torque.
+    Each recording is first fitted with a separate payload, relative to the first recording. Sorted masses are split
+    into groups at differences above `GAP`. The group without payload is the lightest, or the heaviest if masses are
+    uncertain. Both groupings are fitted with possible bodies. The grouping with a significant payload and the lower
+    residual is chosen.
 
     Returns:
-        The payloads that stand out, with the numbers of the recordings that carry each; none if the motion does not
-        show the mass.
+        The significant payloads, with the numbers of the recordings of each; none if the motion does not determine the
+        mass.
     """
     count = sum(len({w.run for w in part.windows}) for part in parts)
     rows = PayloadRows.from_parts(parts, terms, find_links(terms).joints[-1])
@@ -157,12 +154,12 @@ class PayloadRows(NamedTuple):
     """Rows of recordings of an arm (R,), for payloads at one of its links.
 
     Attributes:
-        body: of the arm.
-        joint: in front of the link.
-        terms: of the model.
-        equations: of the model's parameters.
-        of_friction: columns of friction (P,).
-        number: of the joint in each row (R,).
+        body: links of the arm.
+        joint: joint in front of the link.
+        terms: terms of the model.
+        equations: equations of the model's parameters.
+        of_friction: indices of the columns of friction (P,).
+        number: number of the joint in each row (R,).
         recording: number of the recording in each row (R,).
         clusters: block of time of each row (R,).
     """
@@ -178,7 +175,7 @@ class PayloadRows(NamedTuple):
 
     @classmethod
     def from_parts(cls, parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str) -> PayloadRows:
-        """Join the rows of parts, linearised at their fit; recordings and clusters are numbered through all parts."""
+        """Join the rows of parts, linearised at their fit; numbers of recordings and clusters continue over parts."""
         phi, y, number, recording, clusters = [], [], [], [], []
         body, n_recordings, n_clusters = find_links(terms), 0, 0
         for data in parts:
@@ -198,18 +195,18 @@ class PayloadRows(NamedTuple):
 
     @property
     def basis(self) -> Array:
-        """Orthonormal basis (10, S) of the parameters of a link that the motion of the joints shows."""
+        """Orthonormal basis (10, S) of the parameters of a link that the motion of the joints determines."""
         unseen = scipy.linalg.null_space(self.body.link_columns(self.joint), rcond=HIDDEN)
         return np.asarray(scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(STANDARD)))
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """Parameters of a link that the motion of the joints shows."""
+        """Names of the parameters of a link that the motion of the joints determines."""
         length = np.linalg.norm(self.basis, axis=1)
         return tuple(name for name, norm in zip(STANDARD, length, strict=True) if 1 - norm < HIDDEN)
 
     def _build_columns(self, group: Sequence[int], model: Model | None) -> tuple[Array, list[Array], Array]:
-        """Return the columns of the arm, those of the payload of each group from 1, and the torque for both (R,).
+        """Return the columns of the arm, those of the payload of each group from 1, and the torque (R,).
 
         Friction has columns for each group. With a model of the empty arm, its torque is subtracted, and the arm has
         only columns for the friction of groups from 1.
@@ -226,7 +223,7 @@ class PayloadRows(NamedTuple):
         return np.column_stack(known), [link * (group_of_row == k)[:, None] for k in range(1, max(group) + 1)], y
 
     def estimate_masses(self, count: int) -> Array:
-        """Return the mass of each recording but the first, in excess of its mass (count - 1,) [kg]."""
+        """Estimate the masses of all recordings except the first, relative to the first (count - 1,) [kg]."""
         known, carried, y = self._build_columns(range(count), None)
         phi = np.column_stack([known, *carried])
         w = weigh_joints(Equations(phi, y), self.number)
@@ -239,7 +236,7 @@ class PayloadRows(NamedTuple):
         Without a model of the empty arm, its parameters are fitted, too.
 
         Returns:
-            The payloads, and the RMS residual torque with them, relative to that of each joint without their limits.
+            The payloads, and the RMS residual torque relative to that of each joint in a fit of any parameters.
         """
         known, carried, y = self._build_columns(group, model)
         if not all(columns.any() for columns in carried):
@@ -251,7 +248,7 @@ class PayloadRows(NamedTuple):
         width, payloads, remaining_y = self.basis.shape[1], [], y
         values = free.theta[known.shape[1] :].reshape(len(carried), width)
         for k, columns in enumerate(carried):
-            if width == len(STANDARD):  # the best fit of all bodies that exist
+            if width == len(STANDARD):  # replace the free fit by the best possible body
                 other_columns = np.column_stack([known, *carried[:k], *carried[k + 1 :]]) * weights[1][:, None]
                 own_columns = project_out(np.linalg.qr(other_columns)[0], columns * weights[1][:, None])
                 values[k] = self.basis.T @ find_nearest_link(self.basis @ values[k], own_columns @ self.basis.T)
@@ -291,7 +288,7 @@ def _compute_torque_rms(
 ) -> dict[str, tuple[float, float]]:
     """Return the RMS residual torque of two fits by joint [N m]; joints without rows are left out.
 
-    `number` is the joint of each row (R,), -1 for rows that do not count.
+    `number` is the joint of each row (R,), -1 for excluded rows.
     """
     rows = {name: number == n for n, name in enumerate(joints)}
     return {

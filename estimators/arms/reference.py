@@ -18,8 +18,8 @@ from pendulum_env.arms.body import Body
 
 KNOT_PERIOD = 0.1  # [s] between knots
 TICK = 0.02  # [s] between rows
-SPEED_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1)  # of a change of speed, tried in turn until the torque suffices
-TORQUE_SHARE = 0.9  # of the torque limit in use
+SPEED_SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.1)  # of a change of speed, tried in this order for enough torque
+TORQUE_SHARE = 0.9  # used share of the torque limit
 
 
 def average_motion(q: Array, before: Array, now: Array, after: Array, s: Array) -> tuple[Array, Array, Array]:
@@ -44,8 +44,8 @@ def limit_speeds(body: Body, limits: Limits, q: Array, v: Array, share: Array) -
     """Limit requested speeds at the next knot (N, n) by acceleration, angle and torque.
 
     A joint can always stop before the end of its range with half its acceleration. This has priority over the limit of
-    the torque, which is computed from the file without friction.
-    Positions q and speeds v are those at the last knot (N, n), `share` is in [-1, 1].
+    the torque, which is computed from the file without friction. Positions q and speeds v are those at the last knot,
+    and `share` in [-1, 1] is the requested share of the largest speed, (N, n) each.
     """
     h, max_change = KNOT_PERIOD, limits.acceleration * KNOT_PERIOD
     deceleration = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)
@@ -94,7 +94,7 @@ class Reference:
     Attributes:
         body: the arm.
         start: initial positions (n,) [rad or m].
-        speeds: at the knots (K + 1, n), zero at the first and, if the torque suffices, at the last [rad/s or m/s].
+        speeds: speeds at the knots (K + 1, n) [rad/s or m/s]; zero at the first, and if torque suffices at the last.
     """
 
     body: Body

@@ -1,9 +1,8 @@
-"""Standard parameters of an arm's links: of all bodies with the base parameters that were found, the likeliest.
+"""Standard parameters of an arm's links: the likeliest body with the estimated base parameters.
 
-Base parameters do not determine the mass of a link; a simulator needs one. Each link's pseudo-inertia is written as
-L L', which no choice of L makes impossible: mass is positive, and the moments of inertia are those of a body. Among
-these, the one is taken that fits the base parameters by their standard errors and, where they leave it open, is near
-the file.
+Base parameters do not determine the mass of a link, which a simulator needs. Each link's pseudo-inertia is L L': for
+any L, mass is positive and the moments of inertia are those of a body. L fits the base parameters by their standard
+errors, and otherwise stays near the file.
 Source: Rucker and Wensing, IEEE Robotics and Automation Letters 7(2), 2022 (log-Cholesky).
 """
 
@@ -26,15 +25,15 @@ class NearestSettings:
     """Numbers of the search for the nearest body."""
 
     prior_std: float = 1.0  # standard deviation of the scaled factors about the file: factors of e, shares of the size
-    added_trace: float = 1e-9  # share of its trace added to a pseudo-inertia, so that a thin rod has a Cholesky factor
-    max_steps: int = 150  # the search is slow where no body has the base parameters
-    max_distance: float = 3.0  # standard errors between base parameters and those of a possible body
-    min_std: float = 1e-6  # least standard error relative to a base parameter: no file is more exact
+    added_trace: float = 1e-9  # added to the diagonal of a pseudo-inertia for a Cholesky factor, relative to its trace
+    max_steps: int = 150  # largest number of evaluations, reached if no body has the base parameters
+    max_distance: float = 3.0  # largest difference from the base parameters of an existing body [standard errors]
+    min_std: float = 1e-6  # least standard error relative to a base parameter, by the precision of files
 
 
 @dataclass(frozen=True)
 class BarrierSettings:
-    """Numbers of the barrier method for a link that exists."""
+    """Numbers of the barrier method for a possible link."""
 
     thinnest: float = 1e-3  # least eigenvalue of the start, relative to the sum of all
     ridge: float = 1e-6  # cost of a change of the start by its own size, relative to the start's cost
@@ -42,7 +41,7 @@ class BarrierSettings:
     shrinking: float = 0.1  # factor on the weight of the barrier from one minimum to the next
     excess: float = 1e-3  # cost of the result above the least one, relative to it
     stages: int = 40  # largest number of weights
-    steps: int = 30  # of Newton's method to each minimum
+    steps: int = 30  # largest number of Newton steps to each minimum
     lengths: tuple[float, ...] = tuple(0.5**k for k in range(30))  # tried lengths of a step
 
 
@@ -54,12 +53,12 @@ ENTRIES = np.concatenate([DIAGONAL, BELOW[0]]), np.concatenate([DIAGONAL, BELOW[
 
 @dataclass(frozen=True)
 class Nearest:
-    """Links that exist, the nearest to base parameters that were found.
+    """Possible links that are nearest to estimated base parameters.
 
     Attributes:
-        parameters: standard ones by name, `m@elbow`; without standard errors, since they depend on the file.
+        parameters: standard parameters by name, `m@elbow`; without standard errors, since they depend on the file.
         distance: largest difference of a base parameter, in its standard errors.
-        farthest: name of that parameter.
+        farthest: name of this parameter.
     """
 
     parameters: Mapping[str, Estimate]
@@ -68,7 +67,7 @@ class Nearest:
 
     @property
     def exists(self) -> bool:
-        """Return whether some body has these parameters."""
+        """Return whether a body has the estimated base parameters within `NEAREST.max_distance`."""
         return self.distance <= NEAREST.max_distance
 
     def json(self) -> JSON:
@@ -78,7 +77,7 @@ class Nearest:
 
 
 def nearest_body(model: Model) -> Nearest:
-    """Find the links with the base parameters of a model, or the nearest ones if no body has them."""
+    """Find the links with the base parameters of a model, or the nearest links if no body has them."""
     body = find_links(model.terms)
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
@@ -112,15 +111,16 @@ def standard_parameters(model: Model) -> dict[str, Estimate]:
 
 
 def find_nearest_link(standard: Array, columns: Array) -> Array:
-    """Return the parameters (10,) of the possible body that fits best; a possible free fit is returned as it is.
+    """Find the parameters (10,) of a possible body with the least |columns (parameters - standard)|.
 
-    The problem is convex: the pseudo-inertia is linear in the parameters. A barrier -w log det of it keeps it positive.
-    A small cost of the distance from a start keeps directions that the columns do not show.
+    A possible free fit is returned unchanged. Else the problem is convex, since the pseudo-inertia J is linear in the
+    parameters. A barrier -w log det J keeps it positive. A small cost of the distance from the start keeps the
+    directions that the columns do not determine.
     Source: Boyd and Vandenberghe, Convex Optimization, 2004, chapter 11.
 
     Args:
-        standard: of the free fit (10,).
-        columns: of a regression (R, 10); the best fit has the least |columns (parameters - standard)|.
+        standard: parameters of the free fit (10,).
+        columns: columns of a regression (R, 10).
     """
     eigenvalues, axes = np.linalg.eigh(make_pseudo_inertia(standard))
     size = float(np.abs(eigenvalues).sum())
@@ -176,14 +176,14 @@ def _factorise_links(body: Body) -> tuple[Array, Array]:
     """Factorise the links of the file; return the entries of their factors and the scales of these entries (S,).
 
     Entries of a link are the logarithms of the diagonal of L, then the rows below. The logarithms of the rotors'
-    inertias are last. A scale is the usual difference from the file.
+    inertias are last. A scale is a typical difference from the file.
     """
     links = len(body.links)
     values, scales = [], []
     matrices = [make_pseudo_inertia(standard) for standard in body.standard_values[: 10 * links].reshape(links, 10)]
     largest = max([1e-3, *(float(np.trace(matrix)) for matrix in matrices)])
     for joint, matrix in zip(body.links, matrices, strict=True):
-        if joint in body.impossible_links:  # the nearest that a body has, of a thousandth of the largest link at least
+        if joint in body.impossible_links:  # use the nearest possible matrix
             eigenvalues, axes = np.linalg.eigh(matrix)
             matrix = (axes * np.maximum(eigenvalues, 1e-3 * largest)) @ axes.T
         factor = np.linalg.cholesky(matrix + NEAREST.added_trace * np.trace(matrix) * np.eye(4))
@@ -192,7 +192,7 @@ def _factorise_links(body: Body) -> tuple[Array, Array]:
         scales += [np.ones(4), np.maximum(size, 1e-3 * size.max())]
     rotors = body.standard_values[10 * links :]
     values.append(np.log(np.maximum(rotors, 1e-3)))
-    scales.append(np.full(len(rotors), 10.0))  # rarely in a file
+    scales.append(np.full(len(rotors), 10.0))  # wide, since files rarely have them
     return np.concatenate(values), np.concatenate(scales)
 
 

@@ -101,9 +101,7 @@ class Alignment:
     def beats(self, other: Alignment, by_chance: float = 0.0) -> bool:
         """Return whether it predicts significantly better, by the scatter between stretches of time.
 
-        Args:
-            other: alignment of the same recordings.
-            by_chance: gain that counts as zero [nat].
+        `by_chance` is a gain that counts as zero [nat].
         """
         gain = self.density - other.density
         if gain.shape[1] < SEARCH.fewest_stretches:
@@ -136,11 +134,8 @@ class Alignment:
     def apply(self, recording: Recording, later: float = 0.0, slower: float = 0.0) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
 
-        The last samples of each segment have no logged torque and are omitted.
-
-        Args:
-            recording: recording with torque as logged.
-            later, slower: changes of delay and lag [s]; the omitted samples do not depend on them.
+        The last samples of each segment have no logged torque and are omitted. `later` and `slower` are added to delay
+        and lag [s]; the omitted samples do not depend on them.
         """
         if not self.is_late:
             return recording

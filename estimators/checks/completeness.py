@@ -87,7 +87,7 @@ def _check_completeness(
     limits = {at: AGREEMENT.misfits * max(floors[at], data.compute_negligible_residual(at)) for at in rms_of_joints}
     ratios = {at: error / max(floors[at], 1e-300) for at, error in rms_of_joints.items() if error > limits[at]}
     gaps = sorted(_compute_scheme_differences(list(results.values())))
-    biased = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # of each name the largest
+    biased = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name
     numbers = {"residual": Quantity(max(ratios.values()))} if ratios else {}
     numbers |= {"disagreement": Quantity(max(biased.values()))} if biased else {}
     joints, names = (tuple(sorted(filter(None, sizes), key=lambda name: -sizes[name])) for sizes in (ratios, biased))

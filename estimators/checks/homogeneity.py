@@ -31,9 +31,9 @@ class AgreementSettings:
 
     alarm_probability: float = 1e-3  # of a false alarm in all comparisons of one diagnosis
     min_difference: float = 0.03  # relative; a smaller difference does not matter in practice
-    min_windows: int = 40  # of a recording that is compared
-    min_freedom: int = 6  # stretches of time beyond the number of parameters of a recording that is compared
-    max_condition: float = 1e4  # condition number of the regressor of a recording that is compared
+    min_windows: int = 40  # least number of windows of a compared recording
+    min_freedom: int = 6  # least number of clusters beyond the number of parameters of a compared recording
+    max_condition: float = 1e4  # largest condition number of the regressor of a compared recording
     fits: float = 1.3  # largest residual of a complete model [noise floors]
     misfits: float = 2.0  # residual above which the model lacks an effect [noise floors]
 

@@ -33,11 +33,7 @@ MIN_Z_SCORE = 5.0  # of the inverse torque constant, in standard errors
 
 
 def find_torque_unit(recordings: Sequence[Recording]) -> str:
-    """Return the common unit of torque of recordings.
-
-    Raises:
-        IdentificationError: if the units differ.
-    """
+    """Return the common unit of torque of recordings; different units raise an `IdentificationError`."""
     units = list(dict.fromkeys(recording.torque_unit for recording in recordings))
     if len(units) > 1:
         first_name, second_name = (next(r.name for r in recordings if r.torque_unit == unit) for unit in units[:2])

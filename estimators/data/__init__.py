@@ -1,1 +1,1 @@
-"""Recordings as models are fitted to them."""
+"""Recordings prepared for fits of models."""

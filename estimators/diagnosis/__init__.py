@@ -1,1 +1,1 @@
-"""Verdict and next experiment."""
+"""Diagnosis: treatments of recordings, verdicts on effects, and the next experiment."""

@@ -19,13 +19,13 @@ MEMORY = 0.1  # [s] before a chunk for the transient of filters: exp(-20) of it 
 
 
 class ArmStream:
-    """Conversion of samples of an arm into the equations of schemes, which are those of `identify`.
+    """Conversion of samples of an arm into the equations of schemes, equal to those of `identify`.
 
     A sample gives one equation per joint. An energy scheme gives one equation per sample, with the last joint.
 
     Attributes:
-        joints: their names.
-        delay: of the equations at most [samples].
+        joints: names of the joints.
+        delay: largest delay of the equations [samples].
     """
 
     def __init__(self, terms: Sequence[Term], schemes: Sequence[Scheme], smoothing: Smoothing, period: float) -> None:
@@ -89,16 +89,12 @@ class ArmStream:
         return tuple(self._convert_samples()) if ready else ()
 
     def _convert_samples(self) -> Iterator[StreamEquations]:
-        """Yield the equations of samples that have none, sample by sample and joint by joint.
-
-        The first `_transient` samples after a start are not usable. The last samples wait for those that decide on
-        stick.
-        """
+        """Yield the equations of new samples, by sample and joint; the first `_transient` samples are not usable."""
         times, positions, torques = (np.array(values) for values in zip(*self._samples, strict=True))
         recording = ArmRecording.from_arrays("online", self.joints, times, positions, torques)
         m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
         reach = self._smoothing.reach
-        # the last `_lookahead - reach` measurements wait until it is known whether they are clear of stick
+        # the last `_lookahead - reach` measurements wait for samples that decide on stick
         end = len(m[0]) - (self._lookahead - reach)
         place = self._count - self._capacity + reach  # index of the first measurement
         first = end - (self._count - self._n_done) if self._n_done else 0

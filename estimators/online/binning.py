@@ -50,9 +50,9 @@ class PlantBins(NamedTuple):
     """Joints of a plant and times of its bins.
 
     Attributes:
-        joints: by name.
+        joints: names of the joints.
         length: duration of a bin divided by the number of joints, since each joint has its own bins [s].
-        period: between samples [s].
+        period: sample time [s].
     """
 
     joints: tuple[str, ...]
@@ -154,10 +154,10 @@ class Bins:
     Attributes:
         series: time, position, velocity and torque at n + 3 instants (4, R, n + 3).
         y: mean torque divided by `scale` (R,) [N m].
-        period: between samples [s].
+        period: sample time [s].
         at: name of the joint of each bin (R,).
         link_columns: mean columns of the links of an arm, not divided by `scale` (R, G) [N m]; G = 0 for a pendulum.
-        scale: of the errors of the joint of each bin, relative to the mean of all joints (R,).
+        scale: error scale of the joint of each bin, relative to the mean of all joints (R,).
     """
 
     series: Array
@@ -169,7 +169,7 @@ class Bins:
 
     @classmethod
     def stack(cls, bins: Sequence[Bin], period: float, joints: Sequence[str], scale: Array) -> Bins:
-        """Stack bins; joints: names (J,); scale: error scale of each joint (J,); period: between samples [s]."""
+        """Stack bins of J joints with an error scale of each (J,); `period` is the sample time [s]."""
         joint = [bin_.joint for bin_ in bins]
         series, bin_scale = np.stack([bin_.series for bin_ in bins], axis=1), scale[joint]
         y, link_columns = np.array([bin_.y for bin_ in bins]) / bin_scale, np.array([bin_.phi for bin_ in bins])
@@ -190,12 +190,9 @@ class Bins:
     def evaluate_rows(self, terms: Sequence[Term], count: int = 1) -> ModelRows:
         """Evaluate the balance of each bin: phi, y and their derivatives by the torque.
 
-        phi and y are divided by `scale`; the derivatives need no scale. Columns without a law of one joint are read
-        from `link_columns`, in the order of `terms`. Each term fills only the bins of its joint. y is the torque minus
-        all fixed columns.
-
-        Args:
-            count: number V of variants; the terms hold their nonlinear parameters.
+        phi and y are divided by `scale`; the derivatives need no scale. Columns of links are those of `link_columns`,
+        in the order of `terms`. Each term fills only the bins of its joint. y is the torque minus all fixed columns.
+        `count` is the number V of variants, whose nonlinear parameters are stacked in the terms.
         """
         shape = len(self.y), count
         phi, slope = np.zeros((2, *shape, sum(len(term.columns) for term in terms)))
@@ -223,10 +220,7 @@ class Bins:
         return self.evaluate_rows(terms).select((slice(None), 0))
 
     def _average_column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
-        """Average a column over the bins (R, V), and differentiate it by the torque if it depends on it.
-
-        V is 1 if the variants do not differ.
-        """
+        """Average a column over the bins (R, V), and differentiate it by the torque; V is 1 for equal variants."""
         x = Samples(*self.series)
         value = self._average_impulse(column, x)
         if not of_torque:

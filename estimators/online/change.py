@@ -18,7 +18,7 @@ class ChangeSettings:
     """Numbers that decide on a change; chosen on simulated plants by `benchmarks.online_diagnosis`."""
 
     min_evidence: float = 3.0  # nat of forgetting, above which an alarm may be a change
-    prediction_time: float = 1.0  # [s] of motion that new models predict before they are compared with the former ones
+    prediction_time: float = 1.0  # [s] of motion that new models predict before the comparison with former models
     report_time: float = 2.0  # [s] of motion between a change and its report
     comparison_time: float = 5.0  # [s] of motion before parameters are compared with given ones
     z_score: float = 4.0  # least change in standard errors, for many blocks
@@ -35,7 +35,7 @@ class ParameterFit:
 
     Attributes:
         theta: values (P,).
-        covariance: of their errors (P, P).
+        covariance: covariance of their errors (P, P).
         freedom: degrees of freedom of the covariance.
     """
 
@@ -72,7 +72,7 @@ class ParameterChange:
     """Change of parameters from former values.
 
     Attributes:
-        names: of the parameters.
+        names: names of the parameters.
         before: former values.
         min_rows: number of rows before the first comparison.
         since: time of the change [s]; None if the former values were given.

@@ -8,18 +8,17 @@ of an effect are regressed on its rows phi, and then the residual of y on the re
     S <- S + r r' / (1 + phi' P phi)    t <- t + r e / (1 + phi' P phi)    r = c - G' phi,  e = y - phi' a
 
 which equals recursive least squares in phi and c with parameters a - G delta and delta = S^-1 t. A variant costs only
-its own columns. Parameters of these effects stay within their bounds. Each a-priori error has a Student t density. An
-effect predicts by the mixture of its variants, weighted by their past likelihoods; the weights include the penalty for
-the choice among variants.
+its own columns. Parameters of effects stay within their bounds. Each a-priori error has a Student t density. The
+prediction of an effect is the mixture of its variants, weighted by their past likelihoods. The mixture includes the
+penalty for the choice among variants.
 
-The last family is the running model with exponential forgetting of parameters and error scale, in several memories, and
-without. It predicts better than the running model after parameters have changed; the running model in the mixture
+The last family is the running model with exponential forgetting of parameters and error scale, with several memories
+and without. It predicts better than the running model after parameters have changed. The running model in the mixture
 bounds the loss if no parameter changes. Each weight is at least a share of the largest, so a memory recovers quickly.
 
-A column may depend on the torque that the equations explain, as load-dependent friction. Least squares would then
-explain torque by torque. The error of the predicted torque, e = (y - phi' theta) / (dy - dphi' theta) with
-derivatives by the torque, is therefore linearised at the current estimates (Gauss-Newton): rows phi - e dphi explain
-y - e dphi' theta.
+A column may depend on the explained torque, as that of load-dependent friction. Least squares would then explain torque
+by torque. The error of the predicted torque is e = (y - phi' theta) / (dy - dphi' theta), with derivatives by the
+torque. It is linearised at the current estimates (Gauss-Newton): rows phi - e dphi explain y - e dphi' theta.
 
 Source: Frisch and Waugh, Econometrica 1(4), 1933; Dawid, JRSS A 147(2), 1984 (prequential); Herbster and Warmuth,
 Machine Learning 32, 1998 (mixtures that share); Ljung, System Identification, 2nd edition, section 11.2 (forgetting).
@@ -81,11 +80,11 @@ class CompetingModels:
     """The running model, alone and with each variant of each effect: V regressions as one batch.
 
     Attributes:
-        terms: of the running model.
+        terms: terms of the running model.
         families: variants of each effect (F,). The first family, the running model alone, is empty. With memories, the
             last family, the running model without and with forgetting, is also empty.
         models: slice of the V models of each family (F,).
-        residual: of the running model on the fitted bins, in units of their scale (R,).
+        residual: residual of the running model on the fitted bins, in units of their scale (R,).
         y_on_base: a, regression of y on the rows of the running model (V, P).
         columns_on_base: G, regression of the K columns of the variants, padded with zeros (V, K, P).
         information: S (V, K, K).
@@ -102,11 +101,7 @@ class CompetingModels:
     weight: Array
 
     def __init__(
-        self,
-        terms: Sequence[Term],
-        bins: Bins,
-        effects: Sequence[Sequence[Term]] = (),
-        memories: Sequence[float] = (),
+        self, terms: Sequence[Term], bins: Bins, effects: Sequence[Sequence[Term]] = (), memories: Sequence[float] = ()
     ) -> None:
         """Fit the running model, with variants of each effect and memories of forgetting [bins], to bins.
 
@@ -316,7 +311,7 @@ class CompetingModels:
 def solve_each_within_bounds(information: Array, moment: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
     """Solve V least-squares problems for K parameters within bounds, information (V, K, K) and moment (V, K).
 
-    The parameter farthest beyond a bound is fixed there, and the others are solved again, until all are within bounds.
+    The parameter farthest beyond a bound is set to the bound and the others are solved again, until none is beyond.
 
     Returns:
         Parameters, and information of those within the bounds; a parameter at a bound has unit information.

@@ -1,10 +1,10 @@
 """Online covariances of estimates under correlated errors, from sums over short clusters of time.
 
 theta - truth = P sum_k phi_k e_k. With the sums of a cluster, A = sum phi phi' and b = sum phi y, its score is
-s = b - A theta, and the covariance is P (sum of s s') P, valid for correlated and filtered errors. Since theta was
-fitted to the cluster, s is too small; the score J / (J - A) s of a fit without the cluster, with J = 1 / P, is used.
-Neighbouring clusters are merged to limit their number to a few dozen. With forgetting, clusters stay much shorter than
-the memory, and the oldest are dropped. Directions without data keep the variance of P(0).
+s = b - A theta, and the covariance is P (sum of s s') P, valid for correlated and filtered errors. Since theta is
+fitted to the cluster, s is too small. It is replaced by the score J / (J - A) s of a fit without the cluster, with
+J = 1 / P. Neighbouring clusters are merged to limit their number to a few dozen. With forgetting, clusters stay much
+shorter than the memory, and the oldest are dropped. Directions without data keep the variance of P(0).
 
 Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
 """
@@ -104,7 +104,7 @@ class ClusterCovariance:
         self._n_clusters = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
     def make_covariance(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], tuple[Array, Array]]:
-        """Return a function that computes P and the covariance of now, also later; `compute_P` computes P of now."""
+        """Make a function that computes present P and covariance at any time; `compute_P` computes the present P."""
         state = squares.squares, squares.count, squares.prior
         return functools.partial(_compute_covariances, compute_P, self._scores, self._n_clusters, *state)
 

@@ -7,7 +7,7 @@ missing when the e-process passes its threshold (`evidence`), which follows from
 
 The running model with forgetting also competes. After an alarm with evidence of forgetting, all models
 are fitted again to the bins since the likely time of a change (`change`). If these models predict better than the
-former ones, they replace them: either an effect is missing since that time, or parameters have changed.
+former models, they replace them. Since that time, an effect is missing or parameters have changed.
 """
 
 from collections import deque
@@ -37,11 +37,11 @@ class RankingEntry:
     """Score of one effect added to the running model.
 
     Attributes:
-        effect: its id.
-        probability: that the model with this effect predicts best of all.
+        effect: id of the effect.
+        probability: probability that the model with this effect predicts best.
         gain: log predictive density minus that of the running model [nat].
         error: standard error of the gain, from the scatter between blocks of a second [nat].
-        p_value: of the gain.
+        p_value: p-value of the gain.
         evidence: log wealth of the e-process for this effect [nat].
         term: effect with the nonlinear parameters that predicted best.
         theta: parameters of the running model and, last, of the effect, by name.
@@ -62,14 +62,13 @@ class OnlineDiagnosis:
     """Verdict on a running model, updated once per second of motion.
 
     Attributes:
-        kind: "calibrating"; "missing" for an effect; "changed" for parameters; or "nothing" while neither predicts
-            significantly better.
+        kind: "calibrating"; "missing" for an effect; "changed" for parameters; or "nothing".
         evidence: log of the mean wealth of the e-process over effects and forgetting [nat].
         threshold: evidence of an alarm [nat].
-        terms: of the running model.
+        terms: terms of the running model.
         theta: its parameters by name.
-        ranking: of effects, the most probable first.
-        group: ids of the most probable effect and its competitors; empty unless one is missing.
+        ranking: scores of effects, the most probable first.
+        group: ids of the most probable effect and its competitors; empty unless an effect is missing.
         none: probability that no effect predicts better than the running model.
         motion: time of motion since the model began to run [s].
         error: root mean square a-priori error of the running model over the last seconds of motion [N m].
@@ -132,7 +131,7 @@ class Diagnoser:
             terms: of the model, with values of their nonlinear parameters; for an arm, the links come first.
             batch: number B of pendulums.
             library: effects by id; None for all known effects.
-            smoothing: of the measurement; by default, that of the paper's encoder at this rate.
+            smoothing: smoothing of the measurement; by default, that of the paper's encoder at this rate.
             given: parameters of the model. Parameters of the plant that differ significantly are reported as changed,
                 until an effect is added or undone, or parameters change.
             alarms_per_hour: accepted mean number of false alarms per hour of motion.
@@ -287,7 +286,7 @@ class EffectMonitor:
         comparison, threshold = self._comparison, self._blank.threshold
         change_evidence, evidence = float(comparison.e_process.log_wealth[-1]), comparison.e_process.log_mean_wealth
         is_known = self.diagnosis.kind == "missing"
-        # a missing effect gives evidence all the time: forgetting alone must then reach the threshold
+        # a missing effect always gives evidence: forgetting alone must then reach the threshold
         is_suspect = (
             change_evidence >= threshold + np.log(len(comparison.e_process.log_wealth))
             if is_known
@@ -392,10 +391,10 @@ class EffectMonitor:
         )
 
     def _has_missing_effect(self, is_changing: bool) -> bool:
-        """Return whether the evidence of effects reaches the threshold; half of it after a change, which was an alarm.
+        """Return whether the evidence of effects reaches the threshold, or half of it after a change with an alarm.
 
-        While another change is suspected, the whole threshold applies: effects imitate a change. A suspicion since the
-        first second of predictions does not count as another change.
+        While another change is suspected, the whole threshold applies, because effects imitate a change. A suspicion
+        since the first second of predictions does not count as another change.
         """
         comparison, plant = self._comparison, self._plant
         after_change = self._change is not None and self._change.since is not None
@@ -412,7 +411,7 @@ class EffectMonitor:
 
 
 def find_obstacle(effect: type[Term]) -> Obstacle | None:
-    """Return why an effect has no online diagnosis; None if it has one."""
+    """Find the reason why an effect has no online diagnosis; None if it has a diagnosis."""
     if effect.start is not Term.start:
         return Obstacle.HAS_STATE
     if effect.delay is not Term.delay:

@@ -21,14 +21,14 @@ class Estimates:
     """Estimates of B pendulums by S schemes after a sample.
 
     Attributes:
-        index: of the newest sample in use, from 0; negative before enough samples (B,).
-        time: of that sample [s] (B,). It is older than the last sample by the reach of smoothing and guards.
+        index: index of the newest used sample, from 0; negative before enough samples (B,).
+        time: time of this sample (B,) [s], which is older than the last sample by the reach of smoothing and guards.
         uncorrected: theta of the recursion (B, S, P).
         error: a-priori prediction errors in the unit of the scheme, 0 where the equation was not used (B, S).
-        usable: which equations were used (B, S).
-        regressor: phi of the torque balance at that sample, 0 in stick (B, P); None for an arm.
-        compute_covariances: returns P and the covariance without bias (B, S, P, P) each, when they are first read.
-        compute_correction: returns the correction of theta for encoder noise, and its remaining bias.
+        usable: mask of the used equations (B, S).
+        regressor: phi of the torque balance at this sample, 0 in stick (B, P); None for an arm.
+        compute_covariances: function that computes P and the covariance without bias (B, S, P, P) each.
+        compute_correction: function that computes the correction of theta for encoder noise, and its remaining bias.
         prior: P(0) on the diagonal.
     """
 

@@ -21,8 +21,8 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
 
-SAMPLES = 256  # samples in motion of one joint, after which the noise is estimated
-SHARE = 0.25  # of these samples that another joint needs
+SAMPLES = 256  # number of samples in motion of one joint, after which the noise is estimated
+SHARE = 0.25  # least number of samples in motion of another joint, relative to `SAMPLES`
 KEPT = 2048  # largest number of samples, including rest
 
 
@@ -84,11 +84,11 @@ class OnlineEstimator:
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with values of their nonlinear parameters; for an arm, `arm_base(body)` comes first.
-            schemes: to run; a `JointState`, for pendulums only, is the last in the estimates.
+            terms: terms of the model, with values of nonlinear parameters; for an arm, `arm_base(body)` comes first.
+            schemes: schemes to run; a `JointState`, for pendulums only, is the last in the estimates.
             batch: number B of pendulums.
             counts: encoder counts per turn, which set smoothing and `position_noise`; 0 measures exactly.
-            smoothing: of the measurement; replaces the smoothing by `counts`.
+            smoothing: smoothing of the measurement; replaces that by `counts`.
             prior: P(0) on the diagonal.
             forgetting: factor lambda per equation; 1 for no forgetting.
             recursion: "SquareRootLeastSquares", which updates all regressions together, or "KalmanFilter" of filterpy,
@@ -172,7 +172,7 @@ class OnlineEstimator:
         return self._estimates
 
     def restart_estimates(self, before: Estimates, is_reset: Mask, last_time: Array) -> Estimates:
-        """Return current estimates for the sample of earlier ones, after a reset of pendulums (B,).
+        """Return current estimates for the sample of the estimates `before` a reset of pendulums (B,).
 
         For these pendulums, the index is -1, no equation is used, and the time is relative to `last_time` (B,) [s].
         """

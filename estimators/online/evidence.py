@@ -2,8 +2,8 @@
 
 Each block of time gives a factor e = 1 + s g / c, with the stake s, the gain g of the block, and a bound c of losses.
 While the model holds, the conditional mean of e is at most one, for any distribution of gains with losses below c. The
-mean over several stakes has the same property. The factors multiply to wealth M, which restarts from one whenever it is
-below, so that a later change is detected as fast,
+mean over several stakes has the same property. The factors multiply to wealth M, which restarts from one if it is
+below. A later change is therefore detected as fast,
 
     M <- max(M, 1) e.
 
@@ -13,8 +13,8 @@ accepted alarms per hour.
 The bound c is unknown: 1.5 times the largest loss so far is used, and a larger loss is clipped to c in its block. The
 threshold is therefore approximate.
 
-No model of a real machine is complete, so a model with forgetting always predicts slightly better. Its gain counts only
-above its usual gain (`ReferenceDistribution`).
+No model of a real machine is complete, so a model with forgetting always predicts slightly better. Only its gain above
+the usual gain counts (`ReferenceDistribution`).
 
 Source: Lorden, Annals of Mathematical Statistics 42(6), 1971, for the restarts; Shafer and Vovk, Game-Theoretic
 Foundations for Probability and Finance, 2019; Shin, Ramdas and Rinaldo, E-detectors, New England Journal of Statistics
@@ -27,7 +27,7 @@ from pendulum_env._typing import Array
 
 HOUR = 3600.0
 STAKES = np.array([0.05, 0.2, 0.8])  # shares of the wealth
-MAX_GAIN = 10.0  # in units of c, so that no single block decides
+MAX_GAIN = 10.0  # [c], upper limit of the gain of a single block
 MIN_LOSS_BOUND = 1.0  # [nat], least value of c
 MARGIN = 1.5  # ratio of c and the largest loss so far
 MEMORY = 300  # blocks, memory of the reference distribution

@@ -4,11 +4,11 @@ The only measurement is the position. It is not differentiated, so smoothing add
 includes stick and reversals, so stick needs no guard. Each sigma point is a pendulum with its own position,
 velocity and parameters, simulated under the held torque.
 
-The encoder noise is given. The noise of the torque is estimated from the innovations of the filter, which should have
-the predicted variance and no correlation between samples.
+The encoder noise is given. The noise of the torque is estimated from the innovations of the filter: with the right
+noise, they have the predicted variance and no correlation between samples.
 
-The filter starts from a regression, and returns its estimates until the inertia is known to a tenth. The filter then
-uses later samples only, so that no sample counts twice.
+The filter starts from a regression when the inertia is known to a tenth, and then uses only later samples. Before, the
+estimates are those of the regression.
 
 Source: Julier and Uhlmann, Proceedings of the IEEE 92(3), 2004; the weights are those of Arasaratnam and Haykin,
 Cubature Kalman Filters, IEEE Transactions on Automatic Control 54(6), 2009; for the noise, Mehra, On the Identification
@@ -86,7 +86,7 @@ class JointFilters:
         self.filters = [None if is_reset else old for old, is_reset in zip(self.filters, which, strict=True)]
 
     def take(self, time: Array, position: Array, torque: Array, restarted: Mask, regression: Estimates) -> None:
-        """Update with a sample of every pendulum, and start filters where the last regression is accurate enough.
+        """Update with a sample of every pendulum, and start filters if the last regression is accurate enough.
 
         Pendulums that restart (B,), as after a gap, keep their parameters, and lose position and velocity.
         """

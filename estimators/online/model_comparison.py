@@ -24,10 +24,10 @@ class ModelComparison:
     """Predictions of the running model, alone, with each effect and with forgetting, for the bins of one plant.
 
     Attributes:
-        terms: of the running model.
+        terms: terms of the running model.
         fit_bins: bins of the first seconds of motion, to which all models are fitted before they predict.
-        not_run: effects that are not run for now, with the reason.
-        e_process: on each effect and, in the last place, on forgetting.
+        not_run: effects that are not run at present, with the reason.
+        e_process: e-process of each effect, and in the last place of forgetting.
         blocks: log predictive densities of the last blocks, of the running model, with each effect and with forgetting.
         n_calibration: number of bins in the first fit of all models.
         n_fit: number of bins in the fit of a later model.
@@ -112,7 +112,7 @@ class ModelComparison:
         return self.n_predicted % (BLOCK * self._stretch_blocks) == 0
 
     def has_begun_to_move(self, joint: int) -> bool:
-        """Return whether a joint has moved for long enough that had not when the models were fitted."""
+        """Return whether a joint has moved long enough to be fitted, but had not when the models were fitted."""
         return (
             self._models is not None
             and not self._is_tried[joint]
@@ -132,7 +132,7 @@ class ModelComparison:
 
     @property
     def effect_evidence(self) -> float:
-        """Return the share of the effects in the joint evidence, forgetting aside [nat]."""
+        """Return the share of the effects in the joint evidence, without forgetting [nat]."""
         return float(np.logaddexp.reduce(self.e_process.log_wealth[:-1]) - np.log(len(self.e_process.log_wealth)))
 
     @property
@@ -205,6 +205,6 @@ class ModelComparison:
             x, residual = bins.select_joint(effect.at).middle, (base.residual * bins.scale)[in_joint]
             possible = [term for term in make_grid(effect, x, residual) if is_possible(term, x)]
             fewest = min((len(term.columns) for term in possible), default=0)
-            variants = [term for term in possible if len(term.columns) == fewest]  # a batch has as many in all of it
+            variants = [term for term in possible if len(term.columns) == fewest]  # a batch needs equal numbers
             follows = {s.name: known[s.follows] for s in effect.nonlinear_parameters if s.follows in known}
             yield id, list(dict.fromkeys(replace(term, **follows) for term in variants) if follows else variants)

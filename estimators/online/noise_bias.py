@@ -62,7 +62,7 @@ class NoiseBias:
         self._machine.step()
 
     def make_correction(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], Correction]:
-        """Return a function that computes the correction of now, also later; `compute_P` computes P of now."""
+        """Make a function that computes the present correction at any time; `compute_P` computes the present P."""
         excess = self._machine.now["excess"].copy().T
         return functools.partial(_correct, excess, squares.theta, compute_P, squares.squares)
 
@@ -83,8 +83,8 @@ def _add_excess(size: int, forgetting: float) -> SymbolicStep:
 def _correct(excess: Array, theta: Array, compute_P: Callable[[], Array], residual: Array) -> Correction:
     """Compute the correction from the triangle of the excess by noise (B, S, N) and the sum of squared errors (B, S).
 
-    Noise that explains more than the errors was taken too large, and is scaled down. If it has more than
-    `MAX_NOISE_SHARE` of the information, only a part is subtracted, and the remaining bias is counted.
+    Noise is scaled down to explain at most the errors. At most `MAX_NOISE_SHARE` of the information is subtracted, and
+    the remaining bias is part of the result.
     """
     if not excess.any():
         return Correction.none()

@@ -15,14 +15,14 @@ from pendulum_env.physics.symbols import make_symbols
 class SquareRootLeastSquares:
     """theta and P of (B, S) regressions with P parameters each.
 
-    P = S S' is stored as its factor S, so that it stays symmetric and positive definite.
+    P = S S' is stored as its factor S and stays symmetric and positive definite.
     Source: Potter's update, in Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter II.
 
     Attributes:
-        error: last a-priori errors (B, S), 0 where an equation was not used.
+        error: last a-priori errors (B, S), 0 for an unused equation.
         squares: sum of squared errors, with forgetting (B, S).
         count: number of equations, with forgetting (B, S).
-        variance: of the last a-priori errors for unit noise, 1 + phi' P phi (B, S).
+        variance: variance of the last a-priori errors for unit noise, 1 + phi' P phi (B, S).
     """
 
     def __init__(self, batch: tuple[int, int], parameters: int, prior: float = PRIOR, forgetting: float = 1.0) -> None:
@@ -135,11 +135,11 @@ def _update(size: int, forgetting: float, prior: float) -> SymbolicStep:
 
 
 def _fade_information(root: Any, direction: Any, share: float) -> Any:
-    """Let the information J = 1 / P fade to lambda J + (1 - lambda) J(0), so that unexcited directions return to P(0).
+    """Let the information J = 1 / P fade to lambda J + (1 - lambda) J(0): unexcited directions return to P(0).
 
-    The caller scales J by lambda. This function adds `share` to the information along a unit vector `direction` (P,);
-    the directions take turns. Source: Gunnarsson, Combining tracking and regularization in recursive least squares
-    identification, CDC 1996.
+    The caller scales J by lambda. This function adds `share` to the information along one unit vector `direction` (P,)
+    at a time. Source: Gunnarsson, Combining tracking and regularization in recursive least squares identification, CDC
+    1996.
     """
     f = np.sqrt(share) * (direction @ root)
     total = 1.0 + f @ f

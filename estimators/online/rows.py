@@ -22,7 +22,7 @@ class StickGuards(NamedTuple):
     """Distances of rows from stick and reversals.
 
     Attributes:
-        distances: of each guard [samples]; None keeps rows in stick.
+        distances: distance of each guard [samples]; None keeps rows in stick.
         behind: delay of the rows, which is the longest distance [samples].
         lead_in: samples at the start that are left out.
         slowest: least velocity with a direction [rad/s].
@@ -61,13 +61,19 @@ def list_windows(schemes: Sequence[Scheme], period: float) -> list[int]:
 def write_step(terms: Sequence[Term], schemes: Sequence[Scheme], guards: StickGuards, period: float) -> SymbolicStep:
     """Write the step by one instant, up to the equations of the sample `behind` the newest.
 
-    Its inputs: `index` and velocity `newest` of the newest instant; the last but `behind` `instant` (6,); `supplied`,
-    the delayed torque at the row and over the sample before it (2,); `memory.ID` of each term with states; `halts`, the
-    index of the last halt as of the distance of each guard (G,); `oldest`, the sums of each integral scheme one window
-    ago, with their numbers of clear rows (K, P + 2); and the value of each law that is no formula.
+    Inputs:
+        index, newest: index and velocity of the newest instant.
+        instant: values of the instant `behind` - 1 before the newest (6,).
+        supplied: delayed torque at the row and over the sample before it (2,); only with a delay.
+        memory.ID: states of the term `ID`.
+        halts: index of the last halt at the distance of each guard (G,).
+        oldest: sums of each integral scheme one window ago, with their numbers of clear rows (K, P + 2).
+        Labels of `list_laws`: values of laws that are no formulas.
 
-    Its results: `equations`, phi and, in the last column, y of each scheme (S, P + 1), which equal those of
-    `Scheme.regression`; `usable` (S,); and `regressor`, the row of the torque balance, 0 in stick (P,).
+    Results:
+        equations: phi and y of each scheme (S, P + 1), equal to those of `Scheme.regression`.
+        usable: mask of the usable equations (S,).
+        regressor: row of the torque balance, 0 in stick (P,).
     """
     return _StepWriter(terms, schemes, guards, period).write()
 

@@ -1,7 +1,7 @@
 """Conversion of samples into the equations of schemes, equal to those of a whole recording.
 
-Samples wait in a ring buffer until they are smoothed; instants wait until it is known whether they are clear of stick.
-The rest is a compiled recurrence, except for values further back: halts, and sums one window ago.
+Samples wait in a ring buffer for smoothing, and instants wait for the decision on stick. The rest is a compiled
+recurrence, except for older values: halts, and sums one window ago.
 """
 
 import math
@@ -44,12 +44,12 @@ class StreamEquations(NamedTuple):
 
     Attributes:
         place: index of the sample since the start of each plant; negative before enough samples (B,).
-        time: of the sample (B,) [s].
+        time: time of the sample (B,) [s].
         copies: phi and, in the last column, y (C, B, S, P + 1); the next sample overwrites them. The first copy is as
             measured. If the noise is known, two more have noise added to the position, and its negative.
-        usable: which equations may be used (B, S).
+        usable: mask of the usable equations (B, S).
         regressor: phi of the torque balance at the sample, 0 in stick (B, P); None for an arm.
-        restarted: which plants restarted with the newest sample (B,).
+        restarted: mask of the plants that restarted with the newest sample (B,).
         following: the next instant: time, position, velocity, acceleration, torque and held, as in `Measurements`
             (6, B); a view of a ring buffer.
         joint: index of the joint.
@@ -74,8 +74,8 @@ class Stream:
     """Conversion of samples of B pendulums into the equations of schemes.
 
     Attributes:
-        joints: names; a pendulum has one joint without a name.
-        delay: of the equations by smoothing and the longest guard [samples].
+        joints: names of the joints; empty for that of a pendulum.
+        delay: delay of the equations by smoothing and the longest guard [samples].
     """
 
     joints = ("",)
@@ -112,8 +112,7 @@ class Stream:
         self.delay, self._behind = smoothing.reach + behind, behind
         self._machine = Machine(write_step, (self._terms, tuple(schemes), stick_guards, period), *lanes)
         self._numeric_laws = self._list_numeric_laws()
-        # weights of the last samples, the oldest first; a sample is time, position, its increment and torque, where the
-        # newest torque acted until the newest position
+        # weights of the last samples, the oldest first: time, position, its increment, and torque until this sample
         weights = np.zeros((INSTANT, length, 4))
         weights[TIME, smoothing.reach, 0] = 1.0
         weights[POSITION, :, 1] = smoothing.make_position_kernel()[::-1]
@@ -241,8 +240,8 @@ class Stream:
         """Evaluate states of terms, and laws that are no formulas; write them to the inputs of the recurrence.
 
         Args:
-            index: of the instant since the start of each pendulum (B,); states start anew up to index 0.
-            instant: values of the instant that follows that of the last call (6, B).
+            index: index of the instant since the start of each pendulum (B,); states restart up to index 0.
+            instant: values of the instant after that of the last call (6, B).
         """
         given, balance = self._machine.given, self._balance
         x = Samples(instant[TIME], instant[POSITION], instant[VELOCITY], instant[TORQUE])
@@ -278,9 +277,8 @@ def _smooth_signs(weights: Array) -> Array:
 def _receive_sample(longest: float) -> SymbolicStep:
     """Build the check of a sample in symbols.
 
-    `taken` holds time, position, increment of position and torque, each 0 if the sample is not finite; the next sample
-    then follows one at time 0. `restarted` is 1 for such a sample, and for one later than `longest` [s] after the last.
-    A time that runs backwards is not detected.
+    `taken` has time, position, increment of position and torque, each 0 if the sample is not finite. `restarted` is 1
+    for a sample that is not finite, or later than `longest` [s] after the last. A decreasing time is not detected.
     """
     sample, (time, position) = make_symbols("sample", 3), make_symbols("last", 2)
     is_number = np.abs(sample[0] + sample[1] + sample[2]) < np.inf
@@ -298,7 +296,7 @@ class Clock:
     """Check of sample times against a rate; after the first samples at the rate, a longer time is a gap.
 
     Attributes:
-        time: of the last sample [s]; minus infinity before the first.
+        time: time of the last sample [s]; minus infinity before the first.
     """
 
     def __init__(self, rate: float) -> None:

@@ -1,1 +1,1 @@
-"""Linear algebra without pendulums: least squares, cross-validation, recursion."""
+"""Least squares, Gauss-Newton and recursion, without pendulum physics."""

@@ -397,7 +397,7 @@ class Tangent(NamedTuple):
 
     Attributes:
         theta: the parameters (P,).
-        error: at these parameters (R,) [N m].
+        error: errors at these parameters (R,) [N m].
         slopes: derivatives of the predicted torque by the parameters (R, P).
         scale: derivatives of the errors by the left-hand sides of the equations (R,).
     """

@@ -57,7 +57,7 @@ class Fit:
 
     Attributes:
         theta: parameters (P,).
-        covariance: of theta (P, P), from clusters of residuals.
+        covariance: covariance of theta (P, P), from clusters of residuals.
         residual: y - phi theta (R,) [N m].
         condition: condition number of the regressor with columns scaled to equal length.
         freedom: degrees of freedom of each standard error (P,).

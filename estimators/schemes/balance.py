@@ -88,11 +88,7 @@ OF_LINKS: dict[str, Callable[[Joints, Body], Array]] = {  # regressor of base pa
 
 
 def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
-    """Remove the guard of energy schemes for an arm, whose joints together are always near a reversal.
-
-    Raises:
-        TypeError: if a scheme is not a `Scheme`.
-    """
+    """Remove the guard of energy schemes for an arm, whose joints together are always near a reversal."""
     adapted = []
     for scheme in schemes:
         if not isinstance(scheme, Scheme):

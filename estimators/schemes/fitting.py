@@ -131,10 +131,7 @@ def join_names(recordings: Sequence[Recording]) -> str:
 
 
 def fit_schemes(
-    schemes: Sequence[Regressor],
-    segments: Segments,
-    terms: Sequence[Term],
-    recordings: Sequence[Recording],
+    schemes: Sequence[Regressor], segments: Segments, terms: Sequence[Term], recordings: Sequence[Recording]
 ) -> dict[str, Identified]:
     """Fit each scheme to the segments of recordings; return the results by id of the scheme.
 

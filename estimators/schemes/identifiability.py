@@ -196,13 +196,9 @@ def find_undetermined_links(model: Model, position: Array, velocity: Array, torq
 
 
 def _find_large_errors(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
-    """Compute the limit of the standard error of each base parameter.
+    """Compute the limit of each base parameter's standard error by torque and inertia of the joints.
 
-    Args:
-        model: fitted model of an arm.
-        body: its links.
-        position: recorded positions (N, n) [rad].
-        largest: largest torque of each joint (n,) [N m].
+    `position` (N, n) [rad] is the recorded motion, and `largest` (n,) the largest torque of each joint [N m].
     """
     places = position[:: max(1, len(position) // PLACES)]
     units = np.eye(len(body.joints))

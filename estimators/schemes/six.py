@@ -146,11 +146,7 @@ def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) 
 
 
 def compute_decay(cutoff: float, period: float) -> float:
-    """Compute the decay a of F over a sample, see `apply_low_pass`.
-
-    Raises:
-        ValueError: if the cutoff is not below the Nyquist frequency.
-    """
+    """Compute the decay a of F over a sample, see `apply_low_pass`; a cutoff above Nyquist raises a `ValueError`."""
     if not 0 < cutoff < np.pi / period:
         raise ValueError(
             f"a filter at {cutoff:g} rad/s needs samples at more than {cutoff / np.pi:.4g} Hz, these are at "

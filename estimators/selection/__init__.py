@@ -1,1 +1,1 @@
-"""Which effects does the model lack?"""
+"""Search for the effects that a model lacks."""

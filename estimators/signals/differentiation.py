@@ -112,10 +112,7 @@ class Motion:
 def differentiate_position(recording: Recording, window: Array, half_width: int) -> Motion:
     """Compute the motion from the position alone; the delay of a logged velocity would bias inertia.
 
-    Args:
-        recording: recording with N positions.
-        window: weights of the windows that will average the acceleration (K - 2,).
-        half_width: half width of the smoothing [samples].
+    Smoothing has `half_width` samples. `window` (K - 2,) are the weights of windows that average the acceleration.
     """
     period = 1.0 / recording.rate
     q, v = smooth_motion(recording, recording.position, half_width)

@@ -115,13 +115,7 @@ def make_region_everywhere(
 ) -> Region:
     """Make the region of a residual that is not limited to an interval: all velocities of the samples.
 
-    Args:
-        cause: finding that explains the residual.
-        x: samples of the joint; without samples the region is unlimited.
-        size: residual [N m].
-        floor: noise floor [N m].
-        at: name of the joint.
-        units: names of its units.
+    `size` is the residual and `floor` the noise floor of the joint `at` [N m]. Without samples it is unlimited.
     """
     fast = np.inf if x is None else float(np.abs(x.velocity).max())
     return Region(

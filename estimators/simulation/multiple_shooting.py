@@ -25,12 +25,7 @@ from estimators.simulation.free_running import (
     simulate_segments,
     start_memory,
 )
-from estimators.simulation.output_error import (
-    OUTPUT_ERROR,
-    choose_grain,
-    make_model_with_covariance,
-    weigh_segments,
-)
+from estimators.simulation.output_error import OUTPUT_ERROR, choose_grain, make_model_with_covariance, weigh_segments
 from estimators.weak_form.nonlinear import set_values
 from estimators.weak_form.point import Point
 from estimators.weak_form.windows import Windows
@@ -311,7 +306,7 @@ def _linearise(shootings: Sequence[Shooting], point: Point) -> Slopes:
 
 
 def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array, Array]:
-    """Project the part of the states (B, N, S) out of errors (B, N) and slopes (B, N, P)."""
+    """Project the span of the derivatives by the states (B, N, S) out of errors (B, N) and slopes (B, N, P)."""
     frames, _ = np.linalg.qr(by_state / (np.linalg.norm(by_state, axis=1, keepdims=True) + 1e-300))
     columns = np.concatenate([error[:, :, None], by_parameter], axis=2)
     columns = columns - frames @ (np.swapaxes(frames, 1, 2) @ columns)
@@ -320,7 +315,7 @@ def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array,
 
 @dataclass(frozen=True)
 class FittedShooting:
-    """Parameters, the segments of all recordings with the states that go with them, and their squared error."""
+    """Parameters, segments of all recordings with fitted states, and their squared error."""
 
     point: Point
     every: tuple[Shooting, ...]

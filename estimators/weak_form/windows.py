@@ -402,7 +402,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     smoothed, acceleration is not. The torque noise includes that of the known load.
 
     Args:
-        recording: at least 0.1 s longer than a window.
+        recording: recording, at least 0.1 s longer than a window.
         half_width: half width of a window [s], at least two samples.
         part: begin and end of the range with windows, as shares of the recording.
     """

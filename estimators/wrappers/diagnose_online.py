@@ -54,8 +54,8 @@ class DiagnoseOnline(MeasurementWrapper):
 
         Args:
             env: the environment.
-            terms: of the model, ids or `Term` objects. By default those of `model`, or the four of the paper, or the
-                links of the arm with viscous and Coulomb friction at each joint.
+            terms: terms of the model, ids or `Term` objects. By default those of `model`, or the four of the paper, or
+                the links of the arm with viscous and Coulomb friction at each joint.
             candidates: ids of possible effects, or one id; None for all of the library. For an arm, `stribeck` means
                 each joint, `stribeck@elbow` one joint.
             rate: sampling rate [Hz]; None reads it from the environment, as the encoder.
@@ -135,7 +135,7 @@ def make_diagnoser(
 
     Raises:
         ValueError: if a name is unknown, no candidate has an online diagnosis, both model and terms are given, or the
-            joints or the torque unit of the model are wrong.
+            joints or the torque unit of the model differ from the environment.
     """
     if model is not None and terms is not None:
         raise ValueError("model and terms are both given: give one of them")

@@ -27,14 +27,14 @@ class EstimateParameters(MeasurementWrapper):
 
     The wrapper adds to `info`:
 
-    - `estimates`, by scheme: `theta` (P,); its standard errors `std` (P,), and `covariance` (P, P), valid under
-      correlated errors; `prediction_error`, a priori, and 0 where the sample was not used, as in stick; and `P` (P, P),
-      the covariance for unit noise. A notebook shows a table.
-    - `estimates_time`: time of the newest sample in use [s], which is delayed by smoothing and guards around stick.
-    - `regressor`: row of the torque balance at that sample (P,), 0 in stick.
+    - `estimates`, by scheme: `theta` (P,); standard errors `std` (P,) and `covariance` (P, P) under correlated errors;
+      `prediction_error`, a priori, and 0 for unused samples, as in stick; and `P` (P, P), the covariance for unit
+      noise. A notebook shows a table.
+    - `estimates_time`: time of the newest used sample [s], which is delayed by smoothing and guards around stick.
+    - `regressor`: row of the torque balance at this sample (P,), 0 in stick.
     - `parameters`: names in order.
 
-    For an arm, base parameters come first, estimates change every 50 ms, and there is no regressor. Arms need the extra
+    For an arm, base parameters come first, estimates change every 50 ms, and `regressor` is absent. Arms need the extra
     `arms`.
 
     Examples:
@@ -66,8 +66,8 @@ class EstimateParameters(MeasurementWrapper):
             terms: all terms of the model, ids or `Term` objects, such as `(*BASE, Stribeck(stribeck_velocity=0.4))`;
                 None for the four of the paper. A term without linear parameters, such as `dead_time`, is known. For an
                 arm, terms at joints, such as `viscous@elbow`; None for viscous and Coulomb friction at each joint.
-            rate: sampling rate [Hz]; None reads it from the environment, as the resolution of the encoder. A resolution
-                that is unknown and not given by `counts` is estimated from the first samples of motion.
+            rate: sampling rate [Hz]; None reads it from the environment. The resolution of the encoder is `counts`, or
+                that of the environment, or estimated from the first samples of motion.
             in_observation: append theta and the standard errors of all schemes to a Box observation.
             robot: URDF or MJCF file of an arm, for lengths and axes; None reads it from the environment.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor per equation, 1 for no forgetting),
@@ -155,7 +155,7 @@ class EstimateParametersVector(MeasurementVectorWrapper):
 def write_estimates(
     info: dict[str, Any], estimates: Estimates, estimator: OnlineEstimator, pendulum: int | slice
 ) -> None:
-    """Write the estimates of one or several pendulums into `info`; an inner wrapper's of other schemes are kept.
+    """Write the estimates of one or several pendulums into `info`; estimates of an inner wrapper are kept.
 
     Several pendulums have the layout of vector environments of Gymnasium: arrays with a first axis, and masks.
     """

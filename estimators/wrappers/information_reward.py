@@ -38,7 +38,7 @@ class Information:
         if "final_info" not in info:
             self._reset(is_reset)
             return self._add_row(np.atleast_2d(row))
-        # the last sample of an episode that ended within this step counts, too
+        # include the last sample of an episode that ended within this step
         gain = self._add_row(np.where(is_reset[:, None], get_regressor(info["final_info"]), row))
         self._reset(is_reset)
         return gain
@@ -57,8 +57,7 @@ class Information:
 class InformationReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Replace the reward by the gain of log det(information) [nat] (D-optimality).
 
-    The information is the sum of the outer products of `info["regressor"]` of `EstimateParameters`, in which the
-    environment must be wrapped first.
+    The information is the sum of the outer products of `info["regressor"]`, which needs an inner `EstimateParameters`.
     """
 
     def __init__(self, env: gym.Env[Any, Any], prior: float = 1e-6) -> None:
@@ -100,7 +99,7 @@ class InformationRewardVector(VectorWrapper):
 
 
 def get_regressor(info: dict[str, Any]) -> Any:
-    """Return the regressor of an info."""
+    """Return the regressor of an info; a missing regressor raises a `ValueError`."""
     if "regressor" not in info:
         raise ValueError(
             "info lacks 'regressor': wrap the environment in EstimateParameters first, as "

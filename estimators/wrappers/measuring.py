@@ -16,7 +16,7 @@ from pendulum_env._typing import Array, Mask
 
 
 def get_measurement(info: dict[str, Any]) -> tuple[Any, Any, Any]:
-    """Return time, position and torque of a sample."""
+    """Return time, position and torque of an info; a missing quantity raises a `ValueError`."""
     try:
         return info["time"], info["position"], info["torque"]
     except KeyError as error:
@@ -59,9 +59,9 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
 
         The algorithm restarts if time decreases. A fault has no measurement, and repeats the last result.
         """
-        if "fault" not in info:  # a fault has no measurement
+        if "fault" not in info:
             sample = get_measurement(info)
-            if sample[0] < self._clock.time:  # the inner environment was reset by itself, as by `Autoreset`
+            if sample[0] < self._clock.time:  # an inner wrapper, such as `Autoreset`, has reset the environment
                 self._algorithm.reset()
                 self._clock.restart()
             self._clock.tick(sample[0])
@@ -95,11 +95,11 @@ class MeasurementVectorWrapper(VectorWrapper):
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
         """Pass the measurements of an info on, and write the results into the info; return the observations.
 
-        If an episode ended within the step, its last sample is passed on, and the plant restarts. The first sample of
-        the next episode is then not passed on.
+        If an episode ended within the step, its last sample is passed on instead of the first sample of the next
+        episode, and the plant restarts.
         """
         ended: Mask | None = info.get("_final_info")
-        if ended is not None:  # SAME_STEP: the last sample of an ended episode counts, too
+        if ended is not None:  # Gymnasium's SAME_STEP mode
             final, self._time = info["final_info"], np.asarray(info["time"])
             last_sample = [
                 np.where(ended, a, b) for a, b in zip(get_measurement(final), get_measurement(info), strict=True)

@@ -78,7 +78,7 @@ def find_position_noise(env: AnyEnv) -> float | None:
 
 
 def _get_attribute(env: AnyEnv, name: str) -> Any:
-    """Return an attribute of the innermost environment, of a `SyncVectorEnv` its first one; None without it."""
+    """Return an attribute of the innermost environment, or of the first one in a `SyncVectorEnv`; None if missing."""
     inner = env.unwrapped
     if isinstance(inner, gym.vector.SyncVectorEnv):
         inner = inner.envs[0].unwrapped
@@ -101,14 +101,14 @@ def find_body(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
 
 @dataclass(frozen=True)
 class Plant:
-    """Plant of an environment, as an online algorithm needs it.
+    """Properties of an environment's plant for an online algorithm.
 
     Attributes:
         rate: sampling rate [Hz].
-        smoothing: of the measurement.
+        smoothing: smoothing of the measurement.
         batch: number of environments.
         body: joint of a pendulum, or links of an arm.
-        torque_unit: of the recording that the environment plays, or N m.
+        torque_unit: unit of the recording that the environment plays, or N m.
     """
 
     rate: float
@@ -144,7 +144,7 @@ class Plant:
     def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
         """Return possible effects by id, by default all that need only the columns of `info`.
 
-        For an arm, `stribeck` means each joint.
+        For an arm, `stribeck` selects this effect at each joint.
 
         Raises:
             ValueError: if an effect or joint is unknown.
