@@ -1,4 +1,4 @@
-"""Plots of the residual over angle, velocity, torque, time and frequency, and in the phase plane."""
+"""Plots of the residual over angle, velocity, torque, time and frequency."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 
 from estimators.data.regions import find_regions_at
-from estimators.signals.residual import REGIONS, SYMBOLS, WITHIN, Profile, Region, compute_profiles, wrap_angles
+from estimators.signals.residual import REGIONS, SYMBOLS, WITHIN, Profile, Region, compute_profiles
 from estimators.weak_form.torque_windows import NEGLIGIBLE
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON
 from pendulum_env.formatting import format_percent
-from pendulum_env.physics import Samples
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.figure import Figure, axis, band, line, numbers
+from workbench.figure import Figure, axis, band, line
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.parts import Key, Part
 from workbench.report.data import ReportData, Section
@@ -58,23 +57,8 @@ def make_failures(case: ReportData) -> Section:
         f"of it{least}. Means share one scale{others}."
     )
     content: list[Any] = [scales, list_key(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
-    if body.can_simulate:
-        content += [*strips[0].content, draw_phase_plane(case, prepared.samples, residuals)]
-    else:
-        content += strips
+    content += strips[0].content if body.can_simulate else strips
     return Section("failures", "Where it fails", "Where the model fails", content)
-
-
-def draw_phase_plane(case: ReportData, samples: Samples, residuals: Sequence[Array]) -> Part:
-    """Make the part with each model's mean residual in the phase plane; residuals: (N,) [N m] for each model."""
-    about = "Mean residual torque in the plane of angle and velocity"
-    planes = zip(case.model_labels, draw_planes(samples, residuals, case.units), strict=True)
-    drawn = [
-        Figure(f"plane-{k}", f"{about}, {label}", [cells], layout | {"title": {"text": label}}, 400)
-        for k, ((label, _), (cells, layout)) in enumerate(planes)
-    ]
-    note = "Mean residual of each cell; blank where fewer than two windows lie."
-    return Part("In the phase plane", [note, tuple(drawn)])
 
 
 def list_regions(curves: Sequence[Curve], found: Sequence[Sequence[Region]]) -> Iterator[str | tuple[str, ...]]:
@@ -153,45 +137,4 @@ def draw_stripe(region: Region, color: str, low: float, high: float, factor: flo
         "y1": high,
         "fillcolor": color,
         "line": {"width": 1, "color": "--page"},  # separates neighbours
-    }
-
-
-def draw_planes(samples: Samples, residuals: Sequence[Array], units: JointUnits) -> list[tuple[JSON, JSON]]:
-    """Make a heat map of each residual (N,) over angle and velocity on one colour scale; return traces and layouts."""
-    position, velocity = wrap_angles(samples.position), samples.velocity
-    across = int(np.clip(np.sqrt(len(position)) * 0.8, 10, 40))
-    reach = 1.02 * float(np.max(np.abs(velocity)))
-    edges = [np.linspace(-np.pi, np.pi, across + 1), np.linspace(-reach, reach, across + 1)]
-    number, _, _ = np.histogram2d(position, velocity, edges)
-    sums = [np.histogram2d(position, velocity, edges, weights=residual)[0] for residual in residuals]
-    # mean only in cells with at least two windows
-    means = [np.where(number >= 2, total / np.maximum(number, 1), np.nan).T for total in sums]
-    seen = np.abs(means[0][np.isfinite(means[0])])
-    limit = float(np.percentile(seen, 95)) if len(seen) else 1.0
-    middles = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
-    (x, angle), (y, speed) = (
-        to_shown_unit(middle, units.unit(si)) for middle, si in zip(middles, ("rad", "rad/s"), strict=True)
-    )
-    layout = {
-        "xaxis": make_angle_axis(units),
-        "yaxis": axis(f"velocity q' [{speed}]"),
-        "margin": {"t": 36, "r": 8},
-    }
-    of = (angle, speed, units.unit("N m"))
-    return [(draw_cells(x, y, mean, limit, of), layout) for mean in means]
-
-
-def draw_cells(x: Array, y: Array, values: Array, limit: float, units: tuple[str, str, str]) -> JSON:
-    """Make the heat map of values (Y, X), with a colour scale from -limit to limit."""
-    return {
-        "type": "heatmap",
-        "x": numbers(x),
-        "y": numbers(y),
-        "z": [numbers(row) for row in values],
-        "zmin": -limit,
-        "zmax": limit,
-        "colorscale": [[0, "--low"], [0.5, "--middle"], [1, "--high"]],
-        "colorbar": {"title": {"text": f"[{units[2]}]", "side": "top"}, "thickness": 12, "outlinewidth": 0},
-        "hoverongaps": False,
-        "hovertemplate": f"q %{{x:.3g}} {units[0]}, q' %{{y:.3g}} {units[1]}: %{{z:.3g}} {units[2]}<extra></extra>",
     }

@@ -359,7 +359,7 @@ def test_every_effect_has_a_picture_beside_the_residual(session, worked):
     session.state = worked["paper"]
     page = html.Div(model.show_comparison(session))
     drawn = {one.id["of"] for one in page._traverse() if isinstance(one, dcc.Graph)}
-    assert {f"profile-{axis}" for axis in AXES} | {"plane-0", "torque-0", "position-0"} <= drawn
+    assert {f"profile-{axis}" for axis in AXES} | {"torque-0", "position-0"} <= drawn
     pictures = [one.src for one in page._traverse() if isinstance(one, html.Img)]
     assert sorted(pictures) == sorted(f"/assets/gallery/{id}.svg" for id in effects())
     assert pictures[0] == "/assets/gallery/stribeck.svg"  # the likeliest

@@ -15,14 +15,6 @@
     return id;
   }
 
-  function theme(clicks) {
-    if (clicks) {
-      root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
-      try { localStorage.setItem("pendulum-ident-theme", root.dataset.theme); } catch { /* as above */ }
-    }
-    return root.dataset.theme;
-  }
-
   const same = () => window.dash_clientside.no_update;
   const draw = (spec) => (spec ? figures.themed(spec) : same());
 
@@ -82,5 +74,5 @@
     document.getElementById("stage").focus();
   }, true);
 
-  window.dash_clientside = { ...window.dash_clientside, app: { session, theme, draw, reveal, fragment } };
+  window.dash_clientside = { ...window.dash_clientside, app: { session, draw, reveal, fragment } };
 })();

@@ -51,8 +51,6 @@ def make_page() -> Component:
     """Make the initial page; callbacks fill it from the session."""
     brand = html.Span("pendulum-ident", className="brand")
     stages = html.Nav(make_navigation(STAGES[0], NO_RECORDING), id="nav", **make_aria(label="Stages"))
-    switch = make_aria(label="Switch between light and dark")
-    theme = html.Button(html.Span("Theme"), id="theme", type="button", **switch)
     story = html.Div(id="story", className="so-far", **make_aria(live="polite"))
     stage = html.Div(id="stage", tabIndex=-1)
     return html.Div(
@@ -60,11 +58,10 @@ def make_page() -> Component:
             dcc.Location(id="url", refresh=False),
             dcc.Store(id="session"),  # session id of the tab
             dcc.Store(id="version", data=0),  # version of the session that is drawn; 0 after loading
-            dcc.Store(id="theme-now"),
             dcc.Download(id="download"),
             dcc.Interval(id="poll", interval=300),  # [ms]
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
-            html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
+            html.Header(html.Div([brand, stages], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
             html.Main(
                 [story, html.Div(id="notice", role="alert"), html.Div(id="job"), show_upload(), stage], id="main"
@@ -247,10 +244,8 @@ def _connect_scripts(app: Dash) -> None:
         app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
 
     text = {"kind": "fragment", "of": MATCH}
-    theme = Input("theme-now", "data")
     in_the_page("session", Output("session", "data"), Input("url", "pathname"))
-    in_the_page("theme", Output("theme-now", "data"), Input("theme", "n_clicks"))
     plot, spec = ({"kind": kind, "of": MATCH} for kind in (PLOT, f"{PLOT}-{SPEC}"))
-    in_the_page("draw", Output(plot, "figure"), Input(spec, "data"), theme)
+    in_the_page("draw", Output(plot, "figure"), Input(spec, "data"))
     in_the_page("fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id"))
     in_the_page("reveal", Output("nav", "title"), Input("nav", "children"))

@@ -53,27 +53,6 @@
     });
   }
 
-  document.getElementById("theme").addEventListener("click", () => {
-    root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
-    try { localStorage.setItem("pendulum-ident-theme", root.dataset.theme); } catch { /* as above */ }
-    drawn.forEach(draw);
-  });
-
-  for (const table of document.querySelectorAll("table.sortable")) {
-    const value = (row, column) => row.cells[column].dataset.value ?? row.cells[column].textContent.trim();
-    for (const head of table.querySelectorAll("th:has(button)")) {
-      head.querySelector("button").addEventListener("click", () => {
-        const up = head.getAttribute("aria-sort") !== "ascending";
-        table.querySelectorAll("th").forEach((other) => other.removeAttribute("aria-sort"));
-        head.setAttribute("aria-sort", up ? "ascending" : "descending");
-        const rows = [...table.tBodies[0].rows];
-        const compare = (a, b) => (isNaN(a) || isNaN(b) ? a.localeCompare(b) : a - b);
-        rows.sort((a, b) => (up ? 1 : -1) * compare(value(a, head.cellIndex), value(b, head.cellIndex)));
-        table.tBodies[0].append(...rows);
-      });
-    }
-  }
-
   unpack().then(watch, () => {
     plots.forEach((plot) => { plot.textContent = "This browser is too old to draw the plots; all numbers are in the text and tables."; });
   });
