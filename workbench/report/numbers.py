@@ -7,13 +7,13 @@ import numpy as np
 
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
-from pendulum_env.formatting import TextTable, capitalise, format_unit
+from pendulum_env.formatting import capitalise, format_unit
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, axis, band, line
 from workbench.narrator.effects import name_effect
 from workbench.narrator.identification import list_warnings, tabulate_schemes
-from workbench.narrator.parts import Content, Key, Part
+from workbench.narrator.parts import Content, Key
 from workbench.narrator.results import narrate_errors
 from workbench.narrator.tables import tabulate_parameters
 from workbench.report.data import ReportData, Section
@@ -22,7 +22,6 @@ PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-o
 SIGMAS = 2.0  # half width of bands [standard errors]
 SETTLED = 0.25  # share of the time after which estimates set the plot's range
 FRAME = 0.6  # share of the plot's height for these estimates
-CORRELATED = 20  # largest number of parameters in a table of correlations
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 
@@ -75,8 +74,6 @@ def make_parameters(case: ReportData) -> Section:
     steps = case.diagnosis.steps
     labels = [case.first if step.added is None else f"+ {name_effect(step.added)}" for step in steps]
     final = steps[-1].model
-    single = [k for k, label in enumerate(final.estimates) if label in final.readable]  # tables are plotted
-    names = list(final.estimates)
     content: list[Any] = [
         "Value ± standard error after every step.",
         tabulate_parameters(*(step.model for step in steps), headers=labels),
@@ -89,14 +86,6 @@ def make_parameters(case: ReportData) -> Section:
             combined,
         ]
     content.append(tuple(_plot_table(term, curve, final.units(term.at)) for term, curve in final.tables.values()))
-    if (correlation := final.correlation) and len(single) <= CORRELATED:
-        rows = [
-            (names[k], *(f"{correlation[k][j]:.2f}" if j < k else "1" if j == k else "" for j in single))
-            for k in single
-        ]
-        about = "Near ±1, the data tell only a sum or a difference of the two."
-        table = TextTable(("parameter", *(names[k] for k in single)), rows)
-        content.append(Part("Correlation of the errors in the final model", [about, table], brief=False))
     return Section("parameters", "Parameters", "Parameters with standard errors", content)
 
 

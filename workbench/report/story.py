@@ -5,14 +5,12 @@ from typing import Any
 import numpy as np
 
 from estimators.diagnosis.result import Diagnosis
-from estimators.findings import Verdict
 from estimators.simulation.free_running import HORIZON
-from pendulum_env.formatting import capitalise, format_number, join_words
+from pendulum_env.formatting import format_number, join_words
 from pendulum_env.physics import Model, Term
 from workbench.figure import Figure, axis, line
 from workbench.narrator.diagnosis import describe_refit, describe_result, describe_suggestion
 from workbench.narrator.effects import name_effect
-from workbench.narrator.findings import describe_reason
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
 from workbench.narrator.results import (
@@ -31,7 +29,6 @@ def make_story(case: ReportData) -> Section:
     """Make the section with headline, key figures and next step."""
     diagnosis = case.diagnosis
     constant = diagnosis.torque_constant
-    silent = [c for c in diagnosis.candidates if c.verdict is Verdict.NOT_EXCITED]
     head = {
         "changes": list_changes(case),
         "misled": list_biased_parameters(diagnosis),
@@ -48,15 +45,8 @@ def make_story(case: ReportData) -> Section:
         *narrate_disagreements(diagnosis.disagreements),
         *narrate_unexplained(diagnosis),
         *narrate_next_step(diagnosis),
-        Part(
-            f"{len(silent)} effect{'s' * (len(silent) > 1)} could not be judged from these data",
-            [tuple(f"{capitalise(name_effect(one.effect))}: {describe_reason(one)}" for one in silent)],
-            brief=False,
-        ),
     ]
-    return Section(
-        "story", "Result", describe_result(diagnosis), [head, *(part for part in parts if any(part.content))]
-    )
+    return Section("story", "Result", describe_result(diagnosis), [head, *parts])
 
 
 def make_joints(case: ReportData) -> Section:
