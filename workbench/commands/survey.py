@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     settings, found = Settings.from_arguments(arguments), find_recordings(folder, arguments)
     start = open_local_workers if arguments.scheduler is None else lambda _: open_cluster(arguments.scheduler)
     counts = []
-    with terminal.progress("diagnosing", timed=True) as progress:
+    with terminal.progress("diagnosing") as progress:
 
         def show_progress(done: int, total: int) -> None:
             counts.append(done)
