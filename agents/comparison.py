@@ -14,7 +14,7 @@ import numpy as np
 from agents.baselines import BASELINE, RANDOM
 from agents.contenders import make_baselines as make_baselines
 from agents.contenders import make_contender
-from agents.evaluation import ACCURACIES, REPORT_TIMES, SCHEME, SEED_OFFSET, Outcome, evaluate_policy
+from agents.evaluation import ACCURACIES, REPORT_TIMES, SEED_OFFSET, Outcome, evaluate_policy
 from agents.observer import N_PARAMETERS
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import JSON, Array
@@ -101,6 +101,7 @@ def compare_policies(
     spread: float = 0.3,
     max_speed: float | None = None,
     max_turns: float | None = None,
+    scheme: str = "filtered_dynamic",
     executor: Executor | None = None,
     progress: Progress = no_progress,
 ) -> PolicyComparison:
@@ -127,6 +128,7 @@ def compare_policies(
         spread: relative half width within which the parameters of the plants are drawn.
         max_speed: speed above which no torque accelerates the arm [rad/s].
         max_turns: turns to either side above which no torque drives the arm outwards.
+        scheme: of the estimator.
         executor: pool of processes; policies are pickled. None uses this process.
         progress: called with the name of a policy and the share of the work.
 
@@ -154,7 +156,7 @@ def compare_policies(
     limits = {"max_speed": max_speed, "max_turns": max_turns}
     task: dict[str, float] = {"spread": spread} | {name: limit for name, limit in limits.items() if limit is not None}
     sizes = [min(PLANTS_PER_JOB, plants - first) for first in range(0, plants, PLANTS_PER_JOB)]
-    setting: dict[str, Any] = {"effects": list_effects(effects), "task": task}
+    setting: dict[str, Any] = {"effects": list_effects(effects), "task": task, "scheme_id": scheme}
     jobs = [
         partial(evaluate_policy, make, constraint, size, seed=seed + 4 * SEED_OFFSET * part, **setting)
         for make in contenders.values()
@@ -167,7 +169,7 @@ def compare_policies(
         done.append(outcome)
         progress(names[(len(done) - 1) // count], len(done) / len(jobs))
     outcomes = {name: Outcome.join(done[k * count : (k + 1) * count]) for k, name in enumerate(names)}
-    settings: dict[str, object] = {"constraint": constraint, "plants": plants, "seed": seed, "scheme": SCHEME}
+    settings: dict[str, object] = {"constraint": constraint, "plants": plants, "seed": seed, "scheme": scheme}
     settings |= {"effects": [*setting["effects"]], "spread": spread, **limits}
     return PolicyComparison(outcomes, settings)
 

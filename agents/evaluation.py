@@ -28,7 +28,6 @@ from pendulum_env.policy import State
 
 REPORT_TIMES = (2.0, 5.0, 10.0)  # [s] at which errors are compared
 ACCURACIES = (0.01, 0.003)  # bounds of the relative errors of all parameters
-SCHEME = "filtered_dynamic"  # of the estimator
 SEED_OFFSET = 2**20  # added to seeds, so that no training has drawn the plants
 
 
@@ -84,6 +83,7 @@ def evaluate_policy(
     seed: int = 0,
     effects: Sequence[str] = (),
     task: Mapping[str, float] | None = None,
+    scheme_id: str = "filtered_dynamic",
 ) -> Outcome:
     """Excite new plants for 10 s with a policy, and estimate their parameters online at 1 kHz.
 
@@ -92,7 +92,7 @@ def evaluate_policy(
     """
     policy = contender(seed)
     env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **(task or {}))  # type: ignore[arg-type]
-    estimator = OnlineEstimator(RATE, BASE, [scheme(SCHEME)], batch=plants, counts=COUNTS)
+    estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants, counts=COUNTS)
     observation, info = env.reset(seed=SEED_OFFSET + seed)
     truth = np.stack([info["plant"][name] for name in PAPER], axis=1)
     estimator.take(np.zeros(plants), info["positions"][:, 0], np.zeros(plants))
