@@ -6,10 +6,10 @@ import numpy as np
 
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
-from pendulum_env.formatting import format_number, join_words
+from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.physics import Model, Term
 from workbench.figure import Figure, axis, line
-from workbench.narrator.diagnosis import describe_refit, describe_result, describe_suggestion
+from workbench.narrator.diagnosis import describe_errors, describe_refit, describe_result, describe_suggestion
 from workbench.narrator.effects import name_effect
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
@@ -30,15 +30,13 @@ def make_story(case: ReportData) -> Section:
     diagnosis = case.diagnosis
     constant = diagnosis.torque_constant
     head = {
+        "lead": f"{capitalise(describe_errors(diagnosis))}.",
         "changes": list_changes(case),
         "misled": list_biased_parameters(diagnosis),
         "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
-        "unexplained": diagnosis.unexplained,
         "noise_floor": diagnosis.noise_floor,
         "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
-        "candidates": len(diagnosis.candidates),
-        "held_out": describe_held_out(case),
         "torque_constant": constant.text if constant is not None else None,
     }
     parts = [
@@ -122,13 +120,6 @@ def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
         "parameters": {name: named[name].shown for name in names},
         "rivals": [id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:]],
     }
-
-
-def describe_held_out(case: ReportData) -> str:
-    """Name the held-out data."""
-    if not case.data.holdout:
-        return "the last 30 % of each recording, which no parameter was fitted to"
-    return f"held-out data that no parameter was fitted to ({join_words([r.name for r in case.data.holdout])})"
 
 
 def make_candidates(case: ReportData) -> Section:

@@ -44,11 +44,10 @@ def show(session: Session) -> list[Component]:
     )
     if found is None:
         return [*show_timing(state), search]
-    kind = "story found" if state.result.selected else "story"
     make = make_story if state.robot is None else make_joints
     result = make(ReportData(state.result))
     return [
-        make_panel("What was found", *show_section(result), className=kind),
+        make_panel("What was found", *show_section(result), className="story"),
         *show_timing(state),
         make_panel(
             "Ranking",
