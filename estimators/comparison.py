@@ -24,7 +24,7 @@ from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 
-SHOWN = 6  # largest number of regions where a model fails, of all joints together
+MAX_REGIONS = 6  # largest number of regions where a model fails, of all joints together
 
 
 def compute_distance(name: str, data: RegressionData, model: Model, loop: LoopMotion) -> Distance:
@@ -69,7 +69,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     residual = joined.residual(model.terms, model.theta)
     fits = fit_each_recording([joined.data], model.terms) if separate and not joint.errors.is_in_loop else []
     has_torque = any(recording.has_logged_torque for recording in recordings)
-    n_regions = max(1, SHOWN // len(joint.floors))
+    n_regions = max(1, MAX_REGIONS // len(joint.floors))
     return Comparison(
         model,
         tuple(

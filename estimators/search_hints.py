@@ -70,7 +70,7 @@ def _spread(parameter: NonlinearParameter, count: int, x: Samples) -> list[float
     return values
 
 
-def _always(term: Any, x: Samples) -> bool:
+def _accept_all(term: Any, x: Samples) -> bool:
     return True
 
 
@@ -91,7 +91,7 @@ class SearchHints:
 
     grid: Grid = make_grid_over_bounds
     n_tried: Callable[[type[Any], Samples, Array], int] | None = None
-    is_possible: Callable[[Any, Samples], bool] = _always
+    is_possible: Callable[[Any, Samples], bool] = _accept_all
     alternative_starts: Mapping[str, float] = field(default_factory=dict)
     multimodal: str = ""
     profiled: str = ""

@@ -7,8 +7,8 @@ import scipy
 
 from pendulum_env._typing import Array, Index
 
-FEWEST = 4  # least number of estimates of a trend, with two degrees of freedom beyond a line or step
-N_BESIDE = 2  # least number of estimates on either side of a jump; a single estimate may be an outlier
+MIN_ESTIMATES = 4  # least number of estimates of a trend, with two degrees of freedom beyond a line or step
+MIN_PER_SIDE = 2  # least number of estimates on either side of a jump; a single estimate may be an outlier
 CONFIDENCE = 0.95  # level of the interval of a drift
 
 
@@ -57,13 +57,13 @@ def fit_trend(time: Array, value: Array, std: Array) -> Trend:
     Source: Sen, Journal of the American Statistical Association 63, 1968; Paule and Mandel, Journal of Research of the
     National Bureau of Standards 87(5), 1982; Bevington and Robinson, Data Reduction and Error Analysis, chapter 11.
     """
-    if len(time) < FEWEST or np.ptp(time) == 0:
+    if len(time) < MIN_ESTIMATES or np.ptp(time) == 0:
         return Trend()
     order = np.argsort(time, kind="stable")
     t, x, variance = time[order], value[order], std[order] ** 2
     drift, _, low, high = map(float, scipy.stats.theilslopes(x, t, CONFIDENCE))
     steps = 1 + np.flatnonzero(np.diff(t) > 0)
-    steps = steps[(steps >= N_BESIDE) & (steps <= len(t) - N_BESIDE)]
+    steps = steps[(steps >= MIN_PER_SIDE) & (steps <= len(t) - MIN_PER_SIDE)]
     fits = _fit_changes(t, x, 1 / (variance + estimate_scatter_variance(x, variance)), steps)
     white_fits = _fit_changes(t, x, 1 / variance, steps)  # scatter by standard errors alone
     best, freedom = int(np.argmax(fits.gains)), len(t) - 2

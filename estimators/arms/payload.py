@@ -36,10 +36,10 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording
 
-HIDDEN = 1e-6  # largest share of a determined parameter in directions that no motion of the joints shows
+MAX_HIDDEN_SHARE = 1e-6  # largest share of a determined parameter in directions that no motion of the joints shows
 MIN_Z_SCORE = 5.0  # least mass or first moment of a significant payload [standard errors]
 MAX_SHARE = 0.5  # largest residual torque with a significant payload, relative to that without it
-GAP = 0.25  # least difference of the masses of two payloads, relative to the range of all masses
+MIN_MASS_GAP = 0.25  # least difference of the masses of two payloads, relative to the range of all masses
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Payload:
         return tuple(name for name in STANDARD if name not in self.estimates)
 
     @property
-    def stands_out(self) -> bool:
+    def is_significant(self) -> bool:
         """Return whether the mass or a first moment is significant, and the payload halves the residual of two joints.
 
         The motion may determine the first moments better than the mass.
@@ -117,13 +117,13 @@ def find_payload(
     return PayloadRows.from_parts(parts, model.terms, joint).fit(group, None if without else model)[0][0]
 
 
-def find_carried(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[tuple[Payload, tuple[int, ...]]]:
+def detect_payloads(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[tuple[Payload, tuple[int, ...]]]:
     """Identify the payloads that an arm carries at its last link in some of its recordings.
 
     Each recording is first fitted with a separate payload, relative to the first recording. Sorted masses are split
-    into groups at differences above `GAP`. The group without payload is the lightest, or the heaviest if masses are
-    uncertain. Both groupings are fitted with possible bodies. The grouping with a significant payload and the lower
-    residual is chosen.
+    into groups at differences above `MIN_MASS_GAP`. The group without payload is the lightest, or the heaviest if
+    masses are uncertain. Both groupings are fitted with possible bodies. The grouping with a significant payload and
+    the lower residual is chosen.
 
     Returns:
         The significant payloads, with the numbers of the recordings of each; none if the motion does not determine the
@@ -131,11 +131,11 @@ def find_carried(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[
     """
     count = sum(len({w.run for w in part.windows}) for part in parts)
     rows = PayloadRows.from_parts(parts, terms, find_links(terms).joints[-1])
-    if count < 2 or "m" not in rows.shown:
+    if count < 2 or "m" not in rows.determined:
         return []
     mass = np.append(0.0, rows.estimate_masses(count))
     order = np.argsort(mass)
-    groups = np.append(0, np.cumsum(np.diff(mass[order]) > GAP * np.ptp(mass)))
+    groups = np.append(0, np.cumsum(np.diff(mass[order]) > MIN_MASS_GAP * np.ptp(mass)))
     group_of_recording = np.empty((2, count), dtype=np.intp)
     group_of_recording[:, order] = groups, groups[-1] - groups
     fits = [(rows.fit(grouping.tolist()), grouping) for grouping in group_of_recording]
@@ -144,7 +144,7 @@ def find_carried(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[
         carried = [
             (payload, tuple(np.flatnonzero(grouping == k + 1).tolist()))
             for k, payload in enumerate(payloads)
-            if payload.stands_out
+            if payload.is_significant
         ]
         candidates.append((not carried, round(residual, 6), carried))  # rounding differs; a possible body first
     return min(candidates, key=lambda candidate: candidate[:2])[2]
@@ -158,8 +158,8 @@ class PayloadRows(NamedTuple):
         joint: joint in front of the link.
         terms: terms of the model.
         equations: equations of the model's parameters.
-        of_friction: indices of the columns of friction (P,).
-        number: number of the joint in each row (R,).
+        friction_columns: indices of the columns of friction (P,).
+        row_joint: number of the joint in each row (R,).
         recording: number of the recording in each row (R,).
         clusters: block of time of each row (R,).
     """
@@ -168,15 +168,15 @@ class PayloadRows(NamedTuple):
     joint: str
     terms: Sequence[Term]
     equations: Equations
-    of_friction: Index
-    number: Index
+    friction_columns: Index
+    row_joint: Index
     recording: Index
     clusters: Index
 
     @classmethod
     def from_parts(cls, parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str) -> PayloadRows:
         """Join the rows of parts, linearised at their fit; numbers of recordings and clusters continue over parts."""
-        phi, y, number, recording, clusters = [], [], [], [], []
+        phi, y, row_joint, recording, clusters = [], [], [], [], []
         body, n_recordings, n_clusters = find_links(terms), 0, 0
         for data in parts:
             tangent = TorqueRows(data).equations(terms).linearise()
@@ -185,25 +185,25 @@ class PayloadRows(NamedTuple):
             runs = np.array([w.run for w in data.windows], dtype=np.intp)
             joints = np.array([body.joints.index(w.at) for w in data.windows], dtype=np.intp)
             recording.append(n_recordings + runs[data.recording_of_window])
-            number.append(joints[data.recording_of_window])
+            row_joint.append(joints[data.recording_of_window])
             clusters.append(n_clusters + data.clusters)
             n_recordings, n_clusters = n_recordings + int(runs.max()) + 1, n_clusters + int(data.clusters.max()) + 1
         is_friction = np.repeat([term.kind == "dissipative" for term in terms], [len(term.columns) for term in terms])
         equations = Equations(np.concatenate(phi), np.concatenate(y))
-        indices = (np.concatenate(series) for series in (number, recording, clusters))
+        indices = (np.concatenate(series) for series in (row_joint, recording, clusters))
         return cls(body, joint, terms, equations, np.flatnonzero(is_friction), *indices)
 
     @property
     def basis(self) -> Array:
         """Orthonormal basis (10, S) of the parameters of a link that the motion of the joints determines."""
-        unseen = scipy.linalg.null_space(self.body.link_columns(self.joint), rcond=HIDDEN)
+        unseen = scipy.linalg.null_space(self.body.link_columns(self.joint), rcond=MAX_HIDDEN_SHARE)
         return np.asarray(scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(STANDARD)))
 
     @property
-    def shown(self) -> tuple[str, ...]:
+    def determined(self) -> tuple[str, ...]:
         """Names of the parameters of a link that the motion of the joints determines."""
         length = np.linalg.norm(self.basis, axis=1)
-        return tuple(name for name, norm in zip(STANDARD, length, strict=True) if 1 - norm < HIDDEN)
+        return tuple(name for name, norm in zip(STANDARD, length, strict=True) if 1 - norm < MAX_HIDDEN_SHARE)
 
     def _build_columns(self, group: Sequence[int], model: Model | None) -> tuple[Array, list[Array], Array]:
         """Return the columns of the arm, those of the payload of each group from 1, and the torque (R,).
@@ -214,8 +214,8 @@ class PayloadRows(NamedTuple):
         group_of_row, phi, y = np.asarray(group)[self.recording], self.equations.phi, self.equations.y
         count = len(self.body.base)
         link = phi[:, :count] @ (self.body.link_columns(self.joint) @ self.basis)
-        shared = np.setdiff1d(np.arange(phi.shape[1]), self.of_friction)
-        friction = [phi[:, self.of_friction] * (group_of_row == k)[:, None] for k in range(max(group) + 1)]
+        shared = np.setdiff1d(np.arange(phi.shape[1]), self.friction_columns)
+        friction = [phi[:, self.friction_columns] * (group_of_row == k)[:, None] for k in range(max(group) + 1)]
         if model is None:
             known = [phi[:, shared], *friction]
         else:
@@ -226,7 +226,7 @@ class PayloadRows(NamedTuple):
         """Estimate the masses of all recordings except the first, relative to the first (count - 1,) [kg]."""
         known, carried, y = self._build_columns(range(count), None)
         phi = np.column_stack([known, *carried])
-        w = weigh_joints(Equations(phi, y), self.number)
+        w = weigh_joints(Equations(phi, y), self.row_joint)
         theta = solve_least_squares(phi * w[:, None], y * w)[known.shape[1] :]
         return np.asarray(theta.reshape(count - 1, -1) @ self.basis[STANDARD.index("m")])
 
@@ -242,9 +242,10 @@ class PayloadRows(NamedTuple):
         if not all(columns.any() for columns in carried):
             raise IdentificationError("too little motion clear of reversals to tell a payload: record longer")
         clusters = np.unique(self.clusters, return_inverse=True)[1]
-        weights = [weigh_joints(Equations(phi, y), self.number) for phi in (known, np.column_stack([known, *carried]))]
-        without_payload = solve(Equations(known, y), weights[0], clusters)
-        free = solve(Equations(np.column_stack([known, *carried]), y), weights[1], clusters)
+        designs = known, np.column_stack([known, *carried])
+        weights = [weigh_joints(Equations(phi, y), self.row_joint) for phi in designs]
+        pairs = zip(designs, weights, strict=True)
+        without_payload, free = (solve(Equations(phi, y), w, clusters) for phi, w in pairs)
         width, payloads, remaining_y = self.basis.shape[1], [], y
         values = free.theta[known.shape[1] :].reshape(len(carried), width)
         for k, columns in enumerate(carried):
@@ -259,8 +260,8 @@ class PayloadRows(NamedTuple):
         for k in range(len(carried)):
             place = slice(known.shape[1] + k * width, known.shape[1] + (k + 1) * width)
             covariance = self.basis @ free.covariance[place, place] @ self.basis.T
-            carries = np.asarray(group)[self.recording] == k + 1
-            torque_rms = _compute_torque_rms(self.body.joints, np.where(carries, self.number, -1), without_payload, fit)
+            row_joint = np.where(np.asarray(group)[self.recording] == k + 1, self.row_joint, -1)
+            torque_rms = _compute_torque_rms(self.body.joints, row_joint, without_payload, fit)
             payloads.append(
                 self._make_payload(self.basis @ values[k], self.basis @ free.theta[place], covariance, torque_rms)
             )
@@ -271,12 +272,12 @@ class PayloadRows(NamedTuple):
     ) -> Payload:
         """Build the payload from its parameters (10,), in `STANDARD` order.
 
-        `physical` is the nearest possible body if all ten are shown, else the free fit. `free` and `covariance` (10,
+        `physical` is the nearest possible body if all are determined, else the free fit. `free` and `covariance` (10,
         10) belong to the free fit. `torque_rms` maps joints to RMS residual torque without and with the payload [N m].
         """
         std, units = np.sqrt(np.diag(covariance)), (self.body.get_unit(f"{name}@{self.joint}") for name in STANDARD)
         named_estimates = zip(STANDARD, map(Estimate, physical.tolist(), std.tolist(), units), strict=True)
-        estimates = {name: estimate for name, estimate in named_estimates if name in self.shown}
+        estimates = {name: estimate for name, estimate in named_estimates if name in self.determined}
         center = _compute_center(physical, covariance)
         center = {axis: estimate for axis, estimate in center.items() if {"m", f"m{axis}"} <= estimates.keys()}
         exists = _is_possible(free, covariance) if len(estimates) == len(STANDARD) else None
@@ -284,13 +285,13 @@ class PayloadRows(NamedTuple):
 
 
 def _compute_torque_rms(
-    joints: Sequence[str], number: Index, before: Fit, after: Fit
+    joints: Sequence[str], row_joint: Index, before: Fit, after: Fit
 ) -> dict[str, tuple[float, float]]:
     """Return the RMS residual torque of two fits by joint [N m]; joints without rows are left out.
 
-    `number` is the joint of each row (R,), -1 for excluded rows.
+    `row_joint` is the joint of each row (R,), -1 for excluded rows.
     """
-    rows = {name: number == n for n, name in enumerate(joints)}
+    rows = {name: row_joint == n for n, name in enumerate(joints)}
     return {
         name: (
             float(np.sqrt(np.mean(before.residual[in_joint] ** 2))),

@@ -35,24 +35,24 @@ class ChannelSettings:
 
     reach: float = 0.05  # [s], largest delay and lag of a search
     starts: int = 51  # number of delays; a search starts from the best
-    sure: float = 4.0  # standard errors of a significant estimate
-    clearer: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a significant gain
+    z_limit: float = 4.0  # standard errors of a significant estimate
+    gain_limit: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a significant gain
     p_value: float = Criterion.p_value  # of the F-test that additional columns explain more
-    by_chance: float = float(np.log(2 * reach / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
+    chance_gain: float = float(np.log(2 * reach / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
     error_margin: float = Criterion.error_margin  # share by which errors differ by chance
     kept_inertia: float = Criterion.kept_inertia  # least inertia with a late action, relative to that without
-    fewest_equations: int = 3  # equations for each column
-    friction: tuple[float, ...] = (0.02, 0.1, 0.5)  # Stribeck velocities of friction columns, of the highest velocity
+    min_equations: int = 3  # least number of equations for each column
+    stribeck_shares: tuple[float, ...] = (0.02, 0.1, 0.5)  # Stribeck velocities of friction columns, of the highest
     orders: int = 48  # largest order of the sines of the angle
-    bends: int = 3  # iterations of columns that depend on the fitted torque
-    nearby: float = 1e-4  # [s], difference for derivatives
+    torque_iterations: int = 3  # iterations of columns that depend on the fitted torque
+    difference: float = 1e-4  # [s], difference for derivatives
     negligible: float = 0.1  # of a sample, accuracy of clocks and of the steps of simulators
     least_sampled: float = 0.25  # of a sample, apparent delay of torque that a controller sets twice a sample
-    between: int = 4  # least number of recordings for a standard error from their scatter
-    fewest_stretches: int = 3  # least number of stretches for a standard error from their scatter
+    min_recordings: int = 4  # least number of recordings for a standard error from their scatter
+    min_stretches: int = 3  # least number of stretches for a standard error from their scatter
 
 
-SEARCH = ChannelSettings()
+CHANNEL = ChannelSettings()
 
 
 @dataclass(frozen=True)
@@ -104,10 +104,10 @@ class Alignment:
         `by_chance` is a gain that counts as zero [nat].
         """
         gain = self.density - other.density
-        if gain.shape[1] < SEARCH.fewest_stretches:
+        if gain.shape[1] < CHANNEL.min_stretches:
             return False
         spread = np.sqrt(gain.shape[1]) * gain.std(axis=1)
-        return bool((gain.sum(axis=1) - by_chance > SEARCH.clearer * spread).all())
+        return bool((gain.sum(axis=1) - by_chance > CHANNEL.gain_limit * spread).all())
 
     def predicts_better(self, other: Alignment) -> bool:
         """Return whether it predicts better, significantly or not."""
@@ -117,11 +117,11 @@ class Alignment:
     def is_significant(self) -> bool:
         """Return whether each parameter differs significantly from zero, and lies inside the search range."""
         pairs = ((self.delay, self.delay_std), (self.lag, self.lag_std))
-        return all(SEARCH.sure * std < abs(value) < SEARCH.reach for value, std in pairs if std > 0)
+        return all(CHANNEL.z_limit * std < abs(value) < CHANNEL.reach for value, std in pairs if std > 0)
 
     def is_supported(self, none: Alignment) -> bool:
         """Return whether it predicts significantly better than no shift, with significant parameters."""
-        return self.is_significant and self.beats(none, SEARCH.by_chance)
+        return self.is_significant and self.beats(none, CHANNEL.chance_gain)
 
     def agrees(self, other: Alignment) -> bool:
         """Return whether delay plus lag agree with those of another alignment within their errors."""
@@ -129,7 +129,7 @@ class Alignment:
             return True
         difference = self.delay + self.lag - other.delay - other.lag
         std = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
-        return bool(abs(difference) <= SEARCH.sure * std)
+        return bool(abs(difference) <= CHANNEL.z_limit * std)
 
     def apply(self, recording: Recording, later: float = 0.0, slower: float = 0.0) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.

@@ -23,10 +23,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import fdtrc
 
-from estimators.checks.alignment import NO_ALIGNMENT, SEARCH, Alignment
+from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment
 from estimators.checks.channel_rows import (
-    MOTOR,
-    SENSE,
+    FRICTION_SLOPE,
+    MOTOR_FRICTION,
     ChannelRows,
     list_torque_dependent,
     make_angle_columns,
@@ -34,7 +34,7 @@ from estimators.checks.channel_rows import (
 )
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.regression.balance import Balance, place_columns
-from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, StopRule, choose_least, gauss_newton
 from estimators.regression.least_squares import IdentificationError, project_out, solve_least_squares
 from estimators.selection.score import cross_validate_density
 from estimators.signals.channel import Channel
@@ -42,7 +42,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.recording import NEWTON_METRE, Recording
 
-DESCENT = Rule(turns=20, dampings=(0.0, 1.0, 10.0), of_cost=1e-9)
+DESCENT = StopRule(iterations=20, dampings=(0.0, 1.0, 10.0), of_cost=1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,20 +60,20 @@ class ChannelFits(ChannelRows):
     torques: dict[Channel, Array] = field(default_factory=dict)
 
     @classmethod
-    def from_recordings(cls, recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> ChannelFits | None:
+    def from_recordings(cls, recordings: Sequence[Recording], terms: Sequence[Term] = ()) -> ChannelFits | None:
         """Prepare fits of recordings; None if too few rows are far enough from the ends of segments.
 
         Args:
             recordings: with known torque. The joints of an arm share one law of the channel.
-            beside: effects of the joint; for an arm all terms of the model, the links first.
+            terms: effects of the joint; for an arm all terms of the model, the links first.
 
         Raises:
             IdentificationError: if too little of the motion is clear of stick.
         """
-        rows = make_channel_rows(recordings, beside)
+        rows = make_channel_rows(recordings, terms)
         if rows is None:
             return None
-        of_torque = list_torque_dependent(beside)
+        of_torque = list_torque_dependent(terms)
         fits = cls(**vars(rows), by_torque=np.zeros_like(rows.phi))
         return fits.with_columns_of_torque(partial(fits._compute_torque_columns, of_torque)) if of_torque else fits
 
@@ -101,18 +101,19 @@ class ChannelFits(ChannelRows):
     def with_motor_friction(self) -> ChannelFits:
         """Return the fits with friction that depends on the motor torque."""
         parts = [
-            self.data.averages.column(column, self.data.averages.samples)[self.rows, None] for column in (MOTOR, SENSE)
+            self.data.averages.column(column, self.data.averages.samples)[self.rows, None]
+            for column in (MOTOR_FRICTION, FRICTION_SLOPE)
         ]
         return self.with_columns(*parts)
 
     def with_columns_of_torque(self, columns: Callable[[Array], Array]) -> ChannelFits:
         """Return the fits with columns (R, P) that are a function of the fitted torque (R,) [N m].
 
-        The torque is that with the delay `start`. Each of `SEARCH.bends` iterations replaces the columns by those of
+        The torque is that with the delay `start`. Each of `CHANNEL.torque_iterations` replaces the columns by those of
         the last fit.
         """
         torque, weights, fits = self.torque(self.channel(self.start)), self.data.weights[self.rows], self
-        for _ in range(SEARCH.bends):
+        for _ in range(CHANNEL.torque_iterations):
             fitted = (torque - fits.residual(torque)) / weights + self.carried[self.rows]
             fits = self.with_columns(columns(fitted))
         return fits
@@ -135,7 +136,7 @@ class ChannelFits(ChannelRows):
         return np.column_stack([self.data.columns([term])[0][0] for term in BASE])[self.rows]
 
     def keeps_inertia(self, law: Alignment) -> bool:
-        """Return whether the inertia of the base model stays above `SEARCH.kept_inertia` of itself under a law.
+        """Return whether the inertia of the base model stays above `CHANNEL.kept_inertia` of itself under a law.
 
         The speed of a joint with inertia J and viscous friction b follows torque with the lag J/b. A late action can
         imitate this inertia.
@@ -144,11 +145,11 @@ class ChannelFits(ChannelRows):
         logged, corrected = (
             solve_least_squares(columns, self.torque(channel))[0] for channel in (Channel(), law.channel)
         )
-        return bool(corrected >= SEARCH.kept_inertia * logged)
+        return bool(corrected >= CHANNEL.kept_inertia * logged)
 
     def with_angle_columns(self) -> ChannelFits:
         """Return the fits with columns of cogging of all orders for which the equations suffice."""
-        count = (len(self.rows) // SEARCH.fewest_equations - self.phi.shape[1]) // 2
+        count = (len(self.rows) // CHANNEL.min_equations - self.phi.shape[1]) // 2
         return self if count < 1 else self.with_columns(make_angle_columns(self.data, count)[self.rows])
 
     @cached_property
@@ -168,8 +169,8 @@ class ChannelFits(ChannelRows):
 
     @cached_property
     def start(self) -> Array:
-        """Return delay and shift (2,), see `channel`: the best of `SEARCH.starts` delays without a filter."""
-        delays = SEARCH.reach * np.linspace(-1.0, 1.0, SEARCH.starts)
+        """Return delay and shift (2,), see `channel`: the best of `CHANNEL.starts` delays without a filter."""
+        delays = CHANNEL.reach * np.linspace(-1.0, 1.0, CHANNEL.starts)
         return min(np.outer(delays, [1.0, 0.0]), key=lambda x: float(np.linalg.norm(self.misfit(x))))
 
     def select_most_precise(self) -> ChannelFits:
@@ -221,25 +222,25 @@ class ChannelFits(ChannelRows):
     def slopes(self, x: Array, directions: Array) -> Array:
         """Compute derivatives (R, F) of the torque along directions (F, 2)."""
         pairs = [
-            [self.torque(self.channel(x + sign * SEARCH.nearby * direction)) for sign in (1, -1)]
+            [self.torque(self.channel(x + sign * CHANNEL.difference * direction)) for sign in (1, -1)]
             for direction in directions
         ]
-        derivatives = [(after - before) / (2 * SEARCH.nearby) for after, before in pairs]
+        derivatives = [(after - before) / (2 * CHANNEL.difference) for after, before in pairs]
         return np.reshape(derivatives, (len(directions), len(self.rows))).T
 
-    def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -SEARCH.reach) -> Alignment:
+    def fit(self, starts: Iterable[Array], free: Sequence[int] = (), low: float = -CHANNEL.reach) -> Alignment:
         """Fit the law from the best start.
 
         Args:
             starts: delay and shift (2,) each [s], see `channel`.
             free: indices of the fitted parameters, 0 for the delay and 1 for the shift; the others stay at the start.
-            low: lower limit of delay and shift [s]; the upper limit is `SEARCH.reach`.
+            low: lower limit of delay and shift [s]; the upper limit is `CHANNEL.reach`.
         """
-        clipped = (np.clip(start, low, SEARCH.reach) for start in starts)
+        clipped = (np.clip(start, low, CHANNEL.reach) for start in starts)
         x = min(clipped, key=lambda start: float(np.linalg.norm(self.misfit(start))))
         directions = np.eye(2)[list(free)]
         if free:
-            lower, upper = low - directions @ x, SEARCH.reach - directions @ x
+            lower, upper = low - directions @ x, CHANNEL.reach - directions @ x
 
             def linearise(place: Array) -> LocalErrors[Array]:
                 error = self.misfit(x + place @ directions)
@@ -278,7 +279,10 @@ class ChannelFits(ChannelRows):
         lag = self.fit([np.array([0.0, share * delay_time]) for share in (0.5, 1.0, 1.5)], (1,))
         if not delay.is_supported(none) or self.is_negligible(delay_time):  # a filter also shows as a delay
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
-            stds = max(delay.delay_std, abs(delay_time) / SEARCH.sure), max(lag.lag_std, abs(lag.lag) / SEARCH.sure)
+            stds = (
+                max(delay.delay_std, abs(delay_time) / CHANNEL.z_limit),
+                max(lag.lag_std, abs(lag.lag) / CHANNEL.z_limit),
+            )
             return replace(none, delay_std=stds[0], lag_std=stds[1])
         if delay_time > 0:
             delay_and_lag = self.fit(
@@ -301,7 +305,7 @@ class ChannelFits(ChannelRows):
         exactness = self.data.compute_numerical_error() * float(np.linalg.norm(self.data.weights[self.rows]))
         errors = [np.linalg.norm(self.misfit(np.array([shift, 0.0]))) for shift in (0.0, delay)]
         before, after = np.hypot(errors, exactness)
-        return bool(abs(delay) < SEARCH.negligible * self.period and after > (1 - SEARCH.error_margin) * before)
+        return bool(abs(delay) < CHANNEL.negligible * self.period and after > (1 - CHANNEL.error_margin) * before)
 
     def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""
@@ -315,11 +319,11 @@ class ChannelFits(ChannelRows):
             return False
         large, small = (float(np.sum(fit.residual(fit.torque(law.channel)) ** 2)) for fit in (fits, self))
         ratio = (large - small) / more / max(small / freedom, 1e-300)
-        return bool(fdtrc(more, freedom, ratio) < SEARCH.p_value)
+        return bool(fdtrc(more, freedom, ratio) < CHANNEL.p_value)
 
     def compute_noise_gain(self, channel: Channel) -> float:
         """Compute the largest ratio of white noise in the windows with and without the inverse filter."""
-        factors, reach = [], int(np.ceil(5 * SEARCH.reach / self.period))
+        factors, reach = [], int(np.ceil(5 * CHANNEL.reach / self.period))
         impulse = np.eye(1, 2 * reach + 1, reach)[0]
         for w in self.data.windows:
             laws, period = (replace(channel, delay=0.0), Channel()), 1.0 / w.recording.rate
@@ -339,17 +343,17 @@ def _move_within(place: Array, step: Array, lower: Array, upper: Array) -> Array
     return np.asarray(np.clip(place + share * step, lower, upper))
 
 
-def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = ()) -> Alignment:
+def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = ()) -> Alignment:
     """Estimate delay and lag of the torque channel that all recordings share.
 
     Args:
         recordings: one or more.
-        beside: effects of the joint with nonlinear parameters set, fitted together with the law. Saturation and other
+        terms: effects of the joint with nonlinear parameters set, fitted together with the law. Saturation and other
             laws of the present torque without parameters are applied to it. Laws that delay the torque are left out,
             because they compete with the law of the channel.
 
-    A law is reported if its delay or lag is `SEARCH.sure` standard errors from zero, and if it predicts held-out
-    seconds significantly better. A delay below `SEARCH.negligible` of a sample counts as zero if torque is predicted
+    A law is reported if its delay or lag is `CHANNEL.z_limit` standard errors from zero, and if it predicts held-out
+    seconds significantly better. A delay below `CHANNEL.negligible` of a sample counts as zero if torque is predicted
     equally without it. A filter is distinguished from a delay if it predicts significantly better; else both are
     reported.
 
@@ -366,10 +370,10 @@ def align(recordings: Recording | Sequence[Recording], beside: Sequence[Term] = 
         of a closed loop is not noise, if a delay replaces the inertia, or if a drive requested the torque.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
-    recordings = [_apply_torque_laws(recording, beside) for recording in recordings]
+    recordings = [_apply_torque_laws(recording, terms) for recording in recordings]
     is_logged = any(r.torque.any() for r in recordings) and all(r.has_logged_torque for r in recordings)
     try:
-        fits = ChannelFits.from_recordings(recordings, beside) if is_logged else None
+        fits = ChannelFits.from_recordings(recordings, terms) if is_logged else None
     except IdentificationError:
         fits = None
     if fits is None:
@@ -410,9 +414,9 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
         return replace(half, delay_std=free.delay_std, is_half_sample=True) if is_half else law
     sampled_law = sampled.select_law()
     late, late_std = (law.delay + law.lag) / fits.period, (law.delay_std + law.lag_std) / fits.period
-    if late + SEARCH.sure * late_std < SEARCH.least_sampled:
+    if late + CHANNEL.z_limit * late_std < CHANNEL.least_sampled:
         return law
-    is_usual = late < 0.5 + SEARCH.sure * late_std
+    is_usual = late < 0.5 + CHANNEL.z_limit * late_std
     is_sampled = not law.beats(sampled_law) if is_usual else sampled_law.beats(law)
     if not (is_sampled and sampled_law.is_late):
         return law
@@ -421,7 +425,7 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     return replace(sampled_law, rival=None)
 
 
-def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> list[Alignment]:
+def align_each(recordings: Sequence[Recording], terms: Sequence[Term] = ()) -> list[Alignment]:
     """Align all recordings together, or separately if they differ; see `align`.
 
     All recordings have the same drive and log. The law of all, or of one recording, holds for all if more than half
@@ -432,11 +436,11 @@ def align_each(recordings: Sequence[Recording], beside: Sequence[Term] = ()) -> 
     Returns:
         The alignment of each recording, in order.
     """
-    joint = align(recordings, beside)
+    joint = align(recordings, terms)
     is_closed = all(find_feedback([recording]) for recording in recordings)
     if len(recordings) == 1 or (is_closed and np.isfinite(joint.delay_std)):
         return [joint] * len(recordings)
-    separate_laws = [align([recording], beside) for recording in recordings]
+    separate_laws = [align([recording], terms) for recording in recordings]
     if is_closed and not all(np.isfinite(alignment.delay_std) for alignment in separate_laws):
         return [joint] * len(recordings)
     for law in (joint, *sorted(separate_laws, key=lambda alignment: alignment.delay_std + alignment.lag_std)):

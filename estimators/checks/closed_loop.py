@@ -26,7 +26,7 @@ from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
 from pendulum_env.tone import ONE_FREQUENCY, find_tone
 
-SAME = 1.2  # ratio of two frequencies below which they count as equal
+SAME_RATIO = 1.2  # ratio of two frequencies below which they count as equal
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class FeedbackSettings:
     """Settings of the test for feedback."""
 
     past: int = 6  # samples of torque and position that predict the next
-    parts: int = 20  # of a recording; their scatter gives the error of a correlation
-    sure: float = 4.0  # standard errors
-    answered: float = 0.1  # correlation of the innovations; a smaller one biases no parameter
-    tail: float = 4.0  # standard deviations beyond which an innovation is an event: a step, a stop, a glitch
-    strides: tuple[int, ...] = (1, 2, 4, 8)  # samples in a step; a coarse encoder hides answers of single samples
+    parts: int = 20  # number of parts of a recording; their scatter gives the error of a correlation
+    z_limit: float = 4.0  # standard errors of a significant slope
+    correlation: float = 0.1  # least correlation of the innovations; a smaller one biases no parameter
+    outlier_limit: float = 4.0  # standard deviations beyond which an innovation is an event: a step, a stop, a glitch
+    strides: tuple[int, ...] = (1, 2, 4, 8)  # samples in a step; a coarse encoder hides feedback within single samples
 
 
-ANSWER = FeedbackSettings()
+FEEDBACK = FeedbackSettings()
 
 
 def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
@@ -51,7 +51,7 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
     """
     gains: dict[tuple[Kind, str], dict[str, float]] = {}
     for recording in (recording for recording in recordings if recording.position.ndim == 1):
-        gains_by_stride = (_estimate_feedback_gain(recording, stride) for stride in ANSWER.strides)
+        gains_by_stride = (_estimate_feedback_gain(recording, stride) for stride in FEEDBACK.strides)
         if (gain := next((gain for gain in gains_by_stride if gain is not None), None)) is not None:
             kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
             gains.setdefault((kind, recording.units.unit("N m/rad")), {})[recording.name] = gain
@@ -68,7 +68,7 @@ def have_one_frequency(recordings: Sequence[Recording]) -> bool:
     longest = [max(recording.segments, key=len) for recording in recordings]
     tones = [find_tone(segment.position, 1.0 / segment.rate) for segment in longest]
     frequencies = [frequency for frequency, _ in tones]
-    return min(share for _, share in tones) > ONE_FREQUENCY and max(frequencies) < SAME * min(frequencies)
+    return min(share for _, share in tones) > ONE_FREQUENCY and max(frequencies) < SAME_RATIO * min(frequencies)
 
 
 def is_consistent(recordings: Sequence[Recording], data: TorqueWindows, residual: Array, parameters: int) -> bool:
@@ -100,21 +100,21 @@ def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
     None if the slope is not significantly negative or the recording is too short.
     """
     pieces = [slice(a, b, stride) for a, b in pairwise((*recording.starts, len(recording)))]
-    pieces = [piece for piece in pieces if piece.stop - piece.start > 2 * ANSWER.past * stride]
-    if sum((piece.stop - piece.start) // stride - ANSWER.past for piece in pieces) < 20 * ANSWER.parts:
+    pieces = [piece for piece in pieces if piece.stop - piece.start > 2 * FEEDBACK.past * stride]
+    if sum((piece.stop - piece.start) // stride - FEEDBACK.past for piece in pieces) < 20 * FEEDBACK.parts:
         return None
     position, torque = (
-        np.concatenate([sliding_window_view(series[piece] - series.mean(), ANSWER.past + 1) for piece in pieces])
+        np.concatenate([sliding_window_view(series[piece] - series.mean(), FEEDBACK.past + 1) for piece in pieces])
         for series in (recording.position, recording.torque)
-    )  # (R, ANSWER.past + 1) each: past and present
+    )  # (R, FEEDBACK.past + 1) each: past and present
     past = np.column_stack([position[:, :-1], torque[:, :-1], np.ones(len(torque))])
     innovation, answer = (now - past @ solve_least_squares(past, now) for now in (position[:, -1], torque[:, -1]))
-    limits = [ANSWER.tail * 1.4826 * float(np.median(np.abs(surprise))) for surprise in (innovation, answer)]
+    limits = [FEEDBACK.outlier_limit * 1.4826 * float(np.median(np.abs(series))) for series in (innovation, answer)]
     calm = (np.abs(innovation) < limits[0]) & (np.abs(answer) < limits[1])
     innovation, answer = innovation[calm], answer[calm]
-    if len(innovation) < ANSWER.parts or not (innovation.any() and answer.any()):
+    if len(innovation) < FEEDBACK.parts or not (innovation.any() and answer.any()):
         return None
-    parts = np.arange(len(innovation)) * ANSWER.parts // len(innovation)
+    parts = np.arange(len(innovation)) * FEEDBACK.parts // len(innovation)
     fit = solve(Equations(innovation[:, None], answer), np.ones(len(innovation)), parts)
     gain, std = float(fit.theta[0]), float(fit.std[0])
-    return gain if gain < -max(ANSWER.answered * answer.std() / innovation.std(), ANSWER.sure * std) else None
+    return gain if gain < -max(FEEDBACK.correlation * answer.std() / innovation.std(), FEEDBACK.z_limit * std) else None

@@ -23,7 +23,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
 
 DISAGREEMENT = 5.0  # standard errors between two schemes that disagree; noise alone reached 2.3 at most
-COARSE = 0.05  # least relative difference of schemes that disagree; sampling at 50 Hz reached 0.034
+MIN_DIFFERENCE = 0.05  # least relative difference of schemes that disagree; sampling at 50 Hz reached 0.034
 
 Results = dict[str, Identified]
 
@@ -76,7 +76,7 @@ def _check_completeness(
 ) -> tuple[list[Finding], Results]:
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
-    A residual above `AGREEMENT.misfits` noise floors, or a difference of two schemes above `DISAGREEMENT` standard
+    A residual above `AGREEMENT.unexplained` noise floors, or a difference of two schemes above `DISAGREEMENT` standard
     errors, gives a finding. Estimates that differ between schemes are then marked as biased; of a single scheme, all.
 
     Returns:
@@ -84,7 +84,7 @@ def _check_completeness(
     """
     data, floors = regression_data.data, regression_data.floors
     rms_of_joints = regression_data.joint_errors(regression_data.residual(terms))
-    limits = {at: AGREEMENT.misfits * max(floors[at], data.compute_negligible_residual(at)) for at in rms_of_joints}
+    limits = {at: AGREEMENT.unexplained * max(floors[at], data.compute_negligible_residual(at)) for at in rms_of_joints}
     ratios = {at: error / max(floors[at], 1e-300) for at, error in rms_of_joints.items() if error > limits[at]}
     gaps = sorted(_compute_scheme_differences(list(results.values())))
     biased = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name
@@ -103,11 +103,11 @@ def _check_completeness(
 def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
     """Yield differences of two schemes in a parameter [standard errors], with its name.
 
-    Differences below `COARSE` of the parameter are left out.
+    Differences below `MIN_DIFFERENCE` of the parameter are left out.
     """
     for result, other in combinations(results, 2):
         for name in result.model.estimates.keys() - result.withheld - other.withheld:
             first, second = (scheme.model.estimates[name] for scheme in (result, other))
             gap = abs(first.value - second.value)
-            if first.std > 0 and second.std > 0 and gap > COARSE * max(abs(first.value), abs(second.value)):
+            if first.std > 0 and second.std > 0 and gap > MIN_DIFFERENCE * max(abs(first.value), abs(second.value)):
                 yield gap / float(np.hypot(first.std, second.std)), name

@@ -34,8 +34,8 @@ class AgreementSettings:
     min_windows: int = 40  # least number of windows of a compared recording
     min_freedom: int = 6  # least number of clusters beyond the number of parameters of a compared recording
     max_condition: float = 1e4  # largest condition number of the regressor of a compared recording
-    fits: float = 1.3  # largest residual of a complete model [noise floors]
-    misfits: float = 2.0  # residual above which the model lacks an effect [noise floors]
+    explained: float = 1.3  # largest residual of a complete model [noise floors]
+    unexplained: float = 2.0  # residual above which the model lacks an effect [noise floors]
 
 
 AGREEMENT = AgreementSettings()
@@ -142,14 +142,14 @@ class RecordingFit:
     units: JointUnits = TURNING
 
     @property
-    def times(self) -> float:
+    def noise_ratio(self) -> float:
         """Return the ratio of residual and noise."""
         return self.rms / max(self.floor, 1e-300)
 
     @property
     def is_explained(self) -> bool:
         """Return whether the residual of this recording is noise."""
-        return self.times <= AGREEMENT.fits
+        return self.noise_ratio <= AGREEMENT.explained
 
     def find_differences(self, other: ComparedParameters) -> tuple[Difference, ...]:
         """Return the parameters that differ from `other` significantly, the most significant first.
@@ -234,15 +234,15 @@ def _select_differing(
 def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     """Find the recordings that the terms do not explain; none if fewer recordings are explained.
 
-    A recording with a residual between the limits `fits` and `misfits` is neither explained nor unexplained.
+    A recording with a residual between the limits `explained` and `unexplained` is neither explained nor unexplained.
     """
     others = tuple(fit.name for fit in fits if fit.is_explained)
-    poor = [fit for fit in fits if fit.times > AGREEMENT.misfits]
+    poor = [fit for fit in fits if fit.noise_ratio > AGREEMENT.unexplained]
     if len(others) < len(poor):
         return ()
     units = [fit.units.unit(NEWTON_METRE) for fit in poor]
     numbers_of_misfits = [
-        {"residual": Quantity(fit.rms, unit=unit), "times": Quantity(fit.times)}
+        {"residual": Quantity(fit.rms, unit=unit), "times": Quantity(fit.noise_ratio)}
         for fit, unit in zip(poor, units, strict=True)
     ]
     return tuple(

@@ -95,7 +95,7 @@ def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
     return turns <= UPRIGHT_TURNS and abs(gravity) >= UPRIGHT_SHARE * torque
 
 
-def find_turned_torque(model: Model, recordings: Sequence[Recording]) -> Finding | None:
+def find_reversed_torque(model: Model, recordings: Sequence[Recording]) -> Finding | None:
     """Find torque with the opposite sign, by the parameters of the base model.
 
     No parameter may be positive, and inertia and two others must be significantly negative.

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.channel import ChannelFits
-from estimators.checks.channel_rows import DRIVEN, compute_driven_share, is_brake
+from estimators.checks.channel_rows import MAX_DRIVEN_SHARE, compute_driven_share, is_brake
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
@@ -101,7 +101,7 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
     moved_loads = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
     if len(moved_loads) < 2 and not by_load_torque:
         return explain_unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
-    is_plain = compute_driven_share(fits.data, fits.data.torque()) > DRIVEN or is_brake(fits.data)
+    is_plain = compute_driven_share(fits.data, fits.data.torque()) > MAX_DRIVEN_SHARE or is_brake(fits.data)
     inverse, std = (fits if is_plain else fits.with_motor_friction()).delay_fit.gain  # 1/K
     if abs(inverse) <= MIN_Z_SCORE * std:
         return explain_unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(inverse, std, f"{unit}/(N m)"))
@@ -125,7 +125,7 @@ def find_gain_doubts(model: Model, constant: TorqueConstant, data: TorqueWindows
     Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the drive does not log amperes.
     """
     findings, share = [], compute_driven_share(data, data.torque())
-    if share > DRIVEN or is_brake(data):
+    if share > MAX_DRIVEN_SHARE or is_brake(data):
         kind = Kind.LOAD_BRAKES if is_brake(data) else Kind.GEAR_LOSS_UNKNOWN
         known = Quantity(constant.value, constant.std, constant.unit)
         findings.append(Finding(kind, {"share": Quantity(share), "torque_constant": known}))

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from estimators.checks.channel_rows import DRIVEN, compute_driven_share
+from estimators.checks.channel_rows import MAX_DRIVEN_SHARE, compute_driven_share
 from estimators.diagnosis.angle_error import TURN
 from estimators.diagnosis.questions import find_detectable_effects
 from estimators.diagnosis.result import Detectable
@@ -66,7 +66,7 @@ def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, rea
 def _find_unknown_scale(evaluator: ModelEvaluator, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
     """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
     share, id = compute_driven_share(evaluator.train.data, evaluator.train.data.torque()), LoadDependentFriction.id
-    if share <= DRIVEN or id in list_ids(terms) or id not in evaluator.library:
+    if share <= MAX_DRIVEN_SHARE or id in list_ids(terms) or id not in evaluator.library:
         return []
     hidden = known or find_detectable_effects(evaluator, terms, {id: evaluator.library[id]})
     is_excited = any(detectable.is_excited for detectable in hidden if detectable.effect == id)

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from estimators.arms.payload import Payload, find_carried
+from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
@@ -110,7 +110,7 @@ def include_payload(trial: Trial) -> FitData | None:
     if not trial.unexplained or len(data.recordings) + len(data.holdout) < 2:
         return None
     parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
-    for payload, numbers in find_carried(parts, trial.found.terms):
+    for payload, numbers in detect_payloads(parts, trial.found.terms):
         names = tuple(data.all_recordings[k].name for k in numbers)
         finding = make_payload_finding(payload, find_links(trial.setting.base), names)
         data = data.with_changes(partial(add_payload, load=payload.load), numbers).with_treatment(finding)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from estimators.checks.remedies import find_turned_torque
+from estimators.checks.remedies import find_reversed_torque
 from estimators.data.fits import fit_within_laws
 from estimators.data.regions import find_failures, find_regions_at
 from estimators.diagnosis.contacts import is_misfit_between_contacts
@@ -20,7 +20,7 @@ from pendulum_env.physics import Term
 
 def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
     """Return a finding if the sign of the logged torque is reversed, by the base model within bounds of laws."""
-    return find_turned_torque(fit_within_laws(evaluator.train, evaluator.base), evaluator.train.recordings)
+    return find_reversed_torque(fit_within_laws(evaluator.train, evaluator.base), evaluator.train.recordings)
 
 
 def find_unexplained(result: SearchResult) -> list[Region]:

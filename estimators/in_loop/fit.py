@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.in_loop.rollouts import Rollouts
-from estimators.regression.gauss_newton import LocalErrors, Rule, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, StopRule, gauss_newton
 from estimators.search_hints import find_hints
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters
@@ -30,7 +30,7 @@ from pendulum_env.physics.term import zero
 class LoopSettings:
     """Settings of fits in the loop and of searches that use them."""
 
-    turns: int = 30  # largest number of iterations of a fit
+    iterations: int = 30  # largest number of iterations of a fit
     dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps in each iteration
     difference: float = 1e-2  # step for derivatives, relative to the parameter
     secants: tuple[float, ...] = (0.2, 0.06)  # their relative lengths, in sequence, over many local minima
@@ -235,7 +235,7 @@ def _fit_by_secants(
         polled = _choose_likeliest_step(rollouts, local, _make_steps(local.slopes), typical)
         return min(stepped, polled, key=lambda candidate: candidate[1])
 
-    rule = Rule(LOOP.turns, LOOP.dampings, least=LOOP.enough, of_fall=share)
+    rule = StopRule(LOOP.iterations, LOOP.dampings, least=LOOP.enough, of_fall=share)
     best_point = gauss_newton(point, linearise, choose_step, rule)
     last = visited[-1].known
     return last if last.point is best_point else linearise_errors(rollouts, best_point, typical, nonlinear, secant)

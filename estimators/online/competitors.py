@@ -185,7 +185,7 @@ class CompetingModels:
         base = self.y_on_base[models] - np.einsum("vk,vkp->vp", delta, self.columns_on_base[models])
         return np.concatenate([base, delta], axis=1), information
 
-    def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
+    def select_best(self) -> list[tuple[tuple[Term, ...], Array]]:
         """Return the variant of each family that predicted best, and its parameters; those of memories are left out."""
         theta = self.compute_theta()
         pairs = zip(self.families[: self._n_named], self.models[: self._n_named], strict=True)
@@ -271,7 +271,7 @@ class CompetingModels:
         a new grid for each effect; some of its variants are added, since the optimum may have moved.
         """
         grids = list(self.families[1 : self._n_named])
-        for family, ((best,), _) in enumerate(self.leaders()[1:], 1):
+        for family, ((best,), _) in enumerate(self.select_best()[1:], 1):
             if not all(parameter.integer for parameter in best.nonlinear_parameters):
                 grids[family - 1] = self._refine_grid(best, family, fresh[best.id])
         new = CompetingModels(self.terms, bins, grids, self._memories)

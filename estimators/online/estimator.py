@@ -21,9 +21,9 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
 
-SAMPLES = 256  # number of samples in motion of one joint, after which the noise is estimated
-SHARE = 0.25  # least number of samples in motion of another joint, relative to `SAMPLES`
-KEPT = 2048  # largest number of samples, including rest
+MOVING_SAMPLES = 256  # number of samples in motion of one joint, after which the noise is estimated
+MOVING_SHARE = 0.25  # least number of samples in motion of another joint, relative to `MOVING_SAMPLES`
+BUFFER_SIZE = 2048  # largest number of samples, including rest
 
 
 class SampleBuffer:
@@ -35,22 +35,22 @@ class SampleBuffer:
 
     def __init__(self) -> None:
         """Create an empty buffer."""
-        self.samples: deque[tuple[Array, Array, Array]] = deque(maxlen=KEPT)
+        self.samples: deque[tuple[Array, Array, Array]] = deque(maxlen=BUFFER_SIZE)
         self._n_moving: Array = np.zeros(1)  # number of samples in motion (N,)
 
     def take(self, time: Array, position: Array, torque: Array) -> float | None:
         """Add a sample: time, position and torque of N pendulums, or of an arm.
 
         Returns:
-            The largest standard deviation of the position noise [rad]; None before `SAMPLES` samples in motion.
+            The largest standard deviation of the position noise [rad]; None before `MOVING_SAMPLES` samples in motion.
         """
         if self.samples:
             self._n_moving = self._n_moving + (np.abs(position - self.samples[-1][1]) > STILL).ravel()
         self.samples.append((time.copy(), position.copy(), torque.copy()))
-        if np.max(self._n_moving) < SAMPLES:
+        if np.max(self._n_moving) < MOVING_SAMPLES:
             return None
         series = np.array([np.ravel(positions) for _, positions, _ in self.samples]).T  # (N, K)
-        moving = series[self._n_moving >= SHARE * SAMPLES]
+        moving = series[self._n_moving >= MOVING_SHARE * MOVING_SAMPLES]
         return max(estimate_encoder_noise(positions[np.isfinite(positions)]) for positions in moving)
 
 

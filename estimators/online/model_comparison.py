@@ -138,7 +138,7 @@ class ModelComparison:
     @property
     def leaders(self) -> list[tuple[tuple[Term, ...], Array]]:
         """Return the best variant of each effect with its parameters; the running model alone comes first."""
-        return [] if self._models is None else self._models.leaders()
+        return [] if self._models is None else self._models.select_best()
 
     @property
     def error(self) -> float:

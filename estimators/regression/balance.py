@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.regression.gauss_newton import LocalErrors, Rule, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, StopRule, gauss_newton
 from estimators.regression.least_squares import (
     SOLVER,
     Fit,
@@ -327,7 +327,7 @@ class Balance:
                     break
             return found, cost
 
-        return gauss_newton(theta, linearise, choose_step, Rule(SOLVER.turns, of_cost=SOLVER.enough))
+        return gauss_newton(theta, linearise, choose_step, StopRule(SOLVER.iterations, of_cost=SOLVER.enough))
 
 
 def _integrate_slopes(steps: Array, response_slopes: Array, column_slope: Array) -> tuple[Array, Array]:

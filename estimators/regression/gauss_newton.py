@@ -62,11 +62,11 @@ class LocalErrors(Generic[Known]):
 
 
 @dataclass(frozen=True)
-class Rule:
+class StopRule:
     """Rule for the end of an iteration.
 
     Attributes:
-        turns: largest number of iterations.
+        iterations: largest number of iterations.
         dampings: dampings of the steps in each iteration.
         by_offset: whether the iteration also ends if `is_converged` holds for the first step.
         least: limit of a small decrease of the cost.
@@ -75,7 +75,7 @@ class Rule:
         patience: total number of small decreases after which the iteration ends.
     """
 
-    turns: int
+    iterations: int
     dampings: Sequence[float] = (0.0,)
     by_offset: bool = False
     least: float = 0.0
@@ -92,7 +92,7 @@ def gauss_newton(
     place: Place,
     linearise: Callable[[Place], LocalErrors[Known]],
     choose_step: Callable[[LocalErrors[Known], list[Array]], tuple[Place, float]],
-    rule: Rule,
+    rule: StopRule,
 ) -> Place:
     """Find a place of locally least cost; `place` itself if no step lowers its cost.
 
@@ -103,7 +103,7 @@ def gauss_newton(
         rule: end of the iteration.
     """
     first, n_small = None, 0
-    for _ in range(rule.turns):
+    for _ in range(rule.iterations):
         local = linearise(place)
         first = local.cost if first is None else first
         steps = [local.step(damping) for damping in rule.dampings]

@@ -23,7 +23,7 @@ class SolverSettings:
     unlikelier: float = 0.1  # [nat], largest error of a log likelihood by the tangent
     linear_response: float = 1e-9  # largest difference from one of the slope of a linear response to torque
     tiny: float = 1e-9  # lower limit of a derivative by the torque
-    turns: int = 30  # largest number of Gauss-Newton steps
+    iterations: int = 30  # largest number of Gauss-Newton steps
     enough: float = 1e-9  # relative decrease of the squared error at which Gauss-Newton ends
     converged: float = 0.01  # largest Gauss-Newton step of a converged fit [standard errors]
 
@@ -243,7 +243,7 @@ def solve_gram(gram: Array, least: Array, most: Array) -> Array | None:
     size[size == 0] = 1.0
     gram, size = gram / np.outer(size, size), size[1:] / size[0]
     phi, y = gram[1:, 1:], gram[1:, 0]
-    if not len(size) or _factor(phi) is None:
+    if not len(size) or _factorise(phi) is None:
         return None
     return solve_within(phi, y, least * size, most * size) / size
 
@@ -309,7 +309,7 @@ def solve_least_squares(phi: Array, y: Array) -> Array:
     scale = np.linalg.norm(phi, axis=0)
     scale[scale == 0] = np.inf
     phi = phi / scale
-    factor = _factor(phi.T @ phi) if phi.shape[1] else None
+    factor = _factorise(phi.T @ phi) if phi.shape[1] else None
     if factor is not None:
         return np.asarray(scipy.linalg.lapack.dpotrs(factor, phi.T @ y)[0] / scale)
     return np.asarray(np.linalg.lstsq(phi, y, rcond=1e-10)[0] / scale)
@@ -320,7 +320,7 @@ def reduce_to_triangle(phi: Array, y: Array) -> Array:
     scale = np.linalg.norm(phi, axis=0)
     used = np.flatnonzero(scale)
     scaled = phi[:, used] / scale[used]
-    factor = _factor(scaled.T @ scaled) if len(used) else None
+    factor = _factorise(scaled.T @ scaled) if len(used) else None
     if factor is None:
         return np.asarray(np.linalg.qr(np.column_stack([phi, y]), mode="r"))
     triangle, factor_triangle = np.zeros((len(used) + 1, len(scale) + 1)), np.triu(factor)
@@ -330,7 +330,7 @@ def reduce_to_triangle(phi: Array, y: Array) -> Array:
     return triangle
 
 
-def _factor(gram: Array) -> Array | None:
+def _factorise(gram: Array) -> Array | None:
     """Compute the upper Cholesky factor of scaled normal equations G (P, P); None if their least eigenvalue is small.
 
     The eigenvalue is at least LAPACK's estimate of 1 / |G^-1|_1.

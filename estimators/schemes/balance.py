@@ -28,8 +28,8 @@ from pendulum_env.physics import Term, list_loads
 from pendulum_env.physics.term import zero
 from pendulum_env.recording import Recording
 
-CLUSTER = 0.5  # [s], longer than the correlation of residuals without drift; shorter in short recordings
-CLUSTERS = 30  # least number in all recordings together
+CLUSTER_TIME = 0.5  # [s], longer than the correlation of residuals without drift; shorter in short recordings
+N_CLUSTERS = 30  # least number in all recordings together
 
 Joints = tuple[Measurements, ...]  # measurements of n joints at the same instants
 Segments = Sequence[Sequence[Joints]]  # by recording, then by segment
@@ -80,7 +80,7 @@ def _compute_power(joints: Joints, body: Body) -> Array:
     return compute_increments(body.energy(q, v))[:, None] / joints[0].period
 
 
-OF_LINKS: dict[str, Callable[[Joints, Body], Array]] = {  # regressor of base parameters by view, (N, n or 1, P)
+LINK_VIEWS: dict[str, Callable[[Joints, Body], Array]] = {  # regressor of base parameters by view, (N, n or 1, P)
     "torque": lambda joints, body: body.torque(*stack_motion(joints)),
     "impulse": _compute_impulse,
     "energy": _compute_power,
@@ -114,7 +114,7 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
         add_states(m, [term for term in others if term.at == name]) for name, m in zip(names, joints, strict=True)
     )
     view_column, supplied = six.VIEWS[view]
-    link_columns = OF_LINKS[view](joints, links.body)  # (N, n or 1, P)
+    link_columns = LINK_VIEWS[view](joints, links.body)  # (N, n or 1, P)
     column_index = link_columns.shape[2]
     phi = np.zeros((*link_columns.shape[:2], column_index + sum(len(term.columns) for term in others)))
     phi[:, :, :column_index] = link_columns
@@ -189,7 +189,7 @@ def make_regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], lis
     return compute_regressions
 
 
-def stack(
+def stack_equations(
     segments: Segments, compute_regressions: Callable[[Joints], list[Regression]], terms: Sequence[Term] = ()
 ) -> Stack:
     """Stack the equations of all segments, weighted by the noise of joints, or of the recordings of a pendulum.
@@ -201,7 +201,7 @@ def stack(
     """
     measured = [joints[0] for group in segments for joints in group]
     regressions = [compute_regressions(joints) for group in segments for joints in group]
-    cluster_time, count = min(CLUSTER, sum(len(m) * m.period for m in measured) / CLUSTERS), len(regressions[0])
+    cluster_time, count = min(CLUSTER_TIME, sum(len(m) * m.period for m in measured) / N_CLUSTERS), len(regressions[0])
     clusters, times, total_time, n_clusters = [], [], 0.0, 0
     for m in measured:
         elapsed = np.arange(1, len(m) + 1) * m.period

@@ -19,7 +19,7 @@ from estimators.regression.least_squares import (
     subtract_known_columns,
 )
 from estimators.regression.recursive import choose_indices, compute_history
-from estimators.schemes.balance import Segments, Stack, find_momentum_columns, make_regressions, stack
+from estimators.schemes.balance import Segments, Stack, find_momentum_columns, make_regressions, stack_equations
 from estimators.schemes.six import Regressor, Scheme
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.arms.model import make_arm_model
@@ -28,7 +28,7 @@ from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import JointUnits
 
-POINTS = 200  # number of instants of the history
+HISTORY_POINTS = 200  # number of instants of the history
 MIN_CLUSTERS = 10  # least number with motion; standard errors from fewer are inaccurate
 
 
@@ -142,7 +142,7 @@ def fit_schemes(
     joints, names, compute_regressions = terms[0].mechanism.joints, join_names(recordings), make_regressions(terms)
     results: dict[str, Identified] = {}
     for scheme in schemes:
-        data = stack(segments, partial(compute_regressions, scheme), terms)
+        data = stack_equations(segments, partial(compute_regressions, scheme), terms)
         if len(np.unique(data.clusters[data.usable])) < MIN_CLUSTERS:
             raise IdentificationError(
                 f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "
@@ -196,7 +196,7 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
         [columns[j].name for j in free], fit.covariance[:count, :count]
     )
     n_joints = int(data.joint.max()) + 1  # equations of one instant
-    last = (choose_indices(len(data.time) // n_joints, POINTS) + 1) * n_joints - 1
+    last = (choose_indices(len(data.time) // n_joints, HISTORY_POINTS) + 1) * n_joints - 1
     return Identified(
         scheme=scheme.id,
         model=make_arm_model(model),

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.findings import Finding, Kind, Quantity, collect_withheld
 from estimators.regression.least_squares import IdentificationError
-from estimators.schemes.balance import Segments, make_regressions, stack, stack_series
+from estimators.schemes.balance import Segments, make_regressions, stack_equations, stack_series
 from estimators.schemes.fitting import Identified, join_names
 from estimators.schemes.six import GUARD_TIME, scheme
 from estimators.signals.measurements import Measurements, measure_segments
@@ -34,8 +34,8 @@ class IdentifiabilitySettings:
 
 
 IDENTIFIABILITY = IdentifiabilitySettings()
-CONSTANT = 1e-6  # largest relative change of a constant torque
-PLACES = 50  # instants at which the inertia of the joints is computed
+CONSTANT_TORQUE = 1e-6  # largest relative change of a constant torque
+N_POSITIONS = 50  # instants at which the inertia of the joints is computed
 
 
 def find_undetermined(
@@ -56,7 +56,7 @@ def find_undetermined(
     is_free = not any(m.held.any() for m in measurements)
     if not is_free and not any(has_effective_torque(m) for m in measurements):
         mean = float(np.mean([m.held.mean() for m in measurements]))
-        is_constant = all(np.ptp(m.held) <= CONSTANT * abs(mean) for m in measurements)
+        is_constant = all(np.ptp(m.held) <= CONSTANT_TORQUE * abs(mean) for m in measurements)
         kind = Kind.TORQUE_IS_CONSTANT if is_constant else Kind.TORQUE_IS_NOISE
         doubts.append(Finding(kind, {"torque": Quantity(mean, unit=units.unit(NEWTON_METRE))}, tuple(names)))
     held = np.concatenate([m.held[is_clear] for m, is_clear in zip(measurements, clear, strict=True)])
@@ -169,7 +169,7 @@ def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, term
 
 def _find_dependent_terms(segments: Segments, terms: Sequence[Term]) -> tuple[Finding, ...]:
     """Find the dependent columns of the torque of an arm; see `find_dependent_columns`."""
-    data = stack(segments, partial(make_regressions(terms), scheme("dynamic")))
+    data = stack_equations(segments, partial(make_regressions(terms), scheme("dynamic")))
     columns = [column.name for term in terms for column in term.columns]
     phi = data.equations.phi
     return tuple(find_dependent_columns(phi[data.usable], columns, np.any(phi, axis=0)))
@@ -200,7 +200,7 @@ def _find_large_errors(model: Model, body: Body, position: Array, largest: Array
 
     `position` (N, n) [rad] is the recorded motion, and `largest` (n,) the largest torque of each joint [N m].
     """
-    places = position[:: max(1, len(position) // PLACES)]
+    places = position[:: max(1, len(position) // N_POSITIONS)]
     units = np.eye(len(body.joints))
     masses = [body.momentum(places, np.broadcast_to(unit, places.shape))[:, k] for k, unit in enumerate(units)]
     mean = np.mean(masses, axis=1)  # (n, P)

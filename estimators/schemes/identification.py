@@ -87,13 +87,13 @@ def limit_filters(
     if len(segments[0][0]) > 1:
         schemes = adapt_to_arms(schemes)
     rate = min(joints[0].rate for group in segments for joints in group)
-    limited = tuple(_slow_filter(scheme, rate) for scheme in schemes)
+    limited = tuple(_limit_filter(scheme, rate) for scheme in schemes)
     if limited == tuple(schemes):
         return limited, ()
     return limited, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
 
 
-def _slow_filter(scheme: Regressor, rate: float) -> Regressor:
+def _limit_filter(scheme: Regressor, rate: float) -> Regressor:
     """Limit the filter of a scheme to one radian per sample if it is above the Nyquist frequency."""
     operator = scheme.operator if isinstance(scheme, Scheme) else None
     if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:

@@ -22,8 +22,8 @@ from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/identification@2"
-SAVED = "filtered_dynamic"  # scheme of the saved model of an arm
-SHOWN = 3  # largest number of printed names of recordings
+SAVED_SCHEME = "filtered_dynamic"  # scheme of the saved model of an arm
+MAX_NAMES = 3  # largest number of printed names of recordings
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,8 +55,8 @@ class Identification(Mapping[str, Identified], Shown):
 
     @property
     def primary(self) -> Identified:
-        """Return the result of the scheme `SAVED` if it was used, else of the first scheme."""
-        return self.schemes.get(SAVED, next(iter(self.schemes.values())))
+        """Return the result of the scheme `SAVED_SCHEME` if it was used, else of the first scheme."""
+        return self.schemes.get(SAVED_SCHEME, next(iter(self.schemes.values())))
 
     def __getitem__(self, scheme: str) -> Identified:
         return find("scheme", scheme, self.schemes)
@@ -107,7 +107,7 @@ class Identification(Mapping[str, Identified], Shown):
 
     def __repr__(self) -> str:
         count = len(self.recordings)
-        names = join_words(self.recordings) if count <= SHOWN else f"{count} recordings"
+        names = join_words(self.recordings) if count <= MAX_NAMES else f"{count} recordings"
         return f"<Identification of {names}>\n{summarise(self)}"
 
     def json(self) -> JSON:

@@ -11,7 +11,7 @@ from pendulum_env.filters import filter_lag
 from pendulum_env.physics import Samples
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
 
-ECHO = 0.8  # largest feedback of an inverse filter of a mixture of two samples; at 1 noise would grow without bounds
+MAX_FEEDBACK = 0.8  # largest feedback of an inverse filter of a mixture of two samples; at 1 noise is unbounded
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Channel:
 
         A held torque u that is logged n + f samples late has the log (1 - f) u[k - n] + f u[k - n - 1]. This mixture is
         inverted forwards in time with the feedback f / (1 - f) for f <= 0.5, else backwards with its inverse. The
-        feedback is at most `ECHO`; the remaining delay is interpolated. The ends repeat. A sampled torque is
+        feedback is at most `MAX_FEEDBACK`; the remaining delay is interpolated. The ends repeat. A sampled torque is
         interpolated instead, see `_hold_sampled_torque`. A negative lag is not applied.
         """
         torque = self.remove_filter(torque, period)
@@ -92,9 +92,9 @@ def _hold_sampled_torque(torque: Array, late: float) -> Array:
 def _unmix_series(mixed: Array, share: float) -> Array:
     """Recover a series u (N,) from its mixture (1 - share) u[k] + share u[k - 1], with a share of at most 0.5.
 
-    The recursion's feedback is at most `ECHO`; the remaining delay of a slow series is interpolated.
+    The recursion's feedback is at most `MAX_FEEDBACK`; the remaining delay of a slow series is interpolated.
     """
-    feedback = min(share / (1 - share), ECHO)
+    feedback = min(share / (1 - share), MAX_FEEDBACK)
     unmixed = filter_lag(mixed, -feedback, mixed[0])
     late = share - feedback / (1 + feedback)  # remaining delay of a slow series [samples]
     return (1 - late) * unmixed + late * np.append(unmixed[1:], unmixed[-1])

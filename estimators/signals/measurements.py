@@ -26,12 +26,12 @@ from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.term import ROOM, UNLOADED, Memory
 from pendulum_env.recording import Recording
 
-SPARE = 30  # least number of samples of a recording beyond the filter
+SPARE_SAMPLES = 30  # least number of samples of a recording beyond the filter
 TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS under the paper's excitation
-CLEAN = 0.005  # largest noise over RMS acceleration; it biases inertia by 2.5e-5
+MAX_NOISE = 0.005  # largest noise over RMS acceleration; it biases inertia by 2.5e-5
 WIDTHS = (*HALF_WIDTHS, 0.11)  # candidates of half widths [s]
-CLEAN_ONLINE = 0.01  # the same online, where a longer window delays the estimates
-CLEAN_SWING = 0.03  # the same for a free swing, whose inertia is known
+MAX_NOISE_ONLINE = 0.01  # the same online, where a longer window delays the estimates
+MAX_NOISE_SWING = 0.03  # the same for a free swing, whose inertia is known
 SIDES = 3  # samples on either side in the kernels below
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -134,14 +134,14 @@ class Smoothing:
     def from_noise(cls, noise: float, rate: float) -> Smoothing:
         """Choose the smallest half width of at least two samples that keeps noise of the acceleration below a limit.
 
-        The limit is `CLEAN_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. If no candidate
-        meets it, the largest is chosen. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
+        The limit is `MAX_NOISE_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. Without such a
+        width, the largest is chosen. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
         """
         widths = [m for m in range(2, max(3, round(WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
             if (
                 noise * rate**2 * _compute_noise_gain(np.convolve(make_window(m), CURVATURE))
-                <= CLEAN_ONLINE * TYPICAL_ACCELERATION
+                <= MAX_NOISE_ONLINE * TYPICAL_ACCELERATION
             ):
                 break
         return cls(m, max(SLOWEST, 5 * noise * rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE))))
@@ -184,7 +184,7 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
         IdentificationError: if the recording is too short.
     """
     period = 1.0 / recording.rate
-    least_count = SPARE if smoothing is None else 2 * smoothing.half_width + SPARE
+    least_count = SPARE_SAMPLES if smoothing is None else 2 * smoothing.half_width + SPARE_SAMPLES
     if len(recording) < least_count:
         raise IdentificationError(
             f"{recording.name}: {len(recording)} samples are too few to differentiate, at least {least_count} are "
@@ -232,7 +232,7 @@ def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]
     """
     segments = list(zip(*(joint.segments for joint in joints), strict=True))
     longest = max(segments, key=lambda segment: len(segment[0]))
-    if len(longest[0]) < SPARE:
+    if len(longest[0]) < SPARE_SAMPLES:
         measure(longest[0])  # raises the error
     chosen = [choose_smoothing(joint) for joint in longest]
     width = max(smoothing.half_width for smoothing in chosen)
@@ -240,7 +240,7 @@ def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]
     return [
         tuple(measure(*pair) for pair in zip(segment, chosen, strict=True))
         for segment in segments
-        if len(segment[0]) >= 2 * width + SPARE
+        if len(segment[0]) >= 2 * width + SPARE_SAMPLES
     ]
 
 
@@ -259,17 +259,17 @@ def add_states(m: Measurements, terms: Sequence[Term]) -> Measurements:
 def choose_smoothing(recording: Recording) -> Smoothing:
     """Choose the shortest window of at least two samples with negligible encoder noise in the acceleration.
 
-    Noise is negligible below `CLEAN` of the RMS acceleration (`CLEAN_SWING` in a free swing). If no candidate meets it,
-    the longest is chosen. Short windows keep more samples near reversals, which show friction.
+    Noise is negligible below `MAX_NOISE` of the RMS acceleration (`MAX_NOISE_SWING` in a free swing). Without such a
+    candidate, the longest is chosen. Short windows keep more samples near reversals, which show friction.
     """
-    noise, clean = estimate_encoder_noise(recording.position), CLEAN_SWING if recording.known_inertia else CLEAN
-    longest = (len(recording) - SPARE) // 2
+    noise, limit = estimate_encoder_noise(recording.position), MAX_NOISE_SWING if recording.known_inertia else MAX_NOISE
+    longest = (len(recording) - SPARE_SAMPLES) // 2
     widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in WIDTHS})
     for half_width in widths:
         curvature = np.convolve(make_window(half_width), CURVATURE)
         total_square = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
         noise_square = (noise * _compute_noise_gain(curvature)) ** 2
-        if noise_square <= clean**2 * max(0.0, total_square - noise_square):
+        if noise_square <= limit**2 * max(0.0, total_square - noise_square):
             break
     velocity_noise = noise * recording.rate * _compute_noise_gain(np.convolve(make_window(half_width), SLOPE))
     return Smoothing(half_width, max(SLOWEST, 5 * velocity_noise))

@@ -27,10 +27,10 @@ def get_temperature(recording: Recording) -> Array:
         recording.temperature[steps],
         0.5 * (time[steps] + time[np.append(steps[1:], len(time)) - 1]),
     )
-    turns = 1 + np.flatnonzero(np.diff(values_shown)[:-1] * np.diff(values_shown)[1:] < 0)
+    peaks = 1 + np.flatnonzero(np.diff(values_shown)[:-1] * np.diff(values_shown)[1:] < 0)
     changes = 0.5 * (time[steps[1:] - 1] + time[steps[1:]])
-    instants = np.concatenate([time[[0, -1]], changes, middles[turns]])
-    values = np.concatenate([values_shown[[0, -1]], 0.5 * (values_shown[1:] + values_shown[:-1]), values_shown[turns]])
+    instants = np.concatenate([time[[0, -1]], changes, middles[peaks]])
+    values = np.concatenate([values_shown[[0, -1]], 0.5 * (values_shown[1:] + values_shown[:-1]), values_shown[peaks]])
     order = np.argsort(instants)
     return np.interp(time, instants[order], values[order])
 

@@ -22,7 +22,7 @@ class RegionSettings:
     turns: float = 2.0  # range of the angle above which it is wrapped to one turn [turns]
     fine: int = 4  # factor on the bins of wrapped angles, to resolve periodic torque
     share: float = 0.03  # least significance of a further profile, relative to the first
-    stands_out: float = 5.0  # least mean residual of a region [standard errors]
+    z_limit: float = 5.0  # least mean residual of a region [standard errors]
 
 
 REGIONS = RegionSettings()
@@ -267,7 +267,7 @@ def _evaluate_profile(profile: Profile, x: Samples, residual: Array) -> Array:
 def _find_profile_regions(profile: Profile) -> list[Region]:
     """Return runs of significant bins of one sign of a profile, the most significant first; of a spectrum, its peak."""
     score = np.abs(profile.mean) / np.maximum(profile.error, 1e-12)
-    signs = np.sign(profile.mean) * (score > REGIONS.stands_out)
+    signs = np.sign(profile.mean) * (score > REGIONS.z_limit)
     if profile.axis == "frequency":
         signs = np.where(np.arange(len(score)) == np.argmax(score), signs, 0)
     regions = []

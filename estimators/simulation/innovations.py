@@ -24,8 +24,8 @@ from pendulum_env.physics.simulation import TorqueBalance
 
 INTEGRATION_ERROR = 3e-6  # [rad], of a simulated position
 PERTURBATION = np.array([1e-4, 1e-3])  # of position [rad] and velocity [rad/s], for derivatives of the acceleration
-REVERSAL_FACTOR = 1e4  # of the process noise if the joint turns or sticks, at an unknown time within the interval
-STIFFEST = 0.3  # largest relative change of the velocity error within an interval
+REVERSAL_FACTOR = 1e4  # of the process noise if the joint reverses or sticks, at an unknown time within the interval
+MAX_ERROR_CHANGE = 0.3  # largest relative change of the velocity error within an interval
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,10 @@ class Innovations:
         recording = segments.windows.recording
         index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)
         interval = every / recording.rate
-        transition, inertia, turns = _linearise_motion(segments, index, terms, theta, interval)
+        transition, inertia, reverses = _linearise_motion(segments, index, terms, theta, interval)
         # torque noise is independent between periods: its mean over the interval acts on the velocity
         velocity_variance = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
-        velocity_variance *= np.where(turns, REVERSAL_FACTOR, 1.0)
+        velocity_variance *= np.where(reverses, REVERSAL_FACTOR, 1.0)
         position_ratio = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
         process = velocity_variance[:, :, None, None] * np.array([[position_ratio, interval / 2], [interval / 2, 1.0]])
         position_variance = max(estimate_encoder_noise(recording.position), INTEGRATION_ERROR) ** 2
@@ -117,15 +117,15 @@ def _linearise_motion(
     rates = np.zeros((len(index) - 1, index.shape[1], 2, 2))
     rates[:, :, 0, 1] = 1.0
     rates[:, :, 1, 0] = np.clip(
-        compute_slope("position", PERTURBATION[0]), -STIFFEST / interval**2, STIFFEST / interval**2
+        compute_slope("position", PERTURBATION[0]), -MAX_ERROR_CHANGE / interval**2, MAX_ERROR_CHANGE / interval**2
     )
-    rates[:, :, 1, 1] = np.clip(compute_slope("velocity", PERTURBATION[1]), -1 / interval, STIFFEST / interval)
+    rates[:, :, 1, 1] = np.clip(compute_slope("velocity", PERTURBATION[1]), -1 / interval, MAX_ERROR_CHANGE / interval)
     step = rates * interval
     transition = np.eye(2) + step + 0.5 * step @ step
     # Friction reverses with the joint: a late reversal leaves with less acceleration than it entered with.
     net, dry = np.abs(broadcast(balance.net(x))), np.maximum(broadcast(balance.dry(x)), 0.0)
     passed_share = np.clip((net - dry) / (net + dry + 1e-12), 0.0, 1.0)
-    turns = direction[1:] != direction[:-1]
-    transition[:, :, 1] *= np.where(turns, passed_share[1:], 1.0)[:, :, None]
-    turns[1:] |= turns[:-1]
-    return transition, broadcast(balance.mass(x)), turns
+    reverses = direction[1:] != direction[:-1]
+    transition[:, :, 1] *= np.where(reverses, passed_share[1:], 1.0)[:, :, None]
+    reverses[1:] |= reverses[:-1]
+    return transition, broadcast(balance.mass(x)), reverses

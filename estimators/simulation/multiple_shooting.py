@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, StopRule, choose_least, gauss_newton
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.search_hints import find_hints
 from estimators.simulation.free_running import (
@@ -35,7 +35,7 @@ from pendulum_env.physics.term import Memory
 
 # position and velocity of motor and link [rad], [rad/s]: steps for derivatives
 PERTURBATION = np.array([3e-4, 3e-3, 1e-3, 1e-2])
-SMOOTH = 0.03  # factor on these steps without contacts: errors of derivatives by states bias the parameters
+SMOOTH_FACTOR = 0.03  # factor on these steps without contacts: errors of derivatives by states bias the parameters
 DAMPING = np.array([0.01, 1.0, 100.0])  # tried factors on the damping of a segment's state
 
 
@@ -46,18 +46,18 @@ class ShootingSettings:
     length: float = 0.25  # length of a segment [s]
     coarse: float = 1e-3  # step of the integrator [s]
     fine: float = 0.25e-3  # step of the integrator in the last fit to a stiff contact [s]
-    initial_turns: int = 2  # iterations of each start of a segment's state
-    more_turns: int = 4  # additional iterations of segments with large errors
+    initial_iterations: int = 2  # iterations of each start of a segment's state
+    more_iterations: int = 4  # additional iterations of segments with large errors
     far: float = 2.0  # least large error [median errors]
-    final_turns: int = 6  # largest number of iterations of the best start
+    final_iterations: int = 6  # largest number of iterations of the best start
     fewest: int = 2  # least number of segments per parameter
     most: int = 120  # approximate largest number of segments in a fit of parameters
     difference: float = 1e-2  # relative change of a parameter for derivatives
     shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.0)  # tried shares of a step of the parameters
     largest: float = 0.3  # largest relative change of a parameter in a step
     damping: float = 1e-4  # damping of a step of the parameters
-    turns: int = 25  # largest number of iterations
-    trial_turns: int = 6  # largest number of iterations of each compared start
+    iterations: int = 25  # largest number of iterations
+    trial_iterations: int = 6  # largest number of iterations of each compared start
     stiffer: tuple[float, ...] = (1.0, 1.8)  # factors on the contact's stiffness at the starts of a fit
     climbs: int = 4  # largest number of trials of a stiffer and wider play
     climb: float = 0.9  # largest ratio of errors after and before a trial
@@ -133,7 +133,7 @@ def list_adjacent_segments(windows: Windows) -> Index:
 def compute_state_slopes(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Return errors (V, B, N) of V points from V sets of states (V, S, B), and slopes by states (V, B, N, S)."""
     count, size, segments = states.shape
-    moves = PERTURBATION * (1.0 if find_hints(type(find_link(points[0].terms))).multimodal else SMOOTH)
+    moves = PERTURBATION * (1.0 if find_hints(type(find_link(points[0].terms))).multimodal else SMOOTH_FACTOR)
     perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(moves)])[None, :, :, None]
     errors = shooting.errors(repeat_points(points, size + 1), perturbed.reshape(-1, size, segments))
     errors = errors.reshape(count, size + 1, segments, -1)
@@ -158,10 +158,10 @@ def compute_state_steps(error: Array, slopes: Array, damping: Array) -> Array:
 
 
 def refine_states(
-    shooting: Shooting, points: Sequence[Point], states: Array, damping: Array, turns: int
+    shooting: Shooting, points: Sequence[Point], states: Array, damping: Array, iterations: int
 ) -> tuple[Array, Array, Array]:
     """Fit states (V, S, B) at each of V points; return states, damping (V, B) and squared errors (V, B)."""
-    for _ in range(turns):
+    for _ in range(iterations):
         error, slopes = compute_state_slopes(shooting, points, states)
         before = np.sum(error**2, axis=2)
         candidates = np.array(
@@ -206,15 +206,15 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
     start, points = np.full((len(candidates), traced.shape[1]), DAMPING[0]), [point] * len(candidates)
-    fits = refine_states(shooting, points, np.array(candidates), start, SHOOTING.initial_turns)
+    fits = refine_states(shooting, points, np.array(candidates), start, SHOOTING.initial_iterations)
     size = np.sqrt(fits[2].min(axis=0))
     far_segments = np.flatnonzero(size > SHOOTING.far * np.median(size))
     if len(far_segments):
-        _refine_some(shooting, points, fits, far_segments, SHOOTING.more_turns)
+        _refine_some(shooting, points, fits, far_segments, SHOOTING.more_iterations)
     best, segment = np.argmin(fits[2], axis=0), np.arange(len(size))
     fits = fits[0][best, :, segment].T[None], fits[1][None, best, segment], fits[2][None, best, segment]
     n_slow = np.zeros(len(segment), dtype=int)
-    for _ in range(SHOOTING.final_turns):
+    for _ in range(SHOOTING.final_iterations):
         active = np.flatnonzero(n_slow < SHOOTING.patience)
         if not len(active):
             break
@@ -225,13 +225,13 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
 
 
 def _refine_some(
-    shooting: Shooting, points: Sequence[Point], fits: tuple[Array, Array, Array], numbers: Index, turns: int
+    shooting: Shooting, points: Sequence[Point], fits: tuple[Array, Array, Array], numbers: Index, iterations: int
 ) -> None:
     """Refine states, damping and squared errors of some segments in place."""
     part = replace(shooting, segments=select_segments(shooting.segments, numbers))
     states, damping, squares = fits
     states[:, :, numbers], damping[:, numbers], squares[:, numbers] = refine_states(
-        part, points, states[:, :, numbers], damping[:, numbers], turns
+        part, points, states[:, :, numbers], damping[:, numbers], iterations
     )
 
 
@@ -322,7 +322,7 @@ class FittedShooting:
     cost: float = np.inf
 
 
-def fit_shooting(shootings: Sequence[Shooting], point: Point, turns: int = SHOOTING.turns) -> FittedShooting:
+def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = SHOOTING.iterations) -> FittedShooting:
     """Fit parameters and states to the segments of all recordings."""
 
     def linearise(place: FittedShooting) -> LocalErrors[tuple[FittedShooting, Slopes]]:
@@ -359,7 +359,7 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, turns: int = SHOOT
             cost = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, restarted, strict=True))
         return FittedShooting(points[k], tuple(shootings), cost), cost
 
-    rule = Rule(turns, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=SHOOTING.patience)
+    rule = StopRule(iterations, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=SHOOTING.patience)
     return gauss_newton(FittedShooting(point, tuple(shootings)), linearise, choose_step, rule)
 
 
@@ -393,12 +393,12 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
         model: start of the fit; one of its terms has a link. It is returned unchanged if segments are too few.
     """
     point, multimodal = Point.from_model(model), find_hints(type(find_link(model.terms))).multimodal
-    if _are_few(windows, point):
+    if _lacks_segments(windows, point):
         return model
     if multimodal:  # a loose contact has local minima at several stiffnesses; `model` may be at a soft contact
 
         def fit_best(starts: Sequence[Point]) -> FittedShooting:
-            fits = (fit_shooting(prepare_segments(windows, start, 3), start, SHOOTING.trial_turns) for start in starts)
+            fits = (fit_shooting(prepare_segments(windows, p, 3), p, SHOOTING.trial_iterations) for p in starts)
             return min(fits, key=lambda fitted: fitted.cost)
 
         fitted_shooting = fit_best(
@@ -425,7 +425,9 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
 def add_standard_errors(windows: Sequence[Windows], model: Model) -> Model:
     """Return the model with standard errors from the spread of the segments; unchanged if these are too few."""
     point = Point.from_model(model)
-    return model if _are_few(windows, point) else _make_model(FittedShooting(point, prepare_segments(windows, point)))
+    if _lacks_segments(windows, point):
+        return model
+    return _make_model(FittedShooting(point, prepare_segments(windows, point)))
 
 
 def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
@@ -440,7 +442,7 @@ def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> 
     )
 
 
-def _are_few(every: Sequence[Windows], point: Point) -> bool:
+def _lacks_segments(every: Sequence[Windows], point: Point) -> bool:
     """Return whether the recordings have too few segments for the parameters."""
     return sum(len(list_adjacent_segments(windows)) for windows in every) < SHOOTING.fewest * len(point.values)
 

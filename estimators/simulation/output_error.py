@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, StopRule, choose_least, gauss_newton
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.simulation.free_running import Segments, simulate_all
 from estimators.simulation.innovations import Innovations
@@ -136,13 +136,13 @@ def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) 
     return errors_of
 
 
-def fit_segments(segments: Sequence[Segments], start: Point, turns: int = 12, filters: Filters = ()) -> Point:
+def fit_segments(segments: Sequence[Segments], start: Point, iterations: int = 12, filters: Filters = ()) -> Point:
     """Fit the linear and the continuous nonlinear parameters to the segments, with free initial states."""
-    return minimise(_weigh_errors(segments, start, filters), start, turns)
+    return minimise(_weigh_errors(segments, start, filters), start, iterations)
 
 
-def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
-    """Minimise the sum of squared errors by Gauss-Newton from a point, in at most `turns` iterations."""
+def minimise(errors_of: ErrorsOf, start: Point, iterations: int = 12) -> Point:
+    """Minimise the sum of squared errors by Gauss-Newton from a point, in at most `iterations` iterations."""
 
     def linearise(point: Point) -> LocalErrors[Point]:
         error, slopes = compute_slopes(errors_of, point)
@@ -157,7 +157,7 @@ def minimise(errors_of: ErrorsOf, start: Point, turns: int = 12) -> Point:
         points = [local.known.with_values(values + share * step) for share in OUTPUT_ERROR.shares]
         return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
-    return gauss_newton(start, linearise, choose_step, Rule(turns, (OUTPUT_ERROR.damping,), by_offset=True))
+    return gauss_newton(start, linearise, choose_step, StopRule(iterations, (OUTPUT_ERROR.damping,), by_offset=True))
 
 
 def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:

@@ -25,7 +25,7 @@ from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
 from pendulum_env.settings import format_setting
 
-HOPELESS = 1e8  # condition number above which a fit is refused
+MAX_CONDITION = 1e8  # condition number above which a fit is refused
 
 
 def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
@@ -73,7 +73,7 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
 def _invert_product(z: Array, phi: Array) -> Array:
     """Return the inverse of the product Z' phi (P, P) of instruments and regressor, (R, P) each."""
     size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (z, phi)]
-    if np.linalg.cond(z.T @ phi / np.outer(*size)) > HOPELESS:
+    if np.linalg.cond(z.T @ phi / np.outer(*size)) > MAX_CONDITION:
         raise IdentificationError("the reference moves too little to tell these parameters: follow a livelier one")
     return np.asarray(np.linalg.inv(z.T @ phi))
 

@@ -30,8 +30,8 @@ from pendulum_env.arms.recording import get_payload
 from pendulum_env.physics import Term, list_loads
 from pendulum_env.recording import Recording
 
-FEWEST = 20  # least number of windows of each joint
-PLACES = 50  # approximate number of samples of each recording over which a joint's inertia is averaged
+MIN_WINDOWS = 20  # least number of windows of each joint
+N_POSITIONS = 50  # approximate number of samples of each recording over which a joint's inertia is averaged
 
 
 def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> TorqueWindows:
@@ -50,7 +50,7 @@ def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Te
         for width in [max(choose_half_width(joint) for joint in recording.joints)]
     ]
     for k, name in enumerate(body.joints):
-        if sum(len(joints[k].centers) for joints in entries) < FEWEST:
+        if sum(len(joints[k].centers) for joints in entries) < MIN_WINDOWS:
             names = ", ".join(recording.name for recording in recordings)
             raise IdentificationError(
                 f"{names}: joint '{name}' is rarely clear of stick and reversals: record longer, faster or wider motion"
@@ -91,11 +91,11 @@ def _join_joints(
             **data.shared_columns,
             **{kind.id: _compute_coupling_columns(entries, kind) for kind in kinds if issubclass(kind, Coupling)},
         },
-        payload=_payload_columns(data, linear, body),
+        payload=_make_payload_columns(data, linear, body),
     )
 
 
-def _payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadColumns | None:
+def _make_payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadColumns | None:
     """Return the columns of known payloads, for their errors' share in the standard errors; None without a payload.
 
     The ten columns of a `LinkLoad` are the links' columns `linear` (R, P) times the change of the P base parameters by
@@ -163,7 +163,7 @@ def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _LinkColumn
     def average(rows: WindowAverages, k: int) -> Array:
         return np.asarray(rows.wider @ smooth[:, k] + rows.narrow @ inertial[:, k])
 
-    places = q[:: max(1, len(q) // PLACES)]
+    places = q[:: max(1, len(q) // N_POSITIONS)]
     masses = [body.momentum(places, np.broadcast_to(unit, places.shape)) for unit in np.eye(len(entries))]
     return _LinkColumns(
         [average(w.averages, k) for k, w in enumerate(entries)],

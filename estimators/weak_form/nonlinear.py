@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, StopRule, choose_least, gauss_newton
 from estimators.regression.least_squares import SOLVER
 from estimators.search_hints import find_hints
 from pendulum_env._typing import Array
@@ -23,7 +23,7 @@ ResidualFunction = Callable[[Sequence[Term]], list[Array]]  # weighted residual 
 class NonlinearSettings:
     """Numbers of the searches over nonlinear parameters."""
 
-    turns: int = 20  # largest number of Gauss-Newton steps
+    iterations: int = 20  # largest number of Gauss-Newton steps
     shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.02)  # tried step lengths, as shares of a Gauss-Newton step
     leap: float = 0.7  # largest step [step units, or of the logarithm]: a factor of two
     damping: float = 1e-12  # keeps a step finite with collinear slopes
@@ -148,7 +148,7 @@ def refine_nonlinear(
         return choose_least(variants, [float(known[term] @ known[term]) for term in variants])
 
     return gauss_newton(
-        term, linearise, choose_step, Rule(NONLINEAR.turns, (NONLINEAR.damping,), by_offset=True, of_cost=gain)
+        term, linearise, choose_step, StopRule(NONLINEAR.iterations, (NONLINEAR.damping,), by_offset=True, of_cost=gain)
     )
 
 

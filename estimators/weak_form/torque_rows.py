@@ -39,7 +39,7 @@ from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, SIGNIFICANT, Term
 
-RECENT = 4  # number of sets of terms whose equations are cached
+CACHE_SIZE = 4  # number of sets of terms whose equations are cached
 PERTURBATION = 1e-6  # of the torque for derivatives, share of the largest torque
 PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # the same for nonlinear laws
 
@@ -194,11 +194,11 @@ class TorqueRows:
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows of some terms, weighted by residual and noise, or `by_noise` alone.
 
-        The rows of the last `RECENT` sets of terms are memoised.
+        The rows of the last `CACHE_SIZE` sets of terms are memoised.
         """
         key = tuple(terms)
         if key not in self._recent:
-            if len(self._recent) >= RECENT:
+            if len(self._recent) >= CACHE_SIZE:
                 self._recent.pop(next(iter(self._recent)))
             self._recent[key] = self.assemble(terms, self.list_term_columns(terms), self.data.weights)
         balance = self._recent[key]

@@ -41,7 +41,7 @@ from pendulum_env.physics.term import Memory, trace_variants
 from pendulum_env.recording import Recording
 
 Averages: TypeAlias = "scipy.sparse.csr_array | scipy.sparse.linalg.LinearOperator"  # text: loaded when used
-DENSEST = 4  # entries per sample of a matrix of averages, above which an operator slides the window
+MAX_DENSITY = 4  # entries per sample of a matrix of averages, above which an operator slides the window
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +255,7 @@ class Windows:
         """Return the sparse matrix (R, N) of averages with a kernel, or an operator if it would be dense."""
         count, length = len(self.centers), len(kernel)
         first, scale = self.centers - length // 2, self.row_scale
-        if count * length > DENSEST * len(self.moving):
+        if count * length > MAX_DENSITY * len(self.moving):
             return scipy.sparse.linalg.LinearOperator(
                 (count, len(self.moving)),
                 matvec=lambda series: scale * np.correlate(np.ravel(series), kernel, "valid")[first],

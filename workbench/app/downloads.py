@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from estimators.schemes.result import SAVED
+from estimators.schemes.result import SAVED_SCHEME
 from pendulum_env.lookup import find
 from pendulum_env.recording.study import collect_log_format, write_study
 from workbench.app.state import State, list_added
@@ -33,7 +33,7 @@ def write_commands(state: State) -> str:
     if (robot := state.robot) is not None:
         of_robot = ["--robot", robot.file.name, *["--rotors"] * bool(robot.rotors)]
         train = given = [*given, *of_robot, *["--no-gravity"] * robot.weightless]
-        scheme = ["--scheme", SAVED]
+        scheme = ["--scheme", SAVED_SCHEME]
     if model:
         lines.append(["compare", model, *train, *align])
     else:

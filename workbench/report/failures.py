@@ -53,7 +53,7 @@ def make_failures(case: ReportData) -> Section:
     others = "; amplitudes over frequency have their own" * body.can_simulate
     scales = (
         "The residual torque, averaged over bins of each quantity, on the data that were fitted. The grey band is "
-        f"the noise floor ({REGIONS.stands_out:g} standard errors); a shaded stretch is where the residual stands out "
+        f"the noise floor ({REGIONS.z_limit:g} standard errors); a shaded stretch is where the residual stands out "
         f"of it{least}. Means share one scale{others}."
     )
     content: list[Any] = [scales, list_key(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
@@ -71,7 +71,7 @@ def list_regions(curves: Sequence[Curve], found: Sequence[Sequence[Region]]) -> 
 def list_key(curves: Sequence[Curve], regions: bool, final_regions: bool) -> Key:
     """Make the legend of curves, noise band, and stripes of the first (`regions`) and last model (`final_regions`)."""
     entries = [("stroke", color, label) for label, color in curves]
-    entries.append(("patch", "--noise", f"noise (±{REGIONS.stands_out:g}σ)"))
+    entries.append(("patch", "--noise", f"noise (±{REGIONS.z_limit:g}σ)"))
     if regions:
         entries.append(("patch", "--region", f"stands out under the {curves[0][0]}"))
     if final_regions:
@@ -95,7 +95,7 @@ def plot_profile(
     (edges, along), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
     middle = 0.5 * (edges[1:] + edges[:-1])
     oscillates = first.axis == "frequency"
-    data = [band(middle, REGIONS.stands_out * first.error, f"noise (±{REGIONS.stands_out:g}σ)")]
+    data = [band(middle, REGIONS.z_limit * first.error, f"noise (±{REGIONS.min_significance:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
         data.append(line(middle, profile.mean, label, color, unit, mode="lines" if oscillates else "lines+markers"))
     half = 0.5 if final_regions else 0.0  # two kinds of stripes share the height

@@ -6,7 +6,7 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
 from estimators import identify
-from estimators.arms.payload import find_carried, find_payload
+from estimators.arms.payload import detect_payloads, find_payload
 from estimators.arms.standard import find_nearest_link, make_pseudo_inertia
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.links import prepare_arm
@@ -54,8 +54,8 @@ def test_a_payload_is_weighed_and_what_the_plane_hides_is_said(model, known):
 
 def test_an_empty_arm_carries_nothing(model):
     found = find_payload(model, [run(5, False)])
-    assert abs(found.estimates["m"].value) < 0.01 and not found.stands_out
-    assert find_payload(model, [run(1, True)]).stands_out
+    assert abs(found.estimates["m"].value) < 0.01 and not found.is_significant
+    assert find_payload(model, [run(1, True)]).is_significant
 
 
 def test_a_joint_that_is_not_there_and_an_arm_at_rest_are_refused(model, body):
@@ -111,7 +111,7 @@ def test_a_body_at_the_flange_of_a_robot_in_mujoco_is_told_whole():
     about = np.diag(load.inertia) + 1.4 * (np.dot(load.center, load.center) * np.eye(3) - np.outer(*2 * [load.center]))
     for name, value in (("Ixx", about[0, 0]), ("Iyy", about[1, 1]), ("Izz", about[2, 2])):
         assert found.estimates[name].value == pytest.approx(value, rel=0.1), name
-    assert found.exists and found.stands_out and not found.hidden
+    assert found.exists and found.is_significant and not found.hidden
 
 
 def test_standard_errors_hold_what_is_carried(model):
@@ -131,12 +131,12 @@ def test_a_body_whose_mass_the_motion_hardly_shows_is_found_by_its_first_moments
         six_joint.simulate(seed, seconds=8.0, load=body, rubs=(1.0,) * 3) for seed, body in ((1, None), (2, load))
     )
     found = find_payload(identify(empty, arm_base(arm), "filtered_dynamic")["filtered_dynamic"].model, [full], [empty])
-    assert found.estimates["m"].std > found.estimates["m"].value / 5 and found.stands_out
+    assert found.estimates["m"].std > found.estimates["m"].value / 5 and found.is_significant
     for moment, center in zip(("mx", "my", "mz"), load.center, strict=True):
         estimate = found.estimates[moment]
         assert estimate.value == pytest.approx(0.6 * center, abs=3 * estimate.std), moment
     parts = [prepare_arm([recording], arm_base(arm)) for recording in (empty, full)]
-    assert [recordings for _, recordings in find_carried(parts, arm_base(arm))] == [(1,)]
+    assert [recordings for _, recordings in detect_payloads(parts, arm_base(arm))] == [(1,)]
 
 
 def test_the_possible_body_nearest_to_an_impossible_one_is_the_least_of_a_convex_problem():
