@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.trends import FEWEST, fit_trend
+from estimators.trends import MIN_ESTIMATES, fit_trend
 
 WEEKS = np.arange(16.0)
 STD = np.full(16, 0.004)
@@ -57,6 +57,6 @@ def test_a_drift_is_significant_only_if_its_interval_excludes_zero():
 
 
 def test_few_recordings_and_recordings_of_one_day_show_nothing():
-    few = FEWEST - 1
+    few = MIN_ESTIMATES - 1
     assert np.isnan(fit_trend(WEEKS[:few], WEEKS[:few], STD[:few]).p_value)
     assert np.isnan(fit_trend(np.zeros(16), WEEKS, STD).drift)

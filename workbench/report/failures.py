@@ -95,7 +95,7 @@ def plot_profile(
     (edges, along), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
     middle = 0.5 * (edges[1:] + edges[:-1])
     oscillates = first.axis == "frequency"
-    data = [band(middle, REGIONS.z_limit * first.error, f"noise (±{REGIONS.min_significance:g}σ)")]
+    data = [band(middle, REGIONS.z_limit * first.error, f"noise (±{REGIONS.z_limit:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
         data.append(line(middle, profile.mean, label, color, unit, mode="lines" if oscillates else "lines+markers"))
     half = 0.5 if final_regions else 0.0  # two kinds of stripes share the height

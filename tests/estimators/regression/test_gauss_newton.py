@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from estimators.regression.gauss_newton import LocalErrors, Rule, choose_least, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, StopRule, choose_least, gauss_newton
 
 TIME = np.linspace(0.0, 2.0, 40)
 TRUE, START = np.array([2.0, -1.5]), np.array([0.5, 0.0])
-ALL = Rule(50, (1e-6, 1.0), of_cost=1e-12)
+ALL = StopRule(50, (1e-6, 1.0), of_cost=1e-12)
 
 
 def decay(most: float = np.inf, least: float = -np.inf, noise: float = 0.0):
@@ -57,7 +57,11 @@ def test_it_ends_where_a_step_is_short_against_standard_errors_or_gains_little()
 
     closest = gauss_newton(START, counted, best, ALL)
     every = len(turns)
-    for rule in (Rule(50, ALL.dampings, by_offset=True), Rule(50, ALL.dampings, of_cost=0.01), Rule(2, ALL.dampings)):
+    for rule in (
+        StopRule(50, ALL.dampings, by_offset=True),
+        StopRule(50, ALL.dampings, of_cost=0.01),
+        StopRule(2, ALL.dampings),
+    ):
         turns.clear()
         found = gauss_newton(START, counted, best, rule)
         assert len(turns) < every
