@@ -142,28 +142,28 @@ class Alignment:
         period = 1.0 / recording.rate
         channel = replace(self.channel, delay=0.5 * period) if self.is_half_sample else self.channel
         changed = replace(channel, delay=channel.delay + later, lag=channel.lag + slower)
-        edge = 2 * self.channel.is_sampled  # samples without neighbours for a cubic
-        first = max(edge, int(self.lag > 0))
-        beyond = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + edge
+        margin = 2 * self.channel.is_sampled  # samples without neighbours for a cubic
+        first = max(margin, int(self.lag > 0))
+        n_omitted = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + margin
         kept_rows, torque = [], []
         joints = recording.torque.reshape(len(recording), -1).T  # (J, N)
         for begin, end in pairwise((*recording.starts, len(recording))):
-            if end - beyond - begin - first >= 2:
-                acting = np.column_stack([changed.hold_torque(own[begin:end], period) for own in joints])
-                kept_rows.append(np.arange(begin + first, end - beyond))
-                torque.append(acting[first : end - beyond - begin])
+            if end - n_omitted - begin - first >= 2:
+                acting = np.column_stack([changed.hold_torque(series[begin:end], period) for series in joints])
+                kept_rows.append(np.arange(begin + first, end - n_omitted))
+                torque.append(acting[first : end - n_omitted - begin])
         if not kept_rows:
             return recording
         rows, shape = np.concatenate(kept_rows), (-1, *recording.torque.shape[1:])
-        own: dict[str, Any] = {quantity: values[rows] for quantity, values in recording.series.items()}
-        own |= {"torque": np.concatenate(torque).reshape(shape)}
+        series: dict[str, Any] = {quantity: values[rows] for quantity, values in recording.series.items()}
+        series |= {"torque": np.concatenate(torque).reshape(shape)}
         if recording.torque.ndim == 1:
-            reach = beyond + edge + int(np.ceil(5 * max(channel.lag, 0.0) / period))
+            reach = n_omitted + margin + int(np.ceil(5 * max(channel.lag, 0.0) / period))
             response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
             is_sampled = self.channel.is_sampled or self.is_half_sample
-            own["moved"] = MovedTorque(estimate_white_noise(recording.torque), response, is_sampled)
+            series["moved"] = MovedTorque(estimate_white_noise(recording.torque), response, is_sampled)
         starts = tuple(np.cumsum([0, *map(len, kept_rows[:-1])]).tolist())
-        return replace(recording, **own, starts=starts, notes=(*recording.notes, self._note))
+        return replace(recording, **series, starts=starts, notes=(*recording.notes, self._note))
 
     @property
     def _note(self) -> Note:

@@ -274,30 +274,30 @@ class ChannelFits(ChannelRows):
 
         A filter shorter than a sample cannot be distinguished from a delay by a share of a sample.
         """
-        none, delay = self.fit([np.zeros(2)]), self.delay_fit
+        no_shift, delay = self.fit([np.zeros(2)]), self.delay_fit
         delay_time = delay.delay
         lag = self.fit([np.array([0.0, share * delay_time]) for share in (0.5, 1.0, 1.5)], (1,))
-        if not delay.is_supported(none) or self.is_negligible(delay_time):  # a filter also shows as a delay
+        if not delay.is_supported(no_shift) or self.is_negligible(delay_time):  # a filter also shows as a delay
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
             stds = (
                 max(delay.delay_std, abs(delay_time) / CHANNEL.z_limit),
                 max(lag.lag_std, abs(lag.lag) / CHANNEL.z_limit),
             )
-            return replace(none, delay_std=stds[0], lag_std=stds[1])
+            return replace(no_shift, delay_std=stds[0], lag_std=stds[1])
         if delay_time > 0:
             delay_and_lag = self.fit(
                 [delay_time * np.array([share, 1 - share]) for share in (0.25, 0.5, 0.75)], (0, 1), low=0.0
             )
             if (
-                delay_and_lag.is_supported(none)
+                delay_and_lag.is_supported(no_shift)
                 and delay_and_lag.lag > self.period
                 and delay_and_lag.beats(delay)
                 and delay_and_lag.beats(lag)
             ):
                 return delay_and_lag
-        is_filter = lag.predicts_better(delay) and lag.is_supported(none) and abs(lag.lag) >= self.period
+        is_filter = lag.predicts_better(delay) and lag.is_supported(no_shift) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
-        return law if law.beats(other) or not other.is_supported(none) else replace(law, rival=other.channel)
+        return law if law.beats(other) or not other.is_supported(no_shift) else replace(law, rival=other.channel)
 
     def is_negligible(self, delay: float) -> bool:
         """Return whether a delay [s] is a small share of a sample and does not reduce the error significantly."""
@@ -313,13 +313,13 @@ class ChannelFits(ChannelRows):
 
     def explains_more(self, fits: ChannelFits, law: Alignment) -> bool:
         """Return whether these columns explain significantly more torque than the fewer columns of `fits`: F-test."""
-        more, independent = self.span.shape[1] - fits.span.shape[1], len(self.rows) // 2  # windows overlap by half
+        n_added, independent = self.span.shape[1] - fits.span.shape[1], len(self.rows) // 2  # windows overlap by half
         freedom = independent - self.span.shape[1]
-        if more < 1 or freedom < 1:
+        if n_added < 1 or freedom < 1:
             return False
-        large, small = (float(np.sum(fit.residual(fit.torque(law.channel)) ** 2)) for fit in (fits, self))
-        ratio = (large - small) / more / max(small / freedom, 1e-300)
-        return bool(fdtrc(more, freedom, ratio) < CHANNEL.p_value)
+        before, after = (float(np.sum(fit.residual(fit.torque(law.channel)) ** 2)) for fit in (fits, self))
+        ratio = (before - after) / n_added / max(after / freedom, 1e-300)
+        return bool(fdtrc(n_added, freedom, ratio) < CHANNEL.p_value)
 
     def compute_noise_gain(self, channel: Channel) -> float:
         """Compute the largest ratio of white noise in the windows with and without the inverse filter."""
@@ -405,23 +405,25 @@ def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording
 def _choose_hold(fits: ChannelFits) -> Alignment:
     """Return the law of held or of sampled torque, chosen by the rules of `align`."""
     law, sampled = fits.select_law(), replace(fits, is_sampled=True)
-    free = fits.delay_fit
-    if not (law.is_late or (free.is_significant and not law.is_found)):
+    free_delay = fits.delay_fit
+    if not (law.is_late or (free_delay.is_significant and not law.is_found)):
         return law
-    half = sampled.fit([np.array([0.5 * fits.period, 0.0])])
+    half_sample = sampled.fit([np.array([0.5 * fits.period, 0.0])])
     if not law.is_late:
-        is_half = half.agrees(free) and half.predicts_better(law) and not free.beats(half)
-        return replace(half, delay_std=free.delay_std, is_half_sample=True) if is_half else law
+        is_half = (
+            half_sample.agrees(free_delay) and half_sample.predicts_better(law) and not free_delay.beats(half_sample)
+        )
+        return replace(half_sample, delay_std=free_delay.delay_std, is_half_sample=True) if is_half else law
     sampled_law = sampled.select_law()
-    late, late_std = (law.delay + law.lag) / fits.period, (law.delay_std + law.lag_std) / fits.period
-    if late + CHANNEL.z_limit * late_std < CHANNEL.least_sampled:
+    shift, shift_std = (law.delay + law.lag) / fits.period, (law.delay_std + law.lag_std) / fits.period
+    if shift + CHANNEL.z_limit * shift_std < CHANNEL.least_sampled:
         return law
-    is_usual = late < 0.5 + CHANNEL.z_limit * late_std
-    is_sampled = not law.beats(sampled_law) if is_usual else sampled_law.beats(law)
+    is_within_sample = shift < 0.5 + CHANNEL.z_limit * shift_std
+    is_sampled = not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
     if not (is_sampled and sampled_law.is_late):
         return law
-    if half.agrees(sampled_law) and not sampled_law.beats(half):
-        return replace(half, delay_std=sampled_law.delay_std, is_half_sample=True)
+    if half_sample.agrees(sampled_law) and not sampled_law.beats(half_sample):
+        return replace(half_sample, delay_std=sampled_law.delay_std, is_half_sample=True)
     return replace(sampled_law, rival=None)
 
 
