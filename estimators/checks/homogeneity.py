@@ -121,7 +121,7 @@ class RecordingFit:
     Attributes:
         number, name: number and name of the recording.
         columns: columns of the compared parameters.
-        known: estimates of these parameters.
+        estimates: estimates of these parameters.
         is_turned: whether the inertia with the known load is significantly negative, so torque or position has the
             wrong sign.
         rms, floor: RMS of the residual torque and of its noise [N m].
@@ -133,7 +133,7 @@ class RecordingFit:
     number: int
     name: str
     columns: tuple[Column, ...]
-    known: ComparedParameters
+    estimates: ComparedParameters
     is_turned: bool
     rms: float
     floor: float
@@ -158,10 +158,12 @@ class RecordingFit:
         standard errors.
         """
         gap, std = self._compute_gap(other)
-        large = np.abs(gap) > np.maximum(AGREEMENT.min_difference * np.abs(other.theta), self.known.bias + other.bias)
+        large = np.abs(gap) > np.maximum(
+            AGREEMENT.min_difference * np.abs(other.theta), self.estimates.bias + other.bias
+        )
         significant = np.flatnonzero(large & (np.abs(gap) > self.z_limit * std))
         order = sorted(significant, key=lambda j: -abs(gap[j]) / std[j])
-        sizes = zip(self.columns, self.known.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
+        sizes = zip(self.columns, self.estimates.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
         found = [Difference(column.name, self.units.unit(column.unit), *numbers) for column, *numbers in sizes]
         return tuple(found[j] for j in order)
 
@@ -172,9 +174,9 @@ class RecordingFit:
         """
         if self.is_turned:
             return Kind.TURNED_ROUND, {}
-        weight = np.linalg.pinv(self.known.covariance + other.covariance, hermitian=True)
+        weight = np.linalg.pinv(self.estimates.covariance + other.covariance, hermitian=True)
         scale = float(other.theta @ weight @ other.theta)
-        factor = float(other.theta @ weight @ self.known.theta) / max(scale, 1e-300)
+        factor = float(other.theta @ weight @ self.estimates.theta) / max(scale, 1e-300)
         scaled = other._replace(theta=factor * other.theta, covariance=factor**2 * other.covariance)
         gap, std = self._compute_gap(scaled)
         is_equal = np.abs(gap) <= np.maximum(AGREEMENT.min_difference * np.abs(scaled.theta), self.z_limit * std)
@@ -186,8 +188,8 @@ class RecordingFit:
 
     def _compute_gap(self, other: ComparedParameters) -> tuple[Array, Array]:
         """Compute the differences of the parameters and their standard errors (P,)."""
-        variance = np.diag(self.known.covariance + other.covariance)
-        return self.known.theta - other.theta, np.maximum(np.sqrt(variance), 1e-300)
+        variance = np.diag(self.estimates.covariance + other.covariance)
+        return self.estimates.theta - other.theta, np.maximum(np.sqrt(variance), 1e-300)
 
 
 def find_disagreements(fits: Sequence[RecordingFit], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
@@ -313,10 +315,10 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
 
 def pool_fits(fits: Sequence[RecordingFit]) -> ComparedParameters:
     """Combine several fits, weighted by information; the bias of each parameter is the largest of the fits."""
-    informations = [invert_covariance(fit.known.covariance) for fit in fits]
+    informations = [invert_covariance(fit.estimates.covariance) for fit in fits]
     covariance = invert_covariance(np.sum(informations, axis=0))
-    weighted = sum(information @ fit.known.theta for information, fit in zip(informations, fits, strict=True))
-    return ComparedParameters(covariance @ weighted, covariance, np.max([fit.known.bias for fit in fits], axis=0))
+    weighted = sum(information @ fit.estimates.theta for information, fit in zip(informations, fits, strict=True))
+    return ComparedParameters(covariance @ weighted, covariance, np.max([fit.estimates.bias for fit in fits], axis=0))
 
 
 def compute_spread(fits: Sequence[RecordingFit]) -> float:
@@ -324,5 +326,7 @@ def compute_spread(fits: Sequence[RecordingFit]) -> float:
     if len(fits) == 1:
         return 0.0  # without rounding errors, which would break ties
     pooled = pool_fits(fits).theta
-    gaps = [fit.known.theta - pooled for fit in fits]
-    return float(sum(gap @ invert_covariance(fit.known.covariance) @ gap for gap, fit in zip(gaps, fits, strict=True)))
+    gaps = [fit.estimates.theta - pooled for fit in fits]
+    return float(
+        sum(gap @ invert_covariance(fit.estimates.covariance) @ gap for gap, fit in zip(gaps, fits, strict=True))
+    )

@@ -43,19 +43,19 @@ class Innovations:
     spread: Array
 
     @classmethod
-    def from_segments(cls, segments: Segments, terms: Sequence[Term], theta: Array, every: int) -> Innovations:
-        """Make the filter of the error at every `every`-th sample, for terms with linear parameters theta (P,).
+    def from_segments(cls, segments: Segments, terms: Sequence[Term], theta: Array, grain: int) -> Innovations:
+        """Make the filter of the error at every `grain`-th sample, for terms with linear parameters theta (P,).
 
         Process noise is that of the recorded torque. The initial state has no error, because it is fitted.
         """
         recording = segments.windows.recording
-        index = segments.first + every * np.arange((len(segments.position) - 1) // every + 1)[:, None]  # (N + 1, B)
-        interval = every / recording.rate
+        index = segments.first + grain * np.arange((len(segments.position) - 1) // grain + 1)[:, None]  # (N + 1, B)
+        interval = grain / recording.rate
         transition, inertia, reverses = _linearise_motion(segments, index, terms, theta, interval)
         # torque noise is independent between periods: its mean over the interval acts on the velocity
-        velocity_variance = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / every
+        velocity_variance = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / grain
         velocity_variance *= np.where(reverses, REVERSAL_FACTOR, 1.0)
-        position_ratio = interval**2 * (1 / 3 - 1 / (12 * every**2))  # held over each period, not white in between
+        position_ratio = interval**2 * (1 / 3 - 1 / (12 * grain**2))  # held over each period, not white in between
         process = velocity_variance[:, :, None, None] * np.array([[position_ratio, interval / 2], [interval / 2, 1.0]])
         position_variance = max(estimate_encoder_noise(recording.position), INTEGRATION_ERROR) ** 2
         gain, spread = np.empty(transition.shape[:3]), np.empty(transition.shape[:2])

@@ -318,7 +318,7 @@ class FittedShooting:
     """Parameters, segments of all recordings with fitted states, and their squared error."""
 
     point: Point
-    every: tuple[Shooting, ...]
+    shootings: tuple[Shooting, ...]
     cost: float = np.inf
 
 
@@ -326,7 +326,7 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
     """Fit parameters and states to the segments of all recordings."""
 
     def linearise(place: FittedShooting) -> LocalErrors[tuple[FittedShooting, Slopes]]:
-        slopes = _linearise(place.every, place.point)
+        slopes = _linearise(place.shootings, place.point)
         cost = sum(
             float(w @ np.sum(move[0] ** 2, axis=1)) for w, move in zip(slopes.weights, slopes.parts, strict=True)
         )
@@ -340,18 +340,19 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
         size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
         points = [place.point.with_values(values + share * step * size) for share in SHOOTING.shares]
         trials = [
-            _try_steps(shooting, points, step, move) for shooting, move in zip(place.every, slopes.parts, strict=True)
+            _try_steps(shooting, points, step, move)
+            for shooting, move in zip(place.shootings, slopes.parts, strict=True)
         ]
         costs = np.sum([w @ squares.T for (_, _, squares), w in zip(trials, slopes.weights, strict=True)], axis=0)
         k, _ = choose_least(range(len(points)), costs)
         refined = [
             refine_states(shooting, points[k : k + 1], states[k : k + 1], damping[k : k + 1], 1)
-            for shooting, (states, damping, _) in zip(place.every, trials, strict=True)
+            for shooting, (states, damping, _) in zip(place.shootings, trials, strict=True)
         ]
         cost = sum(float(w @ squares[0]) for w, (_, _, squares) in zip(slopes.weights, refined, strict=True))
         shootings = [
             replace(shooting, states=states[0], damping=damped[0])
-            for shooting, (states, damped, _) in zip(place.every, refined, strict=True)
+            for shooting, (states, damped, _) in zip(place.shootings, refined, strict=True)
         ]
         if cost > local.cost * (1 - SHOOTING.gain):
             restarted = [initialise_states(shooting, points[k]) for shooting in shootings]
@@ -430,26 +431,26 @@ def add_standard_errors(windows: Sequence[Windows], model: Model) -> Model:
     return _make_model(FittedShooting(point, prepare_segments(windows, point)))
 
 
-def prepare_segments(every: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
+def prepare_segments(windows: Sequence[Windows], point: Point, share: int = 1) -> tuple[Shooting, ...]:
     """Return segments of each recording with the best initial states for a point; a fit uses `share` 1.
 
     A larger `share` selects one in `share` of these segments.
     """
-    first = [list_adjacent_segments(windows) for windows in every]
+    first = [list_adjacent_segments(w) for w in windows]
     step = share * -(-sum(len(k) for k in first) // SHOOTING.most)
     return tuple(
-        initialise_states(start_shooting(w, point, k[::step]), point)[0] for w, k in zip(every, first, strict=True)
+        initialise_states(start_shooting(w, point, k[::step]), point)[0] for w, k in zip(windows, first, strict=True)
     )
 
 
-def _lacks_segments(every: Sequence[Windows], point: Point) -> bool:
+def _lacks_segments(windows: Sequence[Windows], point: Point) -> bool:
     """Return whether the recordings have too few segments for the parameters."""
-    return sum(len(list_adjacent_segments(windows)) for windows in every) < SHOOTING.fewest * len(point.values)
+    return sum(len(list_adjacent_segments(w)) for w in windows) < SHOOTING.fewest * len(point.values)
 
 
 def _make_model(place: FittedShooting) -> Model:
     """Return the fitted model with standard errors from the spread of the segments."""
-    slopes = _linearise(place.every, place.point)
+    slopes = _linearise(place.shootings, place.point)
     return make_model_with_covariance(
         place.point, compute_robust_covariance(slopes.by_parameter, slopes.error, slopes.segment)
     )
