@@ -83,7 +83,7 @@ class Kind(StrEnum):
     SCALE_UNKNOWN = "scale_unknown"  # share of the motion that the torque drives
     SMALL_EFFECT = "small_effect"  # explained share, least share, p_value
     PART_OF_TURN = "part_of_a_turn"  # angle that the motion covers
-    UNTESTED_RANGE = "untested_range"  # low and high end of the range that the motion covers
+    UNTESTED_RANGE = "untested_range"  # low, high: ends of the motion at which no stop was met
 
     # unexplained residual of a model
     IMPOSSIBLE = "impossible"  # violated bounds, by name of the gate or the parameter
@@ -99,7 +99,7 @@ class Kind(StrEnum):
     TIES = "ties"
     IMITATES = "imitates"
     IMITATES_TABLE = "imitates_table"  # nonlinear parameters of the table, by name
-    NOT_TESTED = "not_tested"  # low and high end of the range that the motion covers
+    NOT_TESTED = "not_tested"  # low, high: ends of the motion at which no stop was met
     NOT_EXCITED = "not_excited"
     ONLY_CONTACTS = "only_contacts"  # angle
     GATE_FAILED = "gate_failed"  # value and `limit.` of each gate

@@ -189,13 +189,13 @@ def find_undetermined_links(model: Model, position: Array, velocity: Array, torq
         at = f"@{joint}" if joint else ""
         large |= {f"viscous{at}": most / max(fast, 1e-300), f"coulomb{at}": most}
     if isinstance(model.body, Body):
-        large |= _find_large_errors(model, model.body, position, largest)
+        large |= _compute_error_limits(model, model.body, position, largest)
     return [
         name for name, estimate in model.estimates.items() if name in large and not is_determined(estimate, large[name])
     ]
 
 
-def _find_large_errors(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
+def _compute_error_limits(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
     """Compute the limit of each base parameter's standard error by torque and inertia of the joints.
 
     `position` (N, n) [rad] is the recorded motion, and `largest` (n,) the largest torque of each joint [N m].
