@@ -1,8 +1,8 @@
 """Design of excitation motions of an arm, knot by knot, within the limits of its joints.
 
-The arm follows the motion with its own controller, so the information of the motion does not depend on the unknown
-parameters. The motion is designed in advance by A-optimality of relative errors (Fedorov, Theory of Optimal
-Experiments, 1972) and a beam search (Lowerre, The Harpy Speech Recognition System, 1976).
+The arm follows the motion with its own controller, so the information does not depend on the unknown parameters. The
+motion is designed in advance, by A-optimality of relative errors and a beam search.
+Source: Fedorov, Theory of Optimal Experiments, 1972; Lowerre, The Harpy Speech Recognition System, 1976.
 """
 
 from __future__ import annotations

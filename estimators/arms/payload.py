@@ -1,9 +1,9 @@
 """Payloads of an arm: the body at a link in some recordings, relative to others or to a model.
 
-The ten standard parameters of a body that is fixed to a link have the columns Y_link = Y K of the torque, with Y the
-columns of the base parameters and K the link's columns of `Body.combine`. The base parameters of the arm come from a
-model or from recordings without the payload. Friction is fitted separately for each payload, as it changes with
-temperature. The rows are those of the windows of torque.
+A payload is fixed to a link. Its ten standard parameters have the columns Y K, with Y the columns of the base
+parameters and K the link's columns of `Body.combine`. The base parameters of the arm come from a model or from
+recordings without the payload. Friction is fitted separately for each payload, as it changes with temperature. The rows
+are those of the windows of torque.
 Source: Khosla and Kanade, IEEE Conference on Decision and Control, 1985; Gaz and De Luca, IROS 2017.
 """
 

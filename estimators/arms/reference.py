@@ -44,8 +44,8 @@ def limit_speeds(body: Body, limits: Limits, q: Array, v: Array, share: Array) -
     """Limit requested speeds at the next knot (N, n) by acceleration, angle and torque.
 
     A joint can always stop before the end of its range with half its acceleration. This has priority over the limit of
-    the torque, which is computed from the file without friction. Positions q and speeds v are those at the last knot,
-    and `share` in [-1, 1] is the requested share of the largest speed, (N, n) each.
+    the torque, which is computed from the file without friction. Positions q and speeds v (N, n) are those at the last
+    knot. `share` (N, n) is the requested share of the largest speed, in [-1, 1].
     """
     h, max_change = KNOT_PERIOD, limits.acceleration * KNOT_PERIOD
     deceleration = np.minimum(0.5 * limits.acceleration, (limits.high - limits.low) / h**2)

@@ -366,8 +366,8 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
     residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
 
     Returns:
-        The alignment. It has no finding and infinite standard errors if the recordings are too short, if the residual
-        of a closed loop is not noise, if a delay replaces the inertia, or if a drive requested the torque.
+        The alignment. It is `NO_ALIGNMENT` if the recordings are too short, the residual of a closed loop is not noise,
+        a delay replaces the inertia, or a drive requested the torque.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
     recordings = [_apply_torque_laws(recording, terms) for recording in recordings]

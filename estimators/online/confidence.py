@@ -1,7 +1,7 @@
 """Online covariances of estimates under correlated errors, from sums over short clusters of time.
 
-theta - truth = P sum_k phi_k e_k. With the sums of a cluster, A = sum phi phi' and b = sum phi y, its score is
-s = b - A theta, and the covariance is P (sum of s s') P, valid for correlated and filtered errors. Since theta is
+theta - truth = P sum_k phi_k e_k. A cluster with the sums A = sum phi phi' and b = sum phi y has the score
+s = b - A theta. The covariance is P (sum of s s') P, valid for correlated and filtered errors. Since theta is
 fitted to the cluster, s is too small. It is replaced by the score J / (J - A) s of a fit without the cluster, with
 J = 1 / P. Neighbouring clusters are merged to limit their number to a few dozen. With forgetting, clusters stay much
 shorter than the memory, and the oldest are dropped. Directions without data keep the variance of P(0).

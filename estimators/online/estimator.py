@@ -59,8 +59,8 @@ class OnlineEstimator:
 
     The estimates equal those of `Scheme.regression` and `Scheme.history` for a whole recording, `delay` samples later:
     the reach of the smoothing plus the longest guard around stick. Terms with memory follow their own state equation,
-    which differs from the offline trace within a sample. For a pendulum with known or estimated encoder noise, the bias
-    by this noise is then subtracted, and its uncertainty is part of the covariance.
+    which differs from the offline trace within a sample. For a pendulum, the bias by encoder noise is subtracted, and
+    its uncertainty is part of the covariance.
 
     The smoothing depends on the noise of the encoder. Without `counts`, `position_noise` and `smoothing`, the noise is
     estimated from the first 256 samples of motion. The estimates begin after them, and use them.

@@ -141,8 +141,8 @@ def compute_widening(freedom: Array) -> Array:
 def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Array, Array]:
     """Return the covariance of least squares by leaving out each of C clusters, and its degrees of freedom.
 
-    The score of a cluster with columns X is (I - X'X B)^-1 X'e, B = (phi' phi)^-1, which removes the cluster's own
-    influence on its residuals e.
+    The score of a cluster with columns X and residuals e is (I - X'X B)^-1 X'e, B = (phi' phi)^-1. The inverse removes
+    the influence of the cluster on its residuals.
 
     Args:
         phi: columns (R, P).

@@ -95,8 +95,8 @@ class MeasurementVectorWrapper(VectorWrapper):
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
         """Pass the measurements of an info on, and write the results into the info; return the observations.
 
-        If an episode ended within the step, its last sample is passed on instead of the first sample of the next
-        episode, and the plant restarts.
+        If an episode ended within the step, the plant restarts. The last sample of this episode is then passed on, and
+        not the first sample of the next.
         """
         ended: Mask | None = info.get("_final_info")
         if ended is not None:  # Gymnasium's SAME_STEP mode
