@@ -54,7 +54,7 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
 
     def make_recording(number: int, value: float) -> RecordingFit:
         known = ComparedParameters(np.full(2, value), along, np.zeros(2))
-        return replace(own, number=number, columns=own.columns[:2], known=known)
+        return replace(own, number=number, columns=own.columns[:2], estimates=known)
 
     assert np.isfinite(pool_fits([make_recording(1, 1.0), make_recording(2, 1.0)]).theta).all()
     assert find_disagreements([make_recording(1, 1.0), make_recording(2, 1.0), make_recording(3, 1.0)]) == ()
