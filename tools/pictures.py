@@ -19,7 +19,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import write_recording
 from tests.test_machines import DATA
-from tests.workbench.app.plants import press, recorded
+from tests.workbench.app.plants import record_pendulum, select_button
 from tools.gallery import gallery, machines
 from tools.prose import ROOT
 from workbench.report import write_report
@@ -53,7 +53,7 @@ def save_screenshot(tab: Page, name: str, **options: bool) -> None:
 
 def tour(tab: Page, folder: Path) -> None:
     """Save pictures of the app's stages with a recording that hides Stribeck friction."""
-    write_recording(recorded("swing", 1, 10.0), folder / "swing.csv")
+    write_recording(record_pendulum("swing", 1, 10.0), folder / "swing.csv")
     command = [sys.executable, "-m", "workbench.cli", "app", "--port", "0", "--no-browser", str(folder / "swing.csv")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
@@ -62,7 +62,7 @@ def tour(tab: Page, folder: Path) -> None:
         tab.wait_for_selector(".compare .js-line")
         save_screenshot(tab, "app-compare", full_page=True)
         tab.click("#to-diagnose")
-        tab.click(press("diagnose"))
+        tab.click(select_button("diagnose"))
         tab.click(".ranking .action.primary")
         tab.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
         tab.click("#to-add")
