@@ -62,8 +62,8 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     """Return failed gates of inertia and friction of the terms at one joint, whose samples are `x`.
 
     Dry friction is too large if it exceeds the largest torque that drives the joint: the recorded torque less that of
-    load, potential and time-varying terms. Stops limit the range: they are too soft if the motion, or this torque,
-    presses them in by more than the range between them. The power of friction is not tested at a coupled joint,
+    load, potential and time-varying terms. Stops limit the range: one is too soft if the motion presses it in by more
+    than the range between them. The power of friction is not tested at a coupled joint,
     dry friction not in an arm.
     """
     gates, inertia = [], model.estimates.get("inertia")
@@ -80,12 +80,10 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     dry = _compute_dry_friction_over_turn(
         [(column, value) for term, column, value in friction if not column.of_torque], x
     ).max()
-    for stop, _, stiffness in _list_parts(model):
-        if not isinstance(stop, HardStop):
-            continue
+    for stop in (term for term in model.terms if isinstance(term, HardStop)):
         lowest, highest = float(x.position.min()), float(x.position.max())
         free = min(stop.upper, highest) - max(stop.lower, lowest)
-        depth = max(highest - lowest - free, limit / max(stiffness, 1e-300))
+        depth = max(stop.lower - lowest, highest - stop.upper)
         if depth > free:
             gates.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
     is_arm = any(term.at for term in model.terms)

@@ -196,3 +196,20 @@ def test_fitted_and_held_out_parts_both_have_contacts():
     (fitted, _), (_, held_out) = split_at_contacts(np.linspace(0.3, 1.0, 100), early)  # the motion comes late
     assert fitted == held_out and 0.05 < fitted < 0.3
     assert split_at_contacts(motion, late[:1]) is None
+
+
+@pytest.mark.slow
+def test_a_cable_that_pulls_beyond_an_angle_is_a_soft_stop():
+    """The largest torque would press it in by more than the range between its ends, the motion does not."""
+    cable = {"wall_lo": -0.8, "wall_hi": 1.0, "wall_k": 0.9}
+    time = np.arange(10_000) / 500.0
+    commands = [size * tones(time, seed, 2.0) for size, seed in ((1.1, 3), (1.2, 4))]
+    experiments = [Experiment(500.0, 20.0, seed=seed, counts=65_536, torque_noise=0.005) for seed in (7, 8)]
+    plant = Plant(**ARM, coulomb=0.15, effects={"hard_stop": cable})
+    fitted, held_out = recorded(plant, *experiments, commands=commands)
+    found = diagnose([fitted], [held_out], only=[*FEW, "cogging", "gravity_tilt"])
+    assert found.selected == ("hard_stop",) and not found.unexplained
+    truth = ARM | {"hard_stop.lower": -0.8, "hard_stop.upper": 1.0, "hard_stop.stiffness": 0.9}
+    for name, value in truth.items():
+        estimate = found.model.estimates[name]
+        assert abs(estimate.value - value) < 3 * estimate.std < 0.1 * abs(value), name

@@ -108,10 +108,12 @@ def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_
         assert [(own.name, own.value) for own in found] == wrong
 
 
-@pytest.mark.parametrize(("stiffness", "is_too_soft"), [(0.02, True), (1.0, False)])
-def test_a_stop_that_the_largest_torque_presses_in_by_more_than_the_free_range_limits_nothing(stiffness, is_too_soft):
+@pytest.mark.parametrize(("share", "is_too_soft"), [(0.2, True), (0.9, False)])
+@pytest.mark.parametrize("stiffness", [0.02, 1.0])
+def test_a_stop_that_the_motion_presses_in_by_more_than_the_free_range_limits_nothing(stiffness, share, is_too_soft):
+    """A soft stop is a cable or a bumper, however far the largest torque would press it in at rest."""
     x = swinging()
-    ends = 0.9 * float(x.position.min()), 0.9 * float(x.position.max())
+    ends = share * float(x.position.min()), share * float(x.position.max())
     model = Model.build([*BASE, effect("hard_stop")(*ends)], [0.1, 0.1, 0.01, 0.01, stiffness])
     found = find_violations(model, {"": x})
     assert [own.name for own in found] == (["soft_stop"] if is_too_soft else [])
