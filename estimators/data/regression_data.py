@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -139,6 +139,23 @@ class RegressionData:
         Rows of positions have none.
         """
         return self.torque.compute_absorbed_noise(terms) if self.layout.predicts_torque else []
+
+    def compute_removed_noise(self, terms: Terms, theta: Array, inertia: Mapping[str, float]) -> Array:
+        """Return the variance of encoder noise that payload changes remove from each row (R,) [(N m)^2].
+
+        Encoder noise enters the rows times the inertia. An effect must not become likelier by removing it: where
+        nothing accelerates, a payload of minus the inertia leaves torque without noise. `theta` (P,) are the
+        parameters, `inertia` those of the base model by joint [kg m^2].
+        """
+        variance = np.zeros(len(self.layout.fold))
+        columns = [(term, column) for term in terms for column in term.columns]
+        for (term, column), value in zip(columns, theta.tolist(), strict=True):
+            if term.kind == "time-varying" and self.layout.predicts_torque and term.at in inertia:
+                part, before = self.data.part(term.at), inertia[term.at]
+                noise = np.repeat([w.acceleration_noise for w in part.windows], [len(w.centers) for w in part.windows])
+                after = np.clip(before + value * column.mass(part.samples), 0.0, before)
+                variance[self.locate_rows(term.at)] += (before**2 - after**2) * noise**2
+        return variance
 
     @property
     def recordings(self) -> tuple[Recording, ...]:

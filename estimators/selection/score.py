@@ -114,23 +114,25 @@ def weigh_squares(squares: Array, scale: Array | float) -> Array:
 
 
 def cross_validate_density(
-    balance: Balance, blocks: Blocks, hidden: Hidden = (), without: Array | None = None
+    balance: Balance, blocks: Blocks, hidden: Hidden = (), without: Array | None = None, removed: Array | float = 0.0
 ) -> Array:
     """Return the log density of each block (S,) [nat], predicted by the fits without each fold.
 
     `hidden` is torque noise that the model removes, which is added to the errors. `without` are the parameters of the
-    fits (FOLDS, P), solved unless given.
+    fits (FOLDS, P), solved unless given. `removed` is the variance of encoder noise that it removes from each row (R,).
     """
     without = balance.solve_without(blocks.fold, FOLDS) if without is None else without
-    return _compute_density(balance, without, blocks, hidden)
+    return _compute_density(balance, without, blocks, hidden, removed)
 
 
-def predict_density(theta: Array, balance: Balance, blocks: Blocks, hidden: Hidden = ()) -> Array:
+def predict_density(
+    theta: Array, balance: Balance, blocks: Blocks, hidden: Hidden = (), removed: Array | float = 0.0
+) -> Array:
     """Return the log density of each held-out block (S,) under parameters (P,) fitted to other data [nat]."""
-    return _compute_density(balance, theta[None], blocks, hidden)
+    return _compute_density(balance, theta[None], blocks, hidden, removed)
 
 
-def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hidden) -> Array:
+def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hidden, removed: Array | float) -> Array:
     """Return the log density of the recorded torque in each block (S,) [nat].
 
     `theta` are the parameters of the fits without each fold (FOLDS, P), or of one fit (1, P). The density of a residual
@@ -145,7 +147,7 @@ def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hid
     cell = np.minimum(blocks.fold, len(residual) - 1), np.arange(len(blocks.fold))
     reach = balance.reach
     least = SOLVER.tiny * np.where(np.isfinite(reach), reach, 0.0)  # least scale
-    squares = residual**2
+    squares = residual**2 + removed
     squared_scale = np.maximum(_estimate_scales(squares, blocks)[blocks.fold, blocks.recording], least**2)
     density = np.log(PEAK / np.sqrt(squared_scale)) - (NU + 1) / 2 * np.log1p(squares[cell] / (NU * squared_scale))
     least_slope = np.minimum(np.sqrt(squared_scale) / (PEAK * reach), 1.0)
