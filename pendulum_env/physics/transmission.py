@@ -214,7 +214,7 @@ class Backlash(Transmission):
 
     @property
     def reductions(self) -> tuple[Term, ...]:
-        return (JointFlexibility(self.resonance, self.damping, self.gravity),)
+        return (JointFlexibility(self.resonance, self.damping, self.gravity, self.friction, self.viscous),)
 
     @property
     def play(self) -> float:

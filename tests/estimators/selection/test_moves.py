@@ -12,6 +12,7 @@ from estimators.diagnosis.ranking import compute_alternatives, make_excitation_g
 from estimators.findings import Kind
 from estimators.selection.candidates import find_best_variant
 from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.moves import SearchState, leave_limits
 from estimators.selection.search import search
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -102,3 +103,33 @@ def test_an_end_of_the_range_where_contacts_were_seen_was_tested(evaluator):
     ((unmet,), _), ((met,), _) = (rank_effects(found, found.terms, has_contacts=own) for own in (False, True))
     assert unmet.reason.kind is Kind.NOT_TESTED
     assert met.reason.kind is not Kind.NOT_TESTED and not all(gate.passed for gate in met.gates)
+
+
+def make_run_at_constant_speed(seed: int) -> Recording:
+    """Return a motion that accelerates for 10 s, then runs at constant speed; torque is exact, its encoder coarse."""
+    rng, period = np.random.default_rng(seed), 0.005
+    time = period * np.arange(5000)
+    wave = sum(np.sin(2 * np.pi * rate * time + rng.uniform(0, 6)) for rate in rng.uniform(0.3, 2.0, 4))
+    v = 3.0 + 0.6 * np.clip(11.0 - time, 0, 1) * np.asarray(wave)
+    q = np.append(0.0, np.cumsum(period * (v[1:] + v[:-1]) / 2))
+    torque = 0.02 * np.append(np.diff(v), 0.0) / period + 0.01 * (v + np.append(v[1:], v[-1])) / 2 + 0.05
+    count = 2 * np.pi / 16384
+    return Recording(time, count * np.round(q / count + 0.2 * rng.standard_normal(len(q))), torque, name=f"run {seed}")
+
+
+def test_a_payload_of_minus_the_inertia_gains_nothing_by_removing_the_encoders_noise():
+    evaluator = ModelEvaluator(*split_recordings([make_run_at_constant_speed(1)], [make_run_at_constant_speed(2)]))
+    lost = (*BASE, effect("payload_change")(16.0))
+    inertia, change = (evaluator.model(lost).estimates[name].value for name in ("inertia", "payload_change.inertia"))
+    assert inertia == pytest.approx(0.02, rel=0.01) and change < -0.8 * inertia
+    assert not evaluator.is_significant(lost, BASE)
+
+
+def test_a_play_without_a_gap_is_an_elastic_joint():
+    elastic = {"Jm": 0.03, "bl_k": 60.0, "bl_d": 0.12}
+    runs = recorded(Plant(effects={"joint_flexibility": elastic}), Experiment(rate=500.0, seconds=8.0, seed=6))
+    evaluator = ModelEvaluator(*split_recordings(runs))
+    state = SearchState(evaluator, BASE, BASE)
+    for gap, link in ((1e-4, "joint_flexibility"), (1e-2, "backlash")):
+        found = leave_limits(state, state.with_terms((*BASE, effect("backlash")(gap, 31.6, 2.0, 33.0))))
+        assert found.terms[-1].id == link
