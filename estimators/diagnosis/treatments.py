@@ -47,7 +47,8 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
 
     Both models are compared on the treated data, unless the treatment changes the torque or the goals: then each has
     its own data. Likelihoods are not compared: windows of different widths have different blocks. Contacts with a stop
-    are kept only if the model has one.
+    are kept only if the model has one. A delay or lag beside torque that was moved in time may only undo the move:
+    torque as logged is kept if it leaves only noise by fewer assumptions.
     """
     treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
     after, before = trial.found.steps[-1], best.found.steps[-1]
@@ -58,6 +59,9 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     is_kept = is_better(ratio, *counts, trial.evaluator.criterion.error_margin)
     if treatment.kind is Kind.IMPACTS_INCLUDED:  # only a stop explains the torque of a contact
         is_kept = is_kept and has_stop(trial.found.terms)
+    is_undone = best.data.has_moved and any(term.lead or term.delay for term in best.found.terms)
+    if is_undone and not trial.data.has_moved and counts[0] < counts[1]:
+        is_kept = is_kept or trial.evaluator.residuals.is_noise(trial.found.terms)
     return TriedTreatment(treatment, ratio, *counts, is_kept)
 
 
