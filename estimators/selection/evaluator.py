@@ -145,8 +145,8 @@ class ModelEvaluator:
             for of_part, part in zip(absorbed, self.parts, strict=True):
                 noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
                 of_part.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
-        fits, inertia = self.train.maker.fit_folds(terms), self.residuals.inertia
-        removed = [part.compute_removed_noise(fits.terms, fits.theta, inertia) for part in self.parts]
+        fits, inertias = self.train.maker.fit_folds(terms), self.residuals.inertia
+        removed = [part.compute_removed_noise(fits.terms, fits.theta, inertias) for part in self.parts]
         train_rows, holdout_rows = (part.equations(terms, by_noise=True) for part in self.parts)
         return np.concatenate(
             [

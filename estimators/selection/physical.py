@@ -63,8 +63,7 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
 
     Dry friction is too large if it exceeds the largest torque that drives the joint: the recorded torque less that of
     load, potential and time-varying terms. Stops limit the range: one is too soft if the motion presses it in by more
-    than the range between them. The power of friction is not tested at a coupled joint,
-    dry friction not in an arm.
+    than the range between them. The power of friction is not tested at a coupled joint, dry friction not in an arm.
     """
     gates, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
