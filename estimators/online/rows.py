@@ -94,13 +94,13 @@ class _StepWriter:
 
     def write(self) -> SymbolicStep:
         """Write the step."""
-        views, velocity = self.balance()
+        views, velocity = self.write_balance()
         clear, moving = self.find_clear(), np.abs(velocity) > self.guards.slowest
         equations, usable = self.apply_schemes(views, clear, moving)
         results = {"regressor": _apply_gate(views[0, :-1], clear[0]), "equations": equations, "usable": usable}
         return SymbolicStep(self.inputs, self.before, self.after | results)
 
-    def remember(self, label: str, value: Any, times: int) -> list[Any]:
+    def add_history(self, label: str, value: Any, times: int) -> list[Any]:
         """Return a scalar now and at `times` >= 1 past instants, the newest first.
 
         A value other than a symbol, also an array of symbols, is treated as constant and repeated.
@@ -111,27 +111,27 @@ class _StepWriter:
         self.before[label], self.after[label] = past, np.array([value, *past[:-1]])
         return [value, *past]
 
-    def ask(self, label: str, *shape: int) -> Any:
+    def add_input(self, label: str, *shape: int) -> Any:
         """Return an input of the step."""
         self.inputs[label] = make_symbols(label, *shape)
         return self.inputs[label]
 
-    def balance(self) -> tuple[Any, Any]:
+    def write_balance(self) -> tuple[Any, Any]:
         """Return the row of the second-newest instant in the three views (3, P + 1), and its velocity."""
         instant, period = self.instant, self.period
         if any(term.delay for term in self.terms):
-            supplied = self.ask("supplied", 2)
+            supplied = self.add_input("supplied", 2)
         else:
-            supplied = [self.remember(f"supplied.{k}", instant[k], 1)[1] for k in (TORQUE, HELD)]
+            supplied = [self.add_history(f"supplied.{k}", instant[k], 1)[1] for k in (TORQUE, HELD)]
         _, q, v, a, _, _ = instant
         theta = np.ones(sum(len(term.columns) for term in self.terms))
         at_rest = TorqueBalance(self.terms, theta).start(Samples(*np.zeros((4, 1))))
-        memory = {id: tuple(self.ask(f"memory.{id}", len(states))) for id, states in at_rest.items()}
+        memory = {id: tuple(self.add_input(f"memory.{id}", len(states))) for id, states in at_rest.items()}
         x: Any = replace(Samples(instant[TIME], q, v, instant[TORQUE]), memory=memory)
         laws = {}
         for label, law in list_laws(self.terms).items():
             value = _evaluate_formula(law, x)
-            laws[label] = self.remember(label, self.ask(label) if value is None else value, 3)
+            laws[label] = self.add_history(label, self.add_input(label) if value is None else value, 3)
         is_second = self.index - (self.guards.behind - 1) == 2  # instant since the start
 
         def average(values: list[Any]) -> Any:
@@ -142,9 +142,9 @@ class _StepWriter:
             of_two, of_four = 0.5 * (at + older), (13 * (at + older) - (newest + oldest)) / 24
             return np.where(is_second, of_two, of_four)
 
-        _, position, last_position = self.remember("position", q, 2)
-        _, velocity, last_velocity = self.remember("velocity", v, 2)
-        _, acceleration = self.remember("acceleration", a, 1)
+        _, position, last_position = self.add_history("position", q, 2)
+        _, velocity, last_velocity = self.add_history("velocity", v, 2)
+        _, acceleration = self.add_history("acceleration", a, 1)
         acceleration_mean = (velocity - last_velocity) / period
         kinetic_rate = (velocity * velocity - last_velocity * last_velocity) / (2 * period)
         rows = []
@@ -154,7 +154,7 @@ class _StepWriter:
             impulse = average(mass) * acceleration_mean + average(torque)
             energy = average(mass) * kinetic_rate + average(power) + (stored[1] - stored[2]) / period
             rows.append([at_instant, impulse, energy])
-        applied, last_applied = self.remember("applied", supplied[0], 1)
+        applied, last_applied = self.add_history("applied", supplied[0], 1)
         power = supplied[1] * ((position - last_position) / period)
         y = [applied, supplied[1], power + (applied - last_applied) * (velocity - last_velocity) / 12]
         y = [value - sum(row[k] for row in rows[len(theta) :]) for k, value in enumerate(y)]
@@ -163,8 +163,8 @@ class _StepWriter:
     def find_clear(self) -> Any:
         """Return for each guard whether the sample `behind` the newest is clear of stick (G,)."""
         guards, index, velocity = self.guards, self.index, self.newest
-        halts = self.ask("halts", len(guards.distances))
-        halt, (_, last) = make_symbols("halt"), self.remember("newest", velocity, 1)
+        halts = self.add_input("halts", len(guards.distances))
+        halt, (_, last) = make_symbols("halt"), self.add_history("newest", velocity, 1)
         turned = (np.sign(velocity) != np.sign(last)) & (index > 0)
         halted = ((np.abs(velocity) <= guards.slowest) | turned) & (index >= 0)
         self.before["halt"], self.after["halt"] = halt, np.where(halted, index, halt)
@@ -180,7 +180,7 @@ class _StepWriter:
         """Return the equations of the schemes (S, P + 1), which start from rest, and whether each is usable (S,)."""
         period, before, after, index = self.period, self.before, self.after, self.index - self.guards.behind
         guards, windows, width = list_guards(self.schemes), list_windows(self.schemes, self.period), views.shape[1]
-        oldest = self.ask("oldest", len(windows), width + 1)
+        oldest = self.add_input("oldest", len(windows), width + 1)
         before["clear"], after["clear"] = make_symbols("clear", len(guards)), clear
         before["moving"], after["moving"] = make_symbols("moving"), moving
         before["total"] = make_symbols("total", len(windows), width + 1)

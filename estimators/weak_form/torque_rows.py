@@ -125,10 +125,10 @@ class TorqueRows:
             for variant, part, norm in zip(variants, parts, norms, strict=True)
         ]
 
-    def _with_change(self, term: Term, part: Columns) -> Columns:
+    def _add_fixed_change(self, term: Term, part: Columns) -> Columns:
         """Return the columns of a term with `fixed_change`, if its fixed columns depend on the present torque."""
         if (rows := self.select_joint(term.at)) is not self:
-            return rows._with_change(term, part)
+            return rows._add_fixed_change(term, part)
         if not term.fixed or term.has_state():
             return part
         fixed = self.data.averages.perturb_fixed_columns(term, self._perturbations)
@@ -211,7 +211,7 @@ class TorqueRows:
     @memoized
     def _make_whole_columns(self, term: Term) -> Columns:
         """Return the columns of a term with `fixed_change`."""
-        return self._with_change(term, self.columns([term])[0])
+        return self._add_fixed_change(term, self.columns([term])[0])
 
     def assemble(self, terms: Terms, parts: Sequence[Columns], weights: Array) -> Balance:
         """Return the rows of some terms from the columns of each, `parts`, and weights (R,).
@@ -243,7 +243,7 @@ class TorqueRows:
         if not terms or any(term.lead for term in terms):
             shared, w = self.list_term_columns(terms), self.weights(terms)
             return lambda variant, columns: self.assemble(
-                (*terms, variant), [*shared, self._with_change(variant, columns)], w
+                (*terms, variant), [*shared, self._add_fixed_change(variant, columns)], w
             )
         shared_rows, perturbations = self.equations(terms), self.perturbations
         elsewhere = np.ones(len(perturbations), dtype=bool)
@@ -254,7 +254,7 @@ class TorqueRows:
             largest = np.tile(perturbations.max(axis=0), (len(shared_rows.y) - len(of_joint), 1))
             here, perturbations = slice(0, len(of_joint)), np.concatenate([of_joint, largest])
         return lambda variant, columns: shared_rows.with_columns(
-            [(here, self._with_change(variant, columns))], *list_bounds((*terms, variant)), perturbations
+            [(here, self._add_fixed_change(variant, columns))], *list_bounds((*terms, variant)), perturbations
         )
 
     def weights(self, terms: Terms) -> Array:
@@ -322,7 +322,7 @@ class TorqueRows:
 
         def linearise(by_noise: bool) -> tuple[Array, Array, Array, Array]:
             """Return Gram matrices of the terms, parameters (P,) at a step of zero, and bounds of a step."""
-            known, (part,), (least, most) = self._fold_grams(others, by_noise), self.columns([last]), list_bounds(terms)
+            known, (part,), (least, most) = self._make_grams(others, by_noise), self.columns([last]), list_bounds(terms)
             start = np.append(known.near.theta, np.zeros(len(last.columns)))
             return known.with_term(part, self.data.locate_rows(last.at)), start, least - start, most - start
 
@@ -346,10 +346,10 @@ class TorqueRows:
         return fits, weights
 
     @memoized
-    def _fold_grams(self, terms: Terms, by_noise: bool = False) -> FoldGrams:
+    def _make_grams(self, terms: Terms, by_noise: bool = False) -> FoldGrams:
         """Return the Gram matrices of the rows, linearised around the fit of the terms, or the fit `by_noise` alone."""
         if by_noise and not is_torque_dependent(*terms):
-            return self._fold_grams(terms)  # linear rows have the same matrices around any fit
+            return self._make_grams(terms)  # linear rows have the same matrices around any fit
         balance = self.equations(terms, by_noise=True)
         near = balance.linearise(self._solve_by_noise(terms)) if by_noise else self.linearise(terms)
         return FoldGrams.compute(near, self.data.recording_of_window, self.layout.fold, len(self.data.windows), FOLDS)
@@ -392,7 +392,7 @@ class TorqueRows:
         return np.linalg.qr(self.linearise(terms).slopes * self.weights(terms)[:, None])[0]
 
     @memoized
-    def _frame_of_unknown(self, terms: Terms) -> Array:
+    def _make_frame_of_unknown(self, terms: Terms) -> Array:
         """Return an orthonormal basis (R, F) of the weighted derivatives of the errors by the F unknown parameters."""
         least, most = list_bounds(terms)
         return np.linalg.qr(self.linearise(terms).slopes[:, least < most] * self.weights(terms)[:, None])[0]
@@ -446,7 +446,7 @@ class TorqueRows:
         if not terms:
             squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
         else:
-            grams = self._fold_grams(terms)
+            grams = self._make_grams(terms)
             start = np.append(grams.near.theta, np.zeros(len(variants[0].columns)))
             limits = [end - start for end in list_bounds((*terms, variants[0]))]
 
@@ -513,7 +513,7 @@ class TorqueRows:
         that leaves the bounds, has known parameters or depends on the torque is fitted exactly.
         """
         shared, w = self.list_term_columns(terms), self.weights(terms)
-        tangent, frame, (least, most) = self.linearise(terms), self._frame_of_unknown(terms), list_bounds(terms)
+        tangent, frame, (least, most) = self.linearise(terms), self._make_frame_of_unknown(terms), list_bounds(terms)
         is_free = least < most
         start = np.where(is_free, tangent.theta, least)
         scale, target = w * tangent.scale, w * (tangent.error - tangent.slopes @ (start - tangent.theta))

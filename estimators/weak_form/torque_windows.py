@@ -278,7 +278,7 @@ class TorqueWindows:
             free: range of free motion [rad], see `find_free_range`.
         """
         unclear = join_windows([replace(w, centers=w.unclear) for w in self.windows])
-        residual, friction, noise = unclear._residual(terms, theta, covariance, inertia)
+        residual, friction, noise = unclear._compute_residual(terms, theta, covariance, inertia)
         angle = unclear.samples.position
         is_outwards = ((residual > 0) & (angle > free[1])) | ((residual < 0) & (angle < free[0]))
         is_at_rest = np.concatenate([np.isin(w.unclear, w.resting) for w in self.windows])
@@ -302,11 +302,11 @@ class TorqueWindows:
 
         The arguments are those of `with_contacts`. Without windows, the range is (inf, -inf).
         """
-        residual, friction, noise = self._residual(terms, theta, covariance, inertia)
+        residual, friction, noise = self._compute_residual(terms, theta, covariance, inertia)
         angle = self.samples.position[np.abs(residual) <= 2 * friction + noise]
         return float(angle.min(initial=np.inf)), float(angle.max(initial=-np.inf))
 
-    def _residual(
+    def _compute_residual(
         self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float
     ) -> tuple[Array, Array, Array]:
         """Return the residual of each window, and bounds of its dry friction and its noise, (R,) [N m] each."""

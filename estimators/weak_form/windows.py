@@ -229,17 +229,17 @@ class Windows:
     @cached_property
     def averages(self) -> WindowAverages:
         """Averages over the windows."""
-        return self._averages_by(self.kernel)
+        return self._make_window_averages(self.kernel)
 
     @cached_property
     def rates(self) -> WindowAverages:
         """Averages of time derivatives of series, by <w f'> = -<w' f>, for torque with a lag."""
         padded = np.pad(self.kernel, 2)
-        return self._averages_by(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
+        return self._make_window_averages(0.5 * self.recording.rate * (padded[:-2] - padded[2:]))
 
-    def _averages_by(self, kernel: Array) -> WindowAverages:
+    def _make_window_averages(self, kernel: Array) -> WindowAverages:
         """Return the averages with another kernel (2 m + 1,)."""
-        narrow, wider = self._averages(kernel), self._averages(np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12]))
+        narrow, wider = self._make_averages(kernel), self._make_averages(np.convolve(kernel, [1 / 12, 10 / 12, 1 / 12]))
         return WindowAverages(self.samples, self.moving, self.acceleration, narrow, wider)
 
     @property
@@ -251,7 +251,7 @@ class Windows:
         """Return windows about every sample that is clear of stick."""
         return replace(self, centers=np.flatnonzero(self.is_clear), scale=None)
 
-    def _averages(self, kernel: Array) -> Averages:
+    def _make_averages(self, kernel: Array) -> Averages:
         """Return the sparse matrix (R, N) of averages with a kernel, or an operator if it would be dense."""
         count, length = len(self.centers), len(kernel)
         first, scale = self.centers - length // 2, self.row_scale
