@@ -22,7 +22,7 @@ from benchmarks.independent_plant import LIBRARY, Array, Case, random_case, simu
 from benchmarks.parallel import each
 from benchmarks.scoring import Exact, compare, positive, rate, take_workers
 from estimators import Diagnosis, diagnose
-from estimators.diagnosis.experiment import DESIGN, USUAL
+from estimators.diagnosis.experiment import DEFAULT_TORQUE, DESIGN
 from pendulum_env.excitation import draw_family
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
@@ -132,7 +132,7 @@ def examine(study: Study) -> Row:
         left, settled = {SUGGESTED: open_pairs}, {SUGGESTED: right}
 
         def drawn(rng: np.random.Generator, time: Array) -> Array:
-            signals = draw_family(rng, DESIGN.seconds, USUAL)
+            signals = draw_family(rng, DESIGN.seconds, DEFAULT_TORQUE)
             return signals[rng.integers(len(signals))].signal(time)
 
         commands = dict(zip(ARMS, (study.poor, drawn), strict=False))

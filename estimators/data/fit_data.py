@@ -18,7 +18,7 @@ from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate
 from estimators.data.regression_data import RegressionData
-from estimators.data.split import Parts, split_arm, split_recordings, with_contacts
+from estimators.data.split import Parts, add_contacts, split_arm, split_recordings
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values
 from estimators.in_loop.motion import LoopMotion, simulate_in_loop
@@ -176,7 +176,7 @@ class FitData:
 
     def with_contacts(self, terms: Sequence[Term]) -> Self:
         """Return the data with contacts with a stop, by the residual of some terms; the same data if they are few."""
-        parts = with_contacts(self.parts, terms)
+        parts = add_contacts(self.parts, terms)
         if parts is self.parts:
             return self
         return self.with_treatment(Finding(Kind.IMPACTS_INCLUDED), contact_terms=tuple(terms)).with_parts(parts)
@@ -212,7 +212,7 @@ class FitData:
             train, holdout = split_arm(self.recordings, self.holdout)
             return RegressionData.from_arm(train, self.terms), RegressionData.from_arm(holdout, self.terms)
         parts = split_recordings(self.recordings, self.holdout, self.window_share)
-        parts = parts if self.contact_terms is None else with_contacts(parts, self.contact_terms)
+        parts = parts if self.contact_terms is None else add_contacts(parts, self.contact_terms)
         if self.horizon is None:
             return parts
         return parts[0].with_horizon(self.horizon), parts[1].with_horizon(self.horizon)

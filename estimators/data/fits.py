@@ -42,7 +42,7 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     for term in terms:
         place = slice(first_column, first_column := first_column + len(term.columns))
         for parameter in edges[term]:
-            std = _std_of_edge(data, balance, fit, term, parameter, place)
+            std = _compute_edge_std(data, balance, fit, term, parameter, place)
             nonlinear_std[term.get_full_name(parameter.name)] = std
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, theta, fit.std[:count], **nonlinear_std)
@@ -98,7 +98,7 @@ def fit_within_laws(data: RegressionData, terms: Terms) -> Model:
     return Model.build(terms, fit.theta, fit.std)
 
 
-def _std_of_edge(
+def _compute_edge_std(
     data: RegressionData, balance: Balance, fit: Fit, term: Term, parameter: NonlinearParameter, of_term: slice
 ) -> float:
     """Return the standard error of an edge by profile likelihood: the larger of the likely displacements to both sides.

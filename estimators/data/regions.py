@@ -10,7 +10,7 @@ from estimators.signals.residual import SYMBOLS, Region, find_regions, make_regi
 from pendulum_env._typing import Array
 from pendulum_env.recording.channel import NEWTON_METRE
 
-MOST = 6  # regions of a residual
+MAX_REGIONS = 6  # regions of a residual
 
 
 def find_regions_at(
@@ -18,7 +18,7 @@ def find_regions_at(
     residual: Array,
     at: str = "",
     axes: Sequence[str] = tuple(SYMBOLS),
-    most: int = MOST,
+    most: int = MAX_REGIONS,
     floor: float | None = None,
 ) -> list[Region]:
     """Return at most `most` regions of a residual (R,) [N m] of all rows, at a joint, in the order of `find_regions`.
@@ -32,7 +32,7 @@ def find_regions_at(
 
 
 def find_failures(
-    data: RegressionData, residual: Array, most: int = MOST, floors: Mapping[str, float] | None = None
+    data: RegressionData, residual: Array, most: int = MAX_REGIONS, floors: Mapping[str, float] | None = None
 ) -> list[Region]:
     """Find where a residual (R,) [N m] exceeds the noise, joint by joint; at most `most` regions of each.
 

@@ -78,7 +78,7 @@ def _split_into_parts(recordings: Sequence[Recording], holdout: Sequence[Recordi
     return split(float(np.quantile(center_shares, 1 - HELD_OUT)))
 
 
-def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -> Parts:
+def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -> Parts:
     """Return fitted and held-out data with contacts with a stop, see `TorqueWindows.with_contacts`.
 
     The same `data` are returned with fewer than `repeated` contacts, which may be accidents, and for terms with a link,
@@ -87,8 +87,8 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
     """
     if has_link(terms):
         return data
-    add_contacts = make_contact_finder(data, terms)
-    with_windows = add_contacts(data[0]), add_contacts(data[1])
+    find_contacts = make_contact_finder(data, terms)
+    with_windows = find_contacts(data[0]), find_contacts(data[1])
     counts = [part.data.contacts for part in with_windows]
     is_uneven = counts[0] < MOTION * sum(counts) or counts[1] == 0
     if is_uneven and sum(counts) >= repeated and data[0].recordings == data[1].recordings:
@@ -101,7 +101,7 @@ def with_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) 
         )
         split = split_at_contacts(center_shares, contacts)
         if split is not None:
-            with_windows = add_contacts(_cut_again(data[0], split[0])), add_contacts(_cut_again(data[1], split[1]))
+            with_windows = find_contacts(_cut_again(data[0], split[0])), find_contacts(_cut_again(data[1], split[1]))
             counts = [part.data.contacts for part in with_windows]
     return with_windows if counts[0] >= 1 and sum(counts) >= repeated else data
 

@@ -11,7 +11,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, Estimate, Model
 from pendulum_env.recording import Recording
 
-CROSSING = 5.0  # least step of the motion across an end, in standard deviations of the encoder's noise
+MIN_CROSSING = 5.0  # least step of the motion across an end, in standard deviations of the encoder's noise
 
 
 def widen_ends(model: Model, recordings: Sequence[Recording]) -> Model:
@@ -69,6 +69,6 @@ def _list_steps(recording: Recording, end: float) -> Array:
     is_beyond, steps = recording.position > end, np.diff(recording.position)
     steps[[start - 1 for start in recording.starts if start]] = 0.0  # gaps
     is_crossed = (is_beyond[1:] != is_beyond[:-1]) & (
-        np.abs(steps) > CROSSING * estimate_encoder_noise(recording.position)
+        np.abs(steps) > MIN_CROSSING * estimate_encoder_noise(recording.position)
     )
     return np.asarray(steps[is_crossed])

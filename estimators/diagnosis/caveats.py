@@ -15,7 +15,7 @@ from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.terms import find_untested_ends
 from pendulum_env.units import JointUnits
 
-ENOUGH = 40  # number of windows below which a finding warns
+MIN_WINDOWS = 40  # number of windows below which a finding warns
 
 
 def find_caveats(
@@ -39,9 +39,9 @@ def find_caveats(
 
 
 def _find_few_windows(evaluator: ModelEvaluator) -> list[Finding]:
-    """Return a finding for fewer than `ENOUGH` windows; else an empty list."""
+    """Return a finding for fewer than `MIN_WINDOWS` windows; else an empty list."""
     count = len(evaluator.train.layout.clusters)
-    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < ENOUGH else []
+    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < MIN_WINDOWS else []
 
 
 def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, reach: float) -> list[Finding]:

@@ -11,7 +11,7 @@ from estimators.diagnosis.contacts import find_arm_contacts, find_contacts, mark
 from estimators.diagnosis.experiment import suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.unexplained import find_contradiction, find_holdout_structure, find_joint_residuals
+from estimators.diagnosis.unexplained import check_torque_sign, find_holdout_structure, find_joint_residuals
 from estimators.findings import Finding, Kind
 from estimators.selection.physical import find_driving_friction, find_violations
 from estimators.selection.tables import find_explaining_law
@@ -28,7 +28,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     remedies = find_remedies(
         trial.release_bounds(diagnosis.model), trial.data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
     )
-    if (cause := find_contradiction(trial.evaluator)) is not None:
+    if (cause := check_torque_sign(trial.evaluator)) is not None:
         return replace(diagnosis, findings=(*remedies, *channel), forbidden=cause)
     evaluator, model, regions, doubts = trial.final.evaluator, trial.model, diagnosis.unexplained, trial.doubts
     table = trial.found.table.id if trial.found.table is not None and trial.found.table.id in TABLES else None
@@ -41,7 +41,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     questions = list_questions(evaluator, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, detectable)
     if find_violations(model, evaluator.train.motions) or not model.has_known_inertia:
         questions = []  # motion cannot be predicted
-    limits = trial.setting.limits.with_trusted_torque((trial.data.whole or trial.data).recordings)
+    limits = trial.setting.limits.with_default_torque((trial.data.whole or trial.data).recordings)
     suggestion, unanswerable, forbidden = suggest_experiment(evaluator, model, questions, limits, regions)
     if not model.has_known_inertia:
         forbidden = Finding(Kind.INERTIA_UNKNOWN)

@@ -31,8 +31,8 @@ from pendulum_env.physics import Model, Samples, simulate
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.units import JointUnits
 
-BOLDER = 10.0  # default torque limit over the largest recorded torque, at most
-USUAL = 6.0  # [N m], default torque limit, the paper's peak torque
+MAX_TORQUE_RATIO = 10.0  # default torque limit over the largest recorded torque, at most
+DEFAULT_TORQUE = 6.0  # [N m], default torque limit, the paper's peak torque
 
 
 @dataclass(frozen=True)
@@ -62,29 +62,29 @@ class ExperimentLimits:
         torque: largest torque [N m].
         angle: largest angle to either side of hanging down [rad].
         speed: largest speed [rad/s].
-        usual: torque limit without a bound of the user [N m].
+        default_torque: torque limit without a bound of the user [N m].
     """
 
     torque: float | None = None
     angle: float | None = None
     speed: float | None = None
-    usual: float = USUAL
+    default_torque: float = DEFAULT_TORQUE
 
     def list_quantities(self, units: JointUnits) -> dict[str, Quantity]:
         """Return the limits that are not None, by name; a torque of zero is left out."""
         bounds = {"torque": (self.torque or None, "N m"), "angle": (self.angle, "rad"), "speed": (self.speed, "rad/s")}
         return {name: Quantity(x, unit=units.unit(unit)) for name, (x, unit) in bounds.items() if x is not None}
 
-    def with_trusted_torque(self, recordings: Sequence[Recording]) -> ExperimentLimits:
-        """Return the limits with `usual`, which is also `torque` if that is None or zero, by the recordings.
+    def with_default_torque(self, recordings: Sequence[Recording]) -> ExperimentLimits:
+        """Return the limits with `default_torque` by the recordings, also as `torque` if that is None or zero.
 
-        It is the largest recorded torque, or, if larger, the smaller of `USUAL` and `BOLDER` times the largest; the
-        latter only in N m.
+        The default is max(largest, min(`DEFAULT_TORQUE`, `MAX_TORQUE_RATIO` largest)), where `largest` is the largest
+        recorded torque; in other units than N m it is `largest`.
         """
         largest = max(float(np.abs(recording.torque).max()) for recording in recordings)
-        trusted = min(USUAL, BOLDER * largest) if recordings[0].torque_unit == NEWTON_METRE else 0.0
-        usual = max(trusted, largest)
-        return replace(self, torque=self.torque or usual, usual=usual)
+        trusted = min(DEFAULT_TORQUE, MAX_TORQUE_RATIO * largest) if recordings[0].torque_unit == NEWTON_METRE else 0.0
+        default = max(trusted, largest)
+        return replace(self, torque=self.torque or default, default_torque=default)
 
     def find_angle_range(self, recordings: Sequence[Recording]) -> tuple[float, float]:
         """Return the lowest and highest angle of the motion [rad]: `safe` of the limit, else of the recorded range.
@@ -128,7 +128,7 @@ def suggest_experiment(
     """
     if not questions:
         return None, [], None
-    recorded, torque = evaluator.train.samples, limits.torque or limits.usual
+    recorded, torque = evaluator.train.samples, limits.torque or limits.default_torque
     (low, high), fastest = limits.find_angle_range(evaluator.train.recordings), limits.find_largest_speed(recorded)
     is_free = evaluator.train.recordings[0].known_inertia > 0
     if is_free:
@@ -142,8 +142,8 @@ def suggest_experiment(
     suggestion, unsettled = _choose(evaluator, allowed, questions)
     if not unsettled:
         return suggestion, [], None
-    if limits.usual > torque and not is_free:
-        runs = [*runs, *simulate_candidates(evaluator, model, limits.usual)]
+    if limits.default_torque > torque and not is_free:
+        runs = [*runs, *simulate_candidates(evaluator, model, limits.default_torque)]
     if not runs:  # the model runs away under every torque
         return None, [], None
     _, unanswerable = _choose(evaluator, runs, unsettled)

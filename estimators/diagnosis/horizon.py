@@ -30,7 +30,7 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 
 PROGRESS = (0.93, 0.95)  # shares of the diagnosis at begin and end of the refit
-REWEIGHTED = 3  # fits to the last horizon, each weighted by the errors of the fit before
+N_REWEIGHTED = 3  # fits to the last horizon, each weighted by the errors of the fit before
 
 
 def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
@@ -48,7 +48,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     if not errs_by_more_than_noise(data[0].segments, before.model, trial.evaluator.criterion):
         return HorizonRefit(seconds, before)
     doubled = [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
-    horizons = [*doubled, *[seconds] * REWEIGHTED]
+    horizons = [*doubled, *[seconds] * N_REWEIGHTED]
     point, is_interrupted, (low, high) = Point.from_model(last.model), False, PROGRESS
     try:
         for number, length in enumerate(horizons):

@@ -22,9 +22,10 @@ from pendulum_env.physics import Term, list_ids
 from pendulum_env.plant import get_typical_values, paper_plant
 from pendulum_env.units import is_of_torque
 
-TOLD = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")  # reported detectable effects
-CLEAR = 2.0  # factor on the limits of structure, since neighbouring windows share about half of a torque
-DOUBT = 3.0  # factor on the penalty, above which a gain is nearly always found
+# effects whose smallest detectable size is reported
+REPORTED = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")
+STRUCTURE_FACTOR = 2.0  # factor on the limits of structure, since neighbouring windows share about half of a torque
+PENALTY_FACTOR = 3.0  # factor on the penalty, above which a gain is nearly always found
 
 
 @dataclass(frozen=True)
@@ -111,8 +112,8 @@ def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Ter
     """Find the smallest detectable size of an effect added to the terms, in the unit of its first parameter.
 
     An effect with RMS torque r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats over N windows with
-    noise s. The gain must reach `DOUBT` penalties, and r must be significant structure. Return None if no size is
-    detectable in N windows, or if the terms imitate the effect.
+    noise s. The gain must reach `PENALTY_FACTOR` penalties, and r must be significant structure. Return None if no size
+    is detectable in N windows, or if the terms imitate the effect.
     """
     term, theta = make_typical_effect(kind)
     if not len(theta):
@@ -125,14 +126,14 @@ def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Ter
         return None
     noise = max(evaluator.residuals.noise_floor(), float(np.sqrt(np.mean(evaluator.train.residual(terms) ** 2))))
     # least significant r^2 / (r^2 + s^2)
-    correlated = CLEAR * evaluator.criterion.z_score / float(np.sqrt(len(outside)))
+    correlated = STRUCTURE_FACTOR * evaluator.criterion.z_score / float(np.sqrt(len(outside)))
     if correlated >= 1.0:
         return None
-    nats = DOUBT * evaluator.penalty((*terms, term), terms)
+    nats = PENALTY_FACTOR * evaluator.penalty((*terms, term), terms)
     least = max(
         noise * float(np.sqrt(np.expm1(2 * nats / len(outside)))),
         noise * float(np.sqrt(correlated / (1.0 - correlated))),
-        CLEAR * evaluator.criterion.noise_ratio * evaluator.residuals.noise_floor(),
+        STRUCTURE_FACTOR * evaluator.criterion.noise_ratio * evaluator.residuals.noise_floor(),
     )
     return float(np.linalg.norm(theta)) * least / outside_rms
 
@@ -140,13 +141,13 @@ def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Ter
 def find_detectable_effects(
     evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]
 ) -> tuple[Detectable, ...]:
-    """Return the smallest detectable size of each effect in `TOLD`, and the recorded range without a hard stop.
+    """Return the smallest detectable size of each effect in `REPORTED`, and the recorded range without a hard stop.
 
     A size is omitted if it exceeds the bounds of the law, or if its torque exceeds the applied torque: the
     data do not excite the effect. A joint that makes whole turns has no range.
     """
     effects, data, units = list[Detectable](), evaluator.train.data, evaluator.train.units()
-    for kind in (library[id] for id in TOLD if id in library):
+    for kind in (library[id] for id in REPORTED if id in library):
         size, (term, _) = find_detectable_size(evaluator, terms, kind), make_typical_effect(kind)
         if size is not None:
             column = term.columns[0]

@@ -7,7 +7,7 @@ from estimators.data.fits import fit_within_laws
 from estimators.data.regression_data import RegressionData
 from estimators.data.stop_error import find_stiff_stops
 from estimators.diagnosis.case import Trial
-from estimators.diagnosis.unexplained import find_contradiction, find_unexplained
+from estimators.diagnosis.unexplained import check_torque_sign, find_unexplained
 from estimators.findings import NOTHING_DETERMINED, Finding, collect_withheld, withhold_everything
 from estimators.schemes.identifiability import find_undetermined, find_undetermined_parameters, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
@@ -31,7 +31,7 @@ def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = 
 
 def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
     """Search for effects; with a reversed sign of torque, or nothing determined, fit the base model only."""
-    if find_contradiction(evaluator) is None and not withhold_everything(
+    if check_torque_sign(evaluator) is None and not withhold_everything(
         find_undetermined_parameters(evaluator.train.recordings, evaluator.base)
     ):
         return refit_if_misfit(search(evaluator))
@@ -45,7 +45,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
     The result is unchanged if the sign of the logged torque is reversed.
     """
-    if find_contradiction(trial.evaluator) is not None:
+    if check_torque_sign(trial.evaluator) is not None:
         return trial.found, ()
     trial.setting.progress("refitting", 0.93)
     result = refit_by_likelihood(trial.found)

@@ -95,7 +95,7 @@ def narrow_windows(trial: Trial) -> FitData | None:
 
 
 def include_contacts(trial: Trial) -> FitData | None:
-    """Add windows in contact with a stop, see `with_contacts` of `split`; None for few contacts."""
+    """Add windows in contact with a stop, see `add_contacts` of `split`; None for few contacts."""
     if trial.data.has_treatment(Kind.IMPACTS_INCLUDED):
         return None
     data = trial.data.with_contacts(trial.found.terms)

@@ -18,7 +18,7 @@ from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Term
 
 
-def find_contradiction(evaluator: ModelEvaluator) -> Finding | None:
+def check_torque_sign(evaluator: ModelEvaluator) -> Finding | None:
     """Return a finding if the sign of the logged torque is reversed, by the base model within bounds of laws."""
     return find_reversed_torque(fit_within_laws(evaluator.train, evaluator.base), evaluator.train.recordings)
 
@@ -31,7 +31,7 @@ def find_unexplained(result: SearchResult) -> list[Region]:
     without contacts.
     """
     evaluator, last = result.evaluator, result.steps[-1]
-    if (reversal := find_contradiction(evaluator)) is not None:
+    if (reversal := check_torque_sign(evaluator)) is not None:
         end = float(evaluator.train.samples.time.max())
         return [Region("time", 0.0, end, 0.0, 0.0, is_profiled=False, cause=reversal)]
     train, holdout = evaluator.parts

@@ -3,7 +3,7 @@
 import argparse
 import math
 
-from estimators.diagnosis.experiment import USUAL
+from estimators.diagnosis.experiment import DEFAULT_TORQUE
 from estimators.diagnosis.run import diagnose
 from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import MOST_TORQUE
@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--max-torque",
         type=options.convert_number(0.1, MOST_TORQUE),
-        help=f"its largest torque [N m] (default {USUAL:g}, at most ten times the largest recorded)",
+        help=f"its largest torque [N m] (default {DEFAULT_TORQUE:g}, at most ten times the largest recorded)",
     )
     group.add_argument(
         "--max-angle",

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
-from estimators.data.split import split_recordings, with_contacts
+from estimators.data.split import add_contacts, split_recordings
 from estimators.findings import Kind
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.torque_windows import prepare_windows
@@ -113,11 +113,11 @@ def test_of_one_blow_that_turns_the_joint_round_nothing_is_learnt():
     struck = recording("struck")
     struck = replace(struck, torque=struck.torque - BLOW)
     prepared = split_recordings([struck])
-    assert with_contacts(prepared, BASE) is prepared
+    assert add_contacts(prepared, BASE) is prepared
     found = diagnosed([struck])
     assert found.selected == ()
     assert found.unexplained
-    assert with_contacts(prepared, BASE, repeated=1)[0].data.contacts == 1  # it was seen
+    assert add_contacts(prepared, BASE, repeated=1)[0].data.contacts == 1  # it was seen
 
 
 def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out():

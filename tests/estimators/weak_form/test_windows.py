@@ -10,7 +10,7 @@ from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, 
 from estimators.checks.alignment import Alignment
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
-from estimators.data.split import with_contacts
+from estimators.data.split import add_contacts
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.channel import Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
@@ -210,7 +210,7 @@ def test_a_residual_smaller_than_the_noise_of_its_windows_has_no_structure():
 
 
 def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWindows:
-    return with_contacts((prepared, prepared), terms)[0].data
+    return add_contacts((prepared, prepared), terms)[0].data
 
 
 def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
