@@ -25,8 +25,8 @@ class CleaningSettings:
     far: float = 10.0  # ratio of a glitch's deviation to those of its neighbours and of the recording
     pause: float = 1.0  # [s], gap between runs whose clocks restart
     long: float = 1.5  # least length of a step with lost rows, in median steps
-    moving: float = 3.0  # least ratio of a moving joint's step to the usual deviation from steady motion, and of an
-    # impossible jump to the step after it
+    moving: float = 3.0  # least ratio of a moving joint's step to the usual deviation from steady motion
+    jump: float = 3.0  # least ratio of an impossible jump to the steps beside it, and of unsteady travels
     same: float = 1e-6  # largest step of a repeated time, as share of the median step
     alike: float = 0.25  # largest relative difference of equal steps
     moved_on: float = 1.5  # least ratio of steps across lost cells to steps between rows
@@ -336,7 +336,7 @@ def _find_stale_samples(q: Array, usual: float, cuts: Mask) -> Index:
 
 def _is_impossible(jump: Array, beside: Array, usual: float) -> Mask:
     """Return whether jumps (M,) exceed the steps beside them (M,) and the usual bend, within half a turn."""
-    least = np.maximum(CLEANING.far * usual, CLEANING.moving * np.abs(beside))
+    least = np.maximum(CLEANING.far * usual, CLEANING.jump * np.abs(beside))
     return (np.abs(jump) > least) & (np.abs(jump) <= TURN / 2)
 
 
@@ -348,5 +348,5 @@ def _is_moving(q: Array, at: Index, way: int, usual: float) -> Mask:
     last = len(q) - 1
     near, next_, far = (q[np.clip(at + way * k * ROWS, 0, last)] for k in (0, 1, 2))
     late, early = np.abs(near - next_), np.abs(next_ - far)
-    is_steady = (2 * late > early) & (CLEANING.moving * early > late) & ((near - next_) * (next_ - far) > 0)
+    is_steady = (2 * late > early) & (CLEANING.jump * early > late) & ((near - next_) * (next_ - far) > 0)
     return is_steady & (late > CLEANING.moving * usual)
