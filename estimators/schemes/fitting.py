@@ -21,7 +21,7 @@ from estimators.regression.least_squares import (
 from estimators.regression.recursive import choose_indices, compute_history
 from estimators.schemes.balance import Segments, Stack, find_momentum_columns, make_regressions, stack_equations
 from estimators.schemes.six import Regressor, Scheme
-from pendulum_env._typing import JSON, Array, Index
+from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.model import make_arm_model
 from pendulum_env.notebook import Shown
 from pendulum_env.physics import Estimate, Model, Term
@@ -195,12 +195,10 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
     model = Model.build(terms, theta, std).with_covariance(
         [columns[j].name for j in free], fit.covariance[:count, :count]
     )
-    n_joints = int(data.joint.max()) + 1  # equations of one instant
-    last = (choose_indices(len(data.time) // n_joints, HISTORY_POINTS) + 1) * n_joints - 1
     return Identified(
         scheme=scheme.id,
         model=make_arm_model(model),
-        convergence=_compute_convergence(equations, data, fit, free, theta, std, last),
+        convergence=_compute_convergence(equations, data, fit, free, theta, std),
         residual_rms=fit.rms,
         unit=scheme.unit,
         condition=fit.condition,
@@ -240,12 +238,14 @@ def _compute_random_walk_covariance(equations: Equations, data: Stack, theta: Ar
 
 
 def _compute_convergence(
-    equations: Equations, data: Stack, fit: Fit, free: Sequence[int], theta: Array, std: Array, points: Index
+    equations: Equations, data: Stack, fit: Fit, free: Sequence[int], theta: Array, std: Array
 ) -> Convergence:
-    """Compute the history of the recursion at rows `points` (K,).
+    """Compute the history of the recursion at about `HISTORY_POINTS` instants.
 
     Its standard errors are scaled to end at those of `fit`. Parameters that are not `free` stay at theta and std (P,).
     """
+    n_joints = int(data.joint.max()) + 1  # equations of one instant
+    points = (choose_indices(len(data.time) // n_joints, HISTORY_POINTS) + 1) * n_joints - 1
     weighted = Equations(equations.phi * data.weights[:, None], equations.y * data.weights)
     history = compute_history(weighted, data.usable, points)
     history_std = history.std  # (K, F)
