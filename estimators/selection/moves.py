@@ -210,9 +210,11 @@ def try_link_friction(state: SearchState, found: SearchState) -> SearchState:
             break
         link, linked = longer.terms[-1], longer.evaluator.linked
         assert linked is not None
-        estimates = [linked.model.estimates[link.get_full_name(parameter.name)] for parameter in released]
-        needless = [
-            parameter for parameter, estimate in zip(released, estimates, strict=True) if not estimate.is_significant
+        estimates = [linked.model.estimates.get(link.get_full_name(parameter.name)) for parameter in released]
+        needless = [  # a part that ended at zero has no estimate
+            parameter
+            for parameter, estimate in zip(released, estimates, strict=True)
+            if estimate is None or not estimate.is_significant
         ]
         if not needless:
             return longer

@@ -45,7 +45,7 @@ class ShootingSettings:
 
     length: float = 0.25  # length of a segment [s]
     coarse: float = 1e-3  # step of the integrator [s]
-    fine: float = 0.25e-3  # step of the integrator in the last fit to a stiff contact [s]
+    fine: float = 0.25e-3  # step of the integrator in the last fit [s]; a step h shifts a resonance w by (w h)^2 / 24
     initial_iterations: int = 2  # iterations of each start of a segment's state
     more_iterations: int = 4  # additional iterations of segments with large errors
     far: float = 2.0  # least large error [median errors]
@@ -417,9 +417,8 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
                 break
             fitted_shooting = candidate
         point = fitted_shooting.point
-    step = SHOOTING.fine if multimodal else SHOOTING.coarse
     return _make_model(
-        fit_shooting([replace(shooting, step=step) for shooting in prepare_segments(windows, point)], point)
+        fit_shooting([replace(shooting, step=SHOOTING.fine) for shooting in prepare_segments(windows, point)], point)
     )
 
 
