@@ -30,7 +30,7 @@ from pendulum_env.physics import BASE, Model, Samples, Term, find_link, has_link
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
-GROWS = 10.0  # growth of an error of the initial position within a segment from which its motion is unstable
+MAX_GROWTH = 10.0  # growth of an error of the initial position within a segment from which its motion is unstable
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ class RegressionData:
         If no others exist, or a model without known inertia cannot simulate, the segments stay.
         """
         candidates = self.segments if model.has_known_inertia else ()
-        steady = [compute_growth(segments, model.terms, model.theta) < GROWS for segments in candidates]
+        steady = [compute_growth(segments, model.terms, model.theta) < MAX_GROWTH for segments in candidates]
         steady_segments = tuple(
             select_segments(*pair) for pair in zip(candidates, steady, strict=True) if pair[1].any()
         )

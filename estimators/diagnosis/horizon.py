@@ -21,7 +21,7 @@ from estimators.diagnosis.result import HorizonRefit
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.selection.errors import Step
 from estimators.selection.physical import find_violations
-from estimators.selection.score import errs_by_more_than_noise
+from estimators.selection.score import exceeds_noise
 from estimators.simulation import output_error
 from estimators.simulation.free_running import HORIZON
 from estimators.simulation.output_error import ErrorsOf
@@ -45,7 +45,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
         return None
     data = [_select_steady(part, last.model) for part in trial.data.with_horizon(seconds).parts]
     before = _make_step(last, last.model, data)
-    if not errs_by_more_than_noise(data[0].segments, before.model, trial.evaluator.criterion):
+    if not exceeds_noise(data[0].segments, before.model, trial.evaluator.criterion):
         return HorizonRefit(seconds, before)
     doubled = [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
     horizons = [*doubled, *[seconds] * N_REWEIGHTED]

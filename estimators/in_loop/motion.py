@@ -41,7 +41,7 @@ class LoopMotion:
 
     def extend(self, errors: Errors) -> Errors:
         """Extend errors by those of this motion, if it has rows."""
-        return errors.with_loop(self.error) if self else errors
+        return errors.with_loop_errors(self.error) if self else errors
 
     def select_recording(self, number: int) -> LoopMotion:
         """Return the motion of one recording."""

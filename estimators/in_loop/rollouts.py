@@ -262,7 +262,7 @@ class Rollouts:
 
     def measure_errors(self, residual: Array) -> Errors:
         """Return the errors of a model with a residual (R,) [rad]."""
-        return Errors(np.nan, np.nan).with_loop(residual)
+        return Errors(np.nan, np.nan).with_loop_errors(residual)
 
     def measure_structure(self, residual: Array) -> ResidualStructure:
         """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.

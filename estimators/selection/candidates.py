@@ -16,7 +16,7 @@ from pendulum_env.physics import Term, count_term_parameters, has_transmission, 
 SAME = 1e-6  # relative difference of equal torques by rounding
 
 
-class Screened(NamedTuple):
+class Screening(NamedTuple):
     """Result of screening one effect: the model with it, or None and the gates that exclude the effect."""
 
     terms: Terms | None
@@ -29,27 +29,27 @@ def screen_effects(evaluator: ModelEvaluator, terms: Terms, excluded: Collection
     return sorted((screened.terms for screened in library if screened.terms is not None), key=evaluator.screening_score)
 
 
-def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection[str] = ()) -> dict[str, Screened]:
+def screen_library(evaluator: ModelEvaluator, terms: Terms, excluded: Collection[str] = ()) -> dict[str, Screening]:
     """Screen each effect of the library that the terms lack, by id; slow transmissions come last."""
     missing = [effect for id, effect in evaluator.library.items() if id not in list_ids(terms) | {*excluded}]
     missing.sort(key=lambda effect: effect.kind == "transmission")
-    screened: dict[str, Screened] = {}
+    screened: dict[str, Screening] = {}
     for n_done, effect in enumerate(missing):
         gate = _make_transmission_gate(evaluator, terms, screened) if effect.kind == "transmission" else None
         if gate is not None:
-            screened[effect.id] = Screened(None, (gate,))
+            screened[effect.id] = Screening(None, (gate,))
             continue
         evaluator.progress(f"screening {effect.id}", n_done / len(missing))
         if (trial := screen_effect(evaluator, terms, effect)) is None:
-            screened[effect.id] = Screened(None, (Gate("variants", 0, 1, False),))
+            screened[effect.id] = Screening(None, (Gate("variants", 0, 1, False),))
         else:
             violations = tuple(evaluator.find_violations(trial.terms))
-            screened[effect.id] = Screened(None if violations else trial.terms, violations)
+            screened[effect.id] = Screening(None if violations else trial.terms, violations)
     return screened
 
 
 def _make_transmission_gate(
-    evaluator: ModelEvaluator, terms: Terms, screened_effects: dict[str, Screened]
+    evaluator: ModelEvaluator, terms: Terms, screened_effects: dict[str, Screening]
 ) -> Gate | None:
     """Return the failed gate of a transmission that is not tried; None if it is tried.
 

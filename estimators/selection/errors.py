@@ -47,7 +47,7 @@ class Errors:
         errors += [f"{joint}={error:.4g}" for joint, error in self.joints.items() if joint]
         return f"<Errors: {', '.join(errors)}>"
 
-    def with_loop(self, error: Array) -> Errors:
+    def with_loop_errors(self, error: Array) -> Errors:
         """Return the errors with those in the loop, of positions (R,) [rad]."""
         mean, rms = float(np.mean(np.abs(error))), float(np.sqrt(np.mean(error**2)))
         return replace(self, in_loop=mean, in_loop_rms=rms)

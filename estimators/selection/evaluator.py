@@ -27,7 +27,7 @@ from estimators.selection.score import (
     compute_motion_gain,
     compute_motion_noise,
     cross_validate_density,
-    errs_by_more_than_noise,
+    exceeds_noise,
     make_blocks,
     predict_density,
 )
@@ -273,7 +273,7 @@ class ModelEvaluator:
         segments, criterion = self.train.segments, self.criterion
         if has_transmission(step.model.terms) or not (segments and step.model.has_known_inertia):
             return False
-        if not errs_by_more_than_noise(segments, step.model, criterion):
+        if not exceeds_noise(segments, step.model, criterion):
             return False
         point = Point.from_model(step.model)
         noise = compute_motion_noise(segments, point, criterion.accuracy)

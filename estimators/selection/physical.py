@@ -28,7 +28,7 @@ from pendulum_env.physics.potential import HardStop
 from pendulum_env.physics.term import zero
 from pendulum_env.physics.terms import list_forms
 
-SELDOM = 0.1  # share of the samples at which the power of friction may be negative
+MAX_NEGATIVE = 0.1  # share of the samples at which the power of friction may be negative
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
 
 
@@ -71,8 +71,8 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     friction = [(term, column, value) for term, column, value in _list_parts(model) if _is_friction(term)]
     power = sum((value * column.power(x) for term, column, value in friction if not term.hides), np.zeros_like(x.time))
     share = float(np.mean(power < 0))
-    if share > SELDOM and not is_coupled:
-        gates.append(Gate("driving_friction", share, SELDOM, False))
+    if share > MAX_NEGATIVE and not is_coupled:
+        gates.append(Gate("driving_friction", share, MAX_NEGATIVE, False))
     driving = [(column, value) for term, column, value in _list_parts(model) if _drives_joint(term)]
     driving_torque = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *driving]), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - driving_torque).max())

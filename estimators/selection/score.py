@@ -38,7 +38,7 @@ from pendulum_env.physics import Model
 NU = 4.0  # degrees of freedom of Student's t
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # its density at zero
 DRAWS = 4000  # of the Bayesian bootstrap
-TURNS, SETTLED = 20, 1e-3  # largest number of iterations for a scale; relative change at which they end
+MAX_ITERATIONS, MIN_CHANGE = 20, 1e-3  # largest number of iterations for a scale; relative change at which they end
 LEAP = 0.5  # longest step of Newton's method, in the logarithm of a squared scale
 
 
@@ -174,14 +174,14 @@ def _estimate_scales(squares: Array, blocks: Blocks) -> Array:
     count = np.maximum(counts.sum(axis=2), 1)
     most = np.maximum(sum_outside(squares) / count, 1e-300)  # upper limit of the squared scale
     scale, lengths = most, np.diff(np.append(begins, squares.shape[1]))
-    for _ in range(TURNS):
+    for _ in range(MAX_ITERATIONS):
         share = squares / (NU * np.repeat(scale[:, owner], lengths, axis=1) + squares)
         excess = (NU + 1) * np.maximum(sum_outside(share) / count, 1e-300)  # one at the maximum
         step = (excess - 1.0) / np.maximum(excess - (NU + 1) * sum_outside(share**2) / count, 1e-300)
         safe = excess * NU / np.maximum(NU + 1 - excess, 1e-300)
         before, scale = scale, scale * np.where(np.abs(step) < LEAP, np.exp(np.clip(step, -LEAP, LEAP)), safe)
         scale = np.clip(scale, 1e-300, most)
-        if (np.abs(scale - before) <= SETTLED * before).all():
+        if (np.abs(scale - before) <= MIN_CHANGE * before).all():
             break
     return scale
 
@@ -248,7 +248,7 @@ def compute_floor(segments: Sequence[Segments], accuracy: float) -> Array:
     return of_simulation**2 + np.repeat(np.square(of_encoder), [len(segment.first) for segment in segments])
 
 
-def errs_by_more_than_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
+def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
     """Return whether the position errors of a model exceed `criterion.misfit` times those by noise, RMS of the ratios.
 
     Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
@@ -291,7 +291,7 @@ def compute_motion_gain(
 def _compute_density_of_ratios(ratios: Array, owner: Index) -> Array:
     """Return the log density of squared errors over noise (B,) by Student's t; its scale in each part is at least 1."""
     scale = np.ones(int(owner.max()) + 1)
-    for _ in range(TURNS):
+    for _ in range(MAX_ITERATIONS):
         weighted = np.bincount(owner, weigh_squares(ratios, scale[owner])) / np.bincount(owner)
         scale = np.maximum(weighted, 1.0)
     return compute_log_student(ratios, scale[owner])
