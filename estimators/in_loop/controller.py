@@ -24,7 +24,7 @@ from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import list_open_conventions
+from pendulum_env.servo.drive import Reading, list_open_conventions
 
 SAME = 1e-3  # [nat], smaller gains mean equal motion: the output does not reach its limit
 
@@ -68,3 +68,32 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
     gain = bootstrap.gain(scores[chosen], scores[best if chosen != best else different[0]])
     pairs = tuple(conventions[chosen].items())
     return Finding(Kind.CONTROLLER_READ, {"gain": Quantity(gain.total, gain.error)}, pairs=pairs)
+
+
+def choose_position_reading(
+    recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE
+) -> Reading | None:
+    """Decide whether the controllers read counts of the encoder; return None if the log shows none, or a drive says it.
+
+    Controllers read counts unless the base model predicts significantly better if they read the exact position.
+    """
+    if Rollouts(tuple(recordings)).count is None or any(r.actuator.reads for r in recordings):
+        return None
+    torque = RegressionData.from_recordings(recordings, part=part).torque
+    scores = []
+    for reads in ("exact", "counts"):
+        rollouts = Rollouts(with_reading(recordings, reads), FINE, shares=part)
+        rows = RolloutRows(rollouts, torque)
+        rows.fit(base, exactly=True)
+        density = compute_log_densities(rollouts, rows.linearise_at_fit(base).error)
+        blocks, _, of_block = rollouts.blocks(BLOCK)
+        scores.append(np.bincount(blocks, density).astype(float))
+    gain = Bootstrap(of_block, np.random.default_rng(0)).gain(*scores)
+    return "exact" if gain.p_value < Criterion().p_value else "counts"
+
+
+def with_reading(recordings: Sequence[Recording], reads: Reading) -> tuple[Recording, ...]:
+    """Return the recordings with the reading of the position of all drives that do not declare it."""
+    return tuple(
+        r if r.drive is None or r.drive.reads else replace(r, drive=replace(r.drive, reads=reads)) for r in recordings
+    )

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from estimators.findings import Finding, Kind
-from estimators.in_loop.controller import read_controller
+from estimators.in_loop.controller import choose_position_reading, read_controller, with_reading
 from estimators.in_loop.goals import make_base, read_goals, with_goals
 from estimators.in_loop.rollouts import are_driven, choose_parts
 from estimators.regression.least_squares import IdentificationError
@@ -88,7 +88,11 @@ def _decide_together(
         undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
         goals = replace(goals, recordings=undeclared)  # a reading of some recordings is not reversed
     findings = tuple(finding for finding in (controller, goals) if finding is not None)
-    return Conventions(with_goals(recordings, is_held), with_goals(holdout, is_held), findings)
+    recordings, holdout = (with_goals(part_recordings, is_held) for part_recordings in (recordings, holdout))
+    reads = choose_position_reading(recordings, base, part)
+    if reads is not None:
+        recordings, holdout = (with_reading(part_recordings, reads) for part_recordings in (recordings, holdout))
+    return Conventions(recordings, holdout, findings)
 
 
 def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, str]) -> Recordings:
@@ -102,7 +106,8 @@ def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, 
         settings = {**log_format, **find_declared_conventions([r.actuator for r in own])}
         for k, recording in zip(numbers, _apply_settings(own, settings), strict=True):
             applied[k] = recording
-    goal = log_format.get("goal")
+    goal, reads = log_format.get("goal"), log_format.get("reads")
+    applied = applied if reads is None else [*with_reading(applied, reads)]
     return tuple(applied) if goal is None else with_goals(applied, goal == "held")
 
 

@@ -161,13 +161,15 @@ def linearise_errors(
         for end in ends
         for is_changed, value in zip(is_moved, end, strict=True)
     ]
-    errors = rollouts.compute_position_errors([point, *nearby])
+    errors = rollouts.smooth.compute_position_errors([point, *nearby])  # counts have no slopes
     below = errors[:, :1] if len(ends) == 1 else errors[:, count + 1 :]
     slopes = (errors[:, 1 : count + 1] - below) / steps  # zero by known parameters, which `Point.with_values` keeps
-    scale = compute_error_scales(rollouts, errors[:, :1])[0]
-    relative = np.maximum(np.pi / 2 * np.abs(errors[:, 0]) / scale, 1e-6)
+    error = errors[:, :1] if rollouts.count is None else rollouts.compute_position_errors([point])
+    scale = compute_error_scales(rollouts, error)[0]
+    least = rollouts.count or 1e-6 * scale  # counts have no smaller error, and steps would be too short
+    relative = np.pi / 2 * np.maximum(np.abs(error[:, 0]), least) / scale
     weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)
-    return LinearErrors(point, errors[:, 0], slopes, weights)
+    return LinearErrors(point, error[:, 0], slopes, weights)
 
 
 def find_bounds(point: Point) -> tuple[Array, Array]:

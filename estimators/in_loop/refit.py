@@ -118,29 +118,24 @@ def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
 
 
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:
-    """Widen the standard errors of a model by a profile, by the error of the clock, and by the counts of the encoder.
+    """Widen the standard errors of a model by a profile and by the error of the clock.
 
-    The covariance includes the change of the parameters with delayed goals and controllers, and with dry friction: a
-    controller that reads whole counts has steps in its torque, so a joint creeps instead of sticking.
+    The covariance includes the change of the parameters with delayed goals and controllers.
     """
     point = Point.from_model(model)
     near, rollouts = rows.linearise_at_fit(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
-    delayed_errors = np.column_stack([delayed.compute_position_errors([point])[:, 0] for delayed in rollouts.mistimed])
+    errors = [each.smooth.compute_position_errors([point]) for each in (rollouts, *rollouts.mistimed)]
     weights = near.weights[:, None]
-    changes = np.linalg.lstsq(
-        weights * slopes, -weights * (delayed_errors - rollouts.compute_position_errors([point])), rcond=None
-    )[0]
+    delayed_errors = np.column_stack(errors[1:]) - errors[0]
+    changes = np.linalg.lstsq(weights * slopes, -weights * delayed_errors, rcond=None)[0]
     names = [*(column.name for column in model.columns), *nonlinear]
     indices = [list(model.estimates).index(name) for name in names]
     covariance = model.assumed_covariance[np.ix_(indices, indices)]
     if profile is not None:
         covariance = widen_by_profile(names, covariance, profile)
     covariance += changes @ changes.T
-    if "coulomb" in names and covariance[names.index("coulomb"), names.index("coulomb")] > 0:
-        by_friction = covariance[names.index("coulomb")] / covariance[names.index("coulomb"), names.index("coulomb")]
-        covariance += np.outer(by_friction, by_friction) * rollouts.creep_torque**2
     wider = {
         name: replace(model.estimates[name], std=float(std))
         for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)

@@ -274,7 +274,8 @@ class RolloutRows:
         near = self.linearise_at_fit(terms)
         theta = near.point.theta
         phi = near.slopes[:, : len(theta)]
-        return Balance(phi, phi @ theta - near.error, np.zeros_like(phi), *list_bounds(terms), near.weights)
+        target = phi @ theta - near.error - self.rollouts.noise_of_counts
+        return Balance(phi, target, np.zeros_like(phi), *list_bounds(terms), near.weights)
 
     def make_frame(self, terms: Terms) -> Array:
         """Return an orthonormal basis (R, P) of the weighted columns of some terms, linearised at their fit."""
@@ -283,7 +284,8 @@ class RolloutRows:
 
     def residual(self, terms: Terms, theta: Array) -> Array:
         """Return the measured minus the simulated positions (R,) [rad]."""
-        return -self.rollouts.compute_position_errors([Point(tuple(terms), theta)])[:, 0]
+        error = self.rollouts.compute_position_errors([Point(tuple(terms), theta)])[:, 0]
+        return -error - self.rollouts.noise_of_counts
 
     def score_terms(self, terms: Terms) -> ScoredTerms:
         """Fit one set of terms, and score it by the scale of its errors [rad]."""
@@ -337,15 +339,13 @@ class RolloutRows:
                 shifts = np.vstack([np.zeros(len(size)), shifts])
             slices.append((len(points), len(points) + len(shifts)))
             points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
-        base = self.rollouts.compute_position_errors(points[:1])
-        errors = np.column_stack([base, self.rollouts.compute_position_errors(points[1:])])
+        base, shifted = (self.rollouts.smooth.compute_position_errors(part) for part in (points[:1], points[1:]))
+        changes = np.column_stack([np.zeros_like(base), shifted - base])
         columns = []
         for variant, (first, last) in zip(variants, slices, strict=True):
-            shifted, size = errors[:, first:last], self._compute_typical_sizes(variant)
-            fixed = shifted[:, :1] - base if self._acts_without_size(variant) else np.zeros_like(base)
-            linear = (
-                shifted[:, len(shifted[0]) - len(size) :] - base - fixed if len(size) else np.empty((len(shifted), 0))
-            )
+            shifted, size = changes[:, first:last], self._compute_typical_sizes(variant)
+            fixed = shifted[:, :1] if self._acts_without_size(variant) else np.zeros((len(shifted), 1))
+            linear = shifted[:, len(shifted[0]) - len(size) :] - fixed if len(size) else np.empty((len(shifted), 0))
             columns.append(Columns(linear / size, fixed[:, 0], np.zeros((len(shifted), len(size)))))
         return columns
 

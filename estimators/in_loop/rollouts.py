@@ -12,6 +12,7 @@ import scipy
 
 from estimators.data.rows import ResidualStructure
 from estimators.data.split import HELD_OUT
+from estimators.in_loop.counts import FINEST, find_count, find_least_change, make_quantisation_noise
 from estimators.selection.errors import Errors
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.motion import get_known_load, get_temperature
@@ -20,7 +21,7 @@ from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link
 from pendulum_env.recording import Recording, RecordingError
-from pendulum_env.servo.drive import LONGEST
+from pendulum_env.servo.drive import LONGEST, ServoDrive
 from pendulum_env.servo.loop import Looks, Servos, simulate_servos
 from pendulum_env.servo.torque import get_bus_voltage
 
@@ -29,7 +30,6 @@ STEPS, FINE = 11, 20  # of the integrator in this time, during a search and for 
 SAME_RATE = 0.01  # relative difference of the rates of logs that are compared at their samples
 SLACK = 0.01  # share of a step of the integrator that may be missing, by rounding
 CONTACT = 2  # factor of the number of steps with a link: its contact is stiffer than the joint
-FINEST = 1e-6  # [rad], least step of an encoder; smaller ones are rounding
 JITTER = 0.03  # error of a clock in samples
 
 
@@ -44,6 +44,7 @@ class Rollouts:
         is_held: whether goals are held from sample to sample or interpolated, unless the drive declares it.
         grain: time between compared positions [s]; None takes samples of the log, about `GRAIN` apart. Held goals bend
             the motion, so positions between samples are not known.
+        has_counts: whether positions are compared in counts of the encoder, if the log of position control shows them.
     """
 
     recordings: tuple[Recording, ...]
@@ -51,6 +52,7 @@ class Rollouts:
     is_held: bool = True
     shares: Part = WHOLE
     grain: float | None = None
+    has_counts: bool = True
 
     @cached_property
     def _grain(self) -> float:
@@ -131,7 +133,27 @@ class Rollouts:
             np.array([part.time[0] for part in parts]),
             known_load if any(loads) else KnownLoad(),
             stack(interpolate, [get_temperature(part) for part in parts]),
+            self.count if all(drive.reads != "exact" for drive in self._drives) else None,
         )
+
+    @property
+    def _drives(self) -> list[ServoDrive]:
+        return [recording.actuator for recording in self.recordings]
+
+    @cached_property
+    def count(self) -> float | None:
+        """Return the step of the encoder in which positions are compared [rad]; None if they are compared exactly."""
+        return find_count(self.recordings) if self.has_counts and self._drives[0].acts_on_position else None
+
+    @cached_property
+    def smooth(self) -> Self:
+        """Return the rollouts without counts, in controllers and comparison: their errors change smoothly."""
+        return self if self.count is None else replace(self, has_counts=False)
+
+    @cached_property
+    def noise_of_counts(self) -> Array:
+        """Return the noise of the encoder in each row (R,) [rad], which the comparison of counts lacks."""
+        return make_quantisation_noise(self.count or 0.0, len(self.position))
 
     @cached_property
     def _times(self) -> list[Array]:
@@ -169,20 +191,8 @@ class Rollouts:
     @cached_property
     def resolution(self) -> float:
         """Return the standard deviation of the quantisation by the finest encoder [rad]."""
-        steps = [np.abs(np.diff(recording.position)) for recording in self.recordings]
-        least = min(float(changes[changes > FINEST].min(initial=np.inf)) for changes in steps)
+        least = find_least_change(self.recordings)
         return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
-
-    @property
-    def creep_torque(self) -> float:
-        """Return the standard deviation of the torque by which counts of the encoder help a joint over dry friction.
-
-        A controlled position is read up to half a count off. The torque [unit of the drive] is uniform between 0 and X,
-        that of half a count: the standard deviation is X/sqrt(12). Its mean X/2 remains as a bias of dry friction.
-        """
-        drives = [(recording.actuator, get_bus_voltage(recording)) for recording in self.recordings]
-        stiffness = [np.mean(drive.scale(bus)) * drive.kp for drive, bus in drives if drive.acts_on_position]
-        return 0.5 * float(np.mean(stiffness)) * self.resolution if stiffness else 0.0
 
     @property
     def encoder(self) -> dict[str, float]:
@@ -233,8 +243,12 @@ class Rollouts:
     def compare_paths(self, paths: Array) -> Array:
         """Return simulated positions (N + 1, V, B), a grain apart from the start, minus measured ones (R, V) [rad].
 
-        Errors are clipped to 2 rad; a simulation that diverged has this error.
+        Both are rounded to counts of the encoder, if the log shows them. Errors are clipped to 2 rad; a simulation that
+        diverged has this error.
         """
+        if self.count is not None:
+            origin = self.servos.position
+            paths = origin + self.count * np.rint((paths - origin) / self.count)
         simulated = np.concatenate(
             [paths[1 : len(mask) + 1, :, lane][mask] for lane, mask in enumerate(self._compared)]
         )

@@ -44,6 +44,7 @@ CALLS = {  # LLVM functions by operation; some call the C library
     "tan": "tan",
     "tanh": "tanh",
     "arctan": "atan",
+    "rint": "rint",
 }
 LIBRARY = ("rint", "exp", "log", "pow", "tan", "tanh", "atan", "fmax", "fmin")
 PI = (3.141592651605606, 1.9841871479187034e-09, 1.1442377452219664e-17)  # 27 bits, 25 bits and the rest

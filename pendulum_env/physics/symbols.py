@@ -16,7 +16,7 @@ from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from pendulum_env._typing import Array
 
-UNARY = ("negative", "absolute", "sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "arctan", "sign")
+UNARY = ("negative", "absolute", "sin", "cos", "tan", "exp", "log", "sqrt", "tanh", "arctan", "sign", "rint")
 BINARY = ("add", "subtract", "multiply", "divide", "power", "maximum", "minimum")
 COMPARISONS = ("less", "less_equal", "greater", "greater_equal", "equal", "not_equal")
 LOGICAL = ("logical_and", "logical_or")

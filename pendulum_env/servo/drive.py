@@ -25,6 +25,7 @@ Control = Literal["position", "velocity"]
 Output = Literal["duty", "voltage", "current", "torque"]
 Goal = Literal["held", "ramp"]
 Shaft = Literal["motor", "output"]
+Reading = Literal["counts", "exact"]
 Windup = Literal["stop", "clamp", "free"]
 Order = Literal["after", "before"]
 Derivative = Literal["velocity", "error"]
@@ -33,12 +34,13 @@ CHOICES: Mapping[str, Any] = {
     "output": Output,
     "goal": Goal,
     "encoder": Shaft,
+    "reads": Reading,
     "windup": Windup,
     "integral": Order,
     "derivative": Derivative,
 }
 CONVENTIONS = ("windup", "integral", "derivative")  # open details of a controller's law
-UNKNOWN = ("goal", *CONVENTIONS)  # fields that may be None: an identification tries all choices
+UNKNOWN = ("goal", "reads", *CONVENTIONS)  # fields that may be None: an identification tries all choices
 LONGEST = 0.1  # [s], largest delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # unit of the motor torque if the gain is unknown
 
@@ -61,6 +63,8 @@ class ServoDrive:
         delay: time from measurement to action [s].
         goal: course of the goal between rows of the log, held or linear; None: unknown.
         encoder: shaft of the encoder, at the motor or at the output, behind the gear's play and elasticity.
+        reads: whether position control reads the counts of the encoder, as the log, or the exact position; None:
+            unknown, simulated with counts if the log shows them.
         windup: integral at the output limit: `stop` stops it, `clamp` clamps ki times the integral to the limit,
             `free` lets it grow; None: unknown, simulated as `stop`.
         integral: whether an update adds its error to the integral after or before it computes the output, for a known
@@ -82,6 +86,7 @@ class ServoDrive:
     delay: float = 0.0
     goal: Goal | None = None
     encoder: Shaft = "motor"
+    reads: Reading | None = None
     windup: Windup | None = None
     integral: Order | None = None
     derivative: Derivative | None = None

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "turn", "first", "halt", "room")  # see `compute_gains`
+COUNTS = ("count", "origin")  # step [rad] and a position of the encoder, if the controller reads counts
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,8 @@ class Servos:
         start: time of the first sample (B,) [s].
         load: known loads (B,), with their torque per step (N, B).
         temperature: temperature per step (N, B) [deg C]; None if not measured.
+        count: step of the encoder that position controllers read [rad], from the initial position; None: they read the
+            exact position.
     """
 
     drives: tuple[ServoDrive, ...]
@@ -127,6 +130,7 @@ class Servos:
     start: Array
     load: KnownLoad
     temperature: Array | None = None
+    count: float | None = None
 
     @property
     def at_output(self) -> bool:
@@ -240,8 +244,11 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
         raise ValueError("servos with encoders at the motor and at the output cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
+    names = GAINS
+    if servos.count is not None:
+        names, gains = (*GAINS, *COUNTS), np.vstack([gains, np.full(len(servos.drives), servos.count), servos.position])
     count = servos.inputs.shape[1]
-    options = speed, len(weights), loaded, integrates, h, servos.at_output, count
+    options = speed, len(weights), loaded, integrates, h, servos.at_output, count, names
     program = servos.programs.find(terms, _compile_step, *options)
     theta = theta[:, :, None]
     constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
@@ -250,7 +257,8 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.inputs[0, -1]))
     balance = TorqueBalance(terms, theta, loaded)
     x = move_to_motor(replace(x, memory=balance.start(x)), terms, servos.at_output)
-    state = ControllerState(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, v)
+    seen_first = v if servos.count is None else q
+    state = ControllerState(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, seen_first)
     rows, seen = _flatten_state(x, state, integrates), read_encoder(x, terms, servos.at_output).position
     shown = next(k for k, row in enumerate(rows) if row is seen)
     states = np.array([np.broadcast_to(row, shape) for row in rows])
@@ -262,7 +270,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
         before, (seen, last, *integral) = late[: len(weights) - 1], late[len(weights) - 1 :]
         then = ControllerState(held, tuple(before), integral[0] if integrates else 0.0, seen, last)
         begin = unstack_rows(now, x)
-        named = dict(zip(GAINS, gains, strict=True))
+        named = dict(zip(names, gains, strict=True))
         after = step_servo(balance, begin, then, ServoInputs(*given), named, [*weights], speed, h, servos.at_output)
         return _flatten_state(*after, integrates)
 
@@ -339,10 +347,15 @@ def compute_control(
 ) -> tuple[Any, ControllerState]:
     """Return the commanded torque over a step and the controller's state, in symbols or arrays."""
     looks = given.due > 0
-    measured = x.velocity - given.old * (x.velocity - state.velocity)
+    position = x.position + given.lead * x.velocity if may_be_true(given.lead != 0.0) else x.position
+    seen_now = x.velocity
+    if "count" in gains:
+        seen_now = position = gains["origin"] + gains["count"] * np.rint((position - gains["origin"]) / gains["count"])
+        measured = (position - state.velocity) / gains["turn"]
+    else:
+        measured = x.velocity - given.old * (x.velocity - state.velocity)
     measured = measured - given.goal_speed if may_be_true(given.goal_speed != 0.0) else measured
     seen = np.where(looks, state.speed + gains["seen"] * (measured - state.speed), state.speed)
-    position = x.position + given.lead * x.velocity if may_be_true(given.lead != 0.0) else x.position
     error = given.goal - (seen if speed else position)
     output, grown = compute_output(error, 0.0 if speed else gains["kd"] * seen, state.integral, gains)
     integral = np.where(looks, grown, state.integral)
@@ -352,7 +365,7 @@ def compute_control(
     line = (acting, *state.before)
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
     return torque, ControllerState(
-        held, line[: len(state.before)], integral, seen, np.where(looks, x.velocity, state.velocity)
+        held, line[: len(state.before)], integral, seen, np.where(looks, seen_now, state.velocity)
     )
 
 
@@ -375,13 +388,14 @@ def _compile_step(
     longest: float,
     at_output: bool,
     count: int,
+    names: tuple[str, ...],
 ) -> PreparedStep:
     """Compile a step of servos; the result has no step if a law is not symbolic."""
     from pendulum_env.physics.compiled import compile_recurrence  # slow import
 
     h: Any = make_symbol("h", most=round_up(longest))
     given = ServoInputs(*(make_symbol(text) for text in ServoInputs._fields[:count]))
-    gains: dict[str, Any] = {text: make_symbol(text) for text in GAINS}
+    gains: dict[str, Any] = {text: make_symbol(text) for text in names}
     weights = [make_symbol(f"tap_{k}") for k in range(taps)]
     before = tuple(make_symbol(f"before_{k}") for k in range(taps - 1))
     integral: Any = make_symbol("integral") if integrates else 0.0

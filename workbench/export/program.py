@@ -30,6 +30,7 @@ CALLS = {  # scalar functions in Python and C99, by NumPy's name
     "minimum": ("min", "fmin({0}, {1})"),
     "power": ("math.pow", "pow({0}, {1})"),
     "arctan": ("math.atan", "atan({0})"),
+    "rint": ("round", "rint({0})"),
     "sign": ("lambda x: float(x > 0) - float(x < 0)", "sign({0})"),
     "logical_and": ("lambda one, other: one and other", "{0} && {1}"),
     "logical_or": ("lambda one, other: one or other", "{0} || {1}"),

@@ -1,0 +1,51 @@
+"""Counts of the encoder that a position controller reads.
+
+A controller that reads whole counts moves a joint at rest until its encoder shows the next count. The joint then stands
+at the edge of a count, half a count behind its log. A simulation in which the controller reads the exact position takes
+this for less dry friction. So the simulated controller reads counts too, and simulated counts are compared with logged
+ones.
+
+The difference of two counts is zero or whole counts: most rows of a good model have no error at all. For scores and
+standard errors, the rows have the quantisation noise of one encoder, as they have with an exact position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.recording import Recording
+
+FINEST = 1e-6  # [rad], least step of an encoder; smaller ones are rounding
+REACHES = (3.0, 30.0, 300.0, np.inf)  # counts from the first position, over which the step is fitted in sequence
+OFF_GRID = 0.1  # largest deviation of a position from the grid of an encoder, in counts: decimals of the log
+
+
+def find_least_change(recordings: Sequence[Recording]) -> float:
+    """Return the least change of position between samples [rad], the step of the finest encoder; inf without motion."""
+    steps = [np.abs(np.diff(recording.position)) for recording in recordings]
+    return min(float(changes[changes > FINEST].min(initial=np.inf)) for changes in steps)
+
+
+def find_count(recordings: Sequence[Recording]) -> float | None:
+    """Return the step of the encoder of some recordings [rad]; None if their positions are not on a common grid.
+
+    The grid of each recording begins at its first position.
+    """
+    count = find_least_change(recordings)
+    if not np.isfinite(count):
+        return None
+    moved = np.concatenate([recording.position - recording.position[0] for recording in recordings])
+    for reach in REACHES:
+        near = moved[np.abs(moved) < (reach + 0.5) * count]
+        whole = np.rint(near / count)
+        count = float(whole @ near / max(whole @ whole, 1.0)) or count
+    is_grid = np.abs(moved / count - np.rint(moved / count)).max() < OFF_GRID
+    return count if is_grid else None
+
+
+def make_quantisation_noise(count: float, rows: int) -> Array:
+    """Return the noise of an encoder (rows,), uniform within a count [rad], the same in every call."""
+    return np.asarray(np.random.default_rng(0).uniform(-0.5 * count, 0.5 * count, rows))
