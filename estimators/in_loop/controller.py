@@ -2,7 +2,8 @@
 
 Controllers update their integral before or after they compute the output, and treat it differently while the output is
 at its limit. The derivative part acts on the measured velocity, or on the derivative of the error. Each convention is
-fitted by the base model. The first convention, in the order of the choices of a drive, is taken that no other predicts
+fitted by the base model, with held goals and with goals that run on, since a wrong reading of the goals hides the
+convention. The first convention, in the order of the choices of a drive, is taken that no other predicts
 significantly better.
 """
 
@@ -17,6 +18,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LinearErrors, choose_likeliest_point, compute_log_densities
+from estimators.in_loop.goals import with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.criterion import Criterion
@@ -37,9 +39,11 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
     conventions = list_open_conventions([r.drive for r in recordings if r.drive is not None])
     if len(conventions) == 1:
         return None
+    readings = (True, False) if any(r.drive is not None and r.drive.goal is None for r in recordings) else (True,)
     variants = [
-        tuple(r if r.drive is None else replace(r, drive=r.drive.complete_conventions(settings)) for r in recordings)
+        tuple(r if r.drive is None else replace(r, drive=r.drive.complete_conventions(settings)) for r in goals)
         for settings in conventions
+        for goals in (with_goals(recordings, is_held) for is_held in readings)
     ]
     torque = RegressionData.from_recordings(recordings, part=part).torque
     rollouts = [Rollouts(variant, FINE, shares=part) for variant in variants]
@@ -60,6 +64,7 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
         np.bincount(blocks, compute_log_densities(variant_rollouts, fits[k].error)).astype(float)
         for k, variant_rollouts in enumerate(rollouts)
     ]
+    scores = [max(scores[k : k + len(readings)], key=np.sum) for k in range(0, len(scores), len(readings))]
     bootstrap = Bootstrap(of_block, np.random.default_rng(0))
     best, *others = sorted(range(len(scores)), key=lambda k: -scores[k].sum())
     gains = [bootstrap.gain(scores[best], score, float(np.log(len(scores)))) for score in scores]

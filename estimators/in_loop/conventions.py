@@ -76,14 +76,10 @@ def _decide_together(
     base, part = make_base(recordings, base), choose_parts(holdout)[0]
     declared = find_declared_conventions([r.actuator for r in (*recordings, *holdout)])
     recordings, holdout = (_apply_settings(part_recordings, declared) for part_recordings in parts)
-    opened = recordings, holdout
     controller = read_controller(recordings, base, part)
-    recordings, holdout = (_apply_finding(part_recordings, controller) for part_recordings in opened)
+    recordings, holdout = (_apply_finding(part_recordings, controller) for part_recordings in (recordings, holdout))
     goals = read_goals(recordings, base, part)
     is_held = goals is None or goals.kind is Kind.GOALS_HELD
-    if controller is not None and not is_held:  # held goals were wrong, and their error hides that of a controller
-        controller = read_controller(with_goals(opened[0], is_held), base, part)
-        recordings, holdout = (_apply_finding(part_recordings, controller) for part_recordings in opened)
     if goals is not None and any(r.drive is not None and r.drive.goal for r in holdout):
         undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
         goals = replace(goals, recordings=undeclared)  # a reading of some recordings is not reversed
