@@ -70,5 +70,5 @@ def simulate_in_loop(model: Model, recordings: Sequence[Recording]) -> LoopMotio
     if not are_driven(recordings):
         return LoopMotion(np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.intp))
     rollouts = Rollouts(tuple(recordings), FINE)
-    error = rollouts.compute_position_errors([Point.from_model(model)])[:, 0]
+    error = rollouts.compare_paths(rollouts.simulate_paths([Point.from_model(model)]))[:, 0]
     return LoopMotion(rollouts.time, rollouts.position, error, rollouts.recording_of)

@@ -163,8 +163,8 @@ class RolloutRows:
         """Fit the terms with a link from several variants and shares of the inertia, and return the best fit.
 
         The weight is at the link. The likeliest variant at each value of the parameter with many local minima is fitted
-        with longer secants, and the best of these fits to convergence. If the likeliest start explains less than the
-        share `LOOP.promising`, no other start is tried.
+        with longer secants and without counts, and the best of these fits to convergence. If the likeliest start
+        explains less than the share `LOOP.promising`, no other start is tried.
         """
         point, name = self.linearise_at_fit(terms).point, find_hints(type(variants[0])).profiled
         if not name:
@@ -173,35 +173,50 @@ class RolloutRows:
             )
         theta = point.linear_values
         inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
-        points: dict[tuple[Term, float], Point] = {}  # variants that differ by their weight alone are the same
-        for variant, factor, share in product(variants, LOOP.stiffnesses, LOOP.shares):
-            parameters = [p for p in variant.nonlinear_parameters if p.name in ("resonance", "gravity")]
-            link_values = {"resonance": factor * variant.nonlinear_values["resonance"]}
-            link_values["gravity"] = weight / max(share * inertia, 1e-9)
+        points: dict[tuple[Term, float], Point] = {}  # variants that differ by weight or damping alone are the same
+        starts_of_link = product(variants, LOOP.stiffnesses, LOOP.shares, LOOP.damping_ratios)
+        for variant, factor, share, ratio in starts_of_link:
+            resonance = factor * variant.nonlinear_values["resonance"]
+            link_values = {
+                "resonance": resonance,
+                "damping": 2.0 * ratio * resonance,
+                "gravity": weight / max(share * inertia, 1e-9),
+            }
+            parameters = [p for p in variant.nonlinear_parameters if p.name in link_values]
             term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
             points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
         points_list, typical = [*points.values()], self.list_typical_sizes(next(iter(points.values())).terms)
-        likelihood = compute_likelihood(self.rollouts, self.rollouts.compute_position_errors(points_list))
+        smooth = self.rollouts.smooth
+        likelihood = compute_likelihood(smooth, smooth.compute_position_errors(points_list))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
             starts.setdefault(points_list[k].terms[-1].nonlinear_values[name], points_list[k])
 
         def fit_roughly(start: Point) -> list[LinearErrors]:
             begun = [add_link_friction(start, share) for share in LOOP.link_friction]
-            return [
-                fit_rollouts(self.rollouts, start, typical, nonlinear=True, secants=LOOP.secants[:1]) for start in begun
-            ]
-
-        def size(linear: LinearErrors) -> float:
-            return compute_likelihood_scale(self.rollouts, linear.error)
+            return [fit_rollouts(smooth, start, typical, nonlinear=True, secants=LOOP.secants[:1]) for start in begun]
 
         first, *others = [*starts.values()][: LOOP.starts]
-        linear_fit = min(fit_roughly(first), key=size)
-        if size(linear_fit) ** 2 < (1.0 - LOOP.promising) * size(self.linearise_at_fit(terms)) ** 2:
-            best = min([linear_fit, *(linear for start in others for linear in fit_roughly(start))], key=size)
-            linear_fit = fit_rollouts(self.rollouts, best.point, typical, nonlinear=True, share=0.0)
-        self._store_fit(linear_fit.point.terms, linear_fit)
-        return self.score_terms(linear_fit.point.terms)
+        rough = fit_roughly(first)
+        before, *after = (
+            compute_likelihood_scale(smooth, error)
+            for error in (smooth.compute_position_errors([point])[:, 0], *(fit.error for fit in rough))
+        )
+        is_promising = min(after) ** 2 < (1.0 - LOOP.promising) * before**2
+        if is_promising:
+            rough += [fit for start in others for fit in fit_roughly(start)]
+        rough.sort(key=lambda fit: compute_likelihood_scale(smooth, fit.error))
+        fits = (
+            [
+                fit_rollouts(self.rollouts, fit.point, typical, nonlinear=True, share=0.0)
+                for fit in rough[: LOOP.finalists]
+            ]
+            if is_promising
+            else [linearise_errors(self.rollouts, rough[0].point, typical, nonlinear=True)]
+        )
+        best = min(fits, key=lambda fit: compute_likelihood_scale(self.rollouts, fit.error))
+        self._store_fit(best.point.terms, best)
+        return self.score_terms(best.point.terms)
 
     def list_typical_sizes(self, terms: Terms) -> Array:
         """Return the size of each linear parameter that matters (P,), see `LOOP.typical`."""

@@ -220,7 +220,18 @@ class Rollouts:
         return replace(self, recordings=goals), replace(self, recordings=drives)
 
     def compute_position_errors(self, points: Sequence[Point]) -> Array:
-        """Return simulated minus measured positions (R, V) of V models with terms of equal classes [rad]."""
+        """Return simulated minus measured positions (R, V) of V models with terms of equal classes [rad].
+
+        Both are counts of the encoder, if the log shows them.
+        """
+        paths = self.simulate_paths(points)
+        if self.count is not None:
+            origin = self.servos.position
+            paths = origin + self.count * np.rint((paths - origin) / self.count)
+        return self.compare_paths(paths)
+
+    def simulate_paths(self, points: Sequence[Point]) -> Array:
+        """Return the positions (N + 1, V, B) of V models with terms of equal classes, a grain apart [rad]."""
         terms = []
         for variants in zip(*(point.terms for point in points), strict=True):
             nonlinear = {
@@ -233,7 +244,7 @@ class Rollouts:
             terms.append(type(variants[0])(**merged))
         rollouts = self._in_contact if has_link(points[0].terms) else self
         theta = np.column_stack([point.theta for point in points])
-        return self.compare_paths(simulate_servos(terms, theta, rollouts.servos, rollouts._steps_per_grain))
+        return simulate_servos(terms, theta, rollouts.servos, rollouts._steps_per_grain)
 
     @cached_property
     def _in_contact(self) -> Self:
@@ -243,12 +254,8 @@ class Rollouts:
     def compare_paths(self, paths: Array) -> Array:
         """Return simulated positions (N + 1, V, B), a grain apart from the start, minus measured ones (R, V) [rad].
 
-        Both are rounded to counts of the encoder, if the log shows them. Errors are clipped to 2 rad; a simulation that
-        diverged has this error.
+        Errors are clipped to 2 rad; a simulation that diverged has this error.
         """
-        if self.count is not None:
-            origin = self.servos.position
-            paths = origin + self.count * np.rint((paths - origin) / self.count)
         simulated = np.concatenate(
             [paths[1 : len(mask) + 1, :, lane][mask] for lane, mask in enumerate(self._compared)]
         )

@@ -84,6 +84,7 @@ def test_bounds_of_an_experiment_are_refused_in_the_loop(plain, asked):
 
 
 def test_rows_around_a_fit_are_derivatives_of_simulations(rollouts: Rollouts):
+    rollouts = rollouts.smooth  # counts change by steps
     data = RolloutRows(rollouts, RegressionData.from_recordings(rollouts.recordings).torque).data
     terms, theta = data.maker.fit(TILTED)
     np.testing.assert_allclose(data.residual(terms), data.residual(terms, theta), atol=1e-9)
@@ -245,12 +246,23 @@ def test_convention_of_an_integral_is_found_by_the_motion(windup, order):
     assert read_controller(declared, TILTED) is None
 
 
-def test_standard_errors_hold_what_a_controller_that_reads_counts_does():
+@pytest.mark.parametrize("count", [0.0, 8e-3])
+def test_friction_is_found_whether_the_controller_reads_counts_or_exact_positions(count):
     """A count asks for half of the dry friction, so that the joint creeps where it would stick."""
-    recordings = [integrating(kp, 20 + k, "stop", "after", ki=0.0, count=8e-3) for k, kp in enumerate((4.0, 6.0, 5.0))]
+    recordings = [integrating(kp, 20 + k, "stop", "after", ki=0.0, count=count) for k, kp in enumerate((4.0, 6.0, 5.0))]
+    decided = decide_conventions(recordings[:2], recordings[2:])
+    for recording in (*decided.recordings, *decided.holdout):
+        assert recording.drive is not None and recording.drive.reads == ("counts" if count else "exact")
     estimates = add(MODEL, "viscous_asymmetry", recordings[:2], recordings[2:]).before.model.estimates
     for name, value in (TRUE | {"viscous": 0.2}).items():
         assert abs(estimates[name].value - value) < 3 * estimates[name].std
+    assert estimates["coulomb"].value == pytest.approx(TRUE["coulomb"], rel=0.01)
+
+
+def test_undeclared_reading_of_the_position_stays_as_a_drive_declares_it():
+    recordings = [integrating(kp, k, "stop", "after", ki=0.0, count=8e-3) for k, kp in enumerate((4.0, 6.0))]
+    said = [replace(recording, drive=replace(recording.drive, reads="exact")) for recording in recordings]
+    assert all(own.drive is not None and own.drive.reads == "exact" for own in decide_conventions(said).recordings)
 
 
 @pytest.mark.parametrize("derivative", ["velocity", "error"])
@@ -431,6 +443,7 @@ def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_
 
 
 def test_slopes_are_those_of_smaller_and_larger_parameters(rollouts):
+    rollouts = rollouts.smooth  # counts change by steps
     theta = np.array([*TRUE.values(), 0.0])
     near = linearise_errors(rollouts, Point(TILTED, theta), TYPICAL, False)
     for k, step in enumerate(np.diag(TYPICAL / 20)):

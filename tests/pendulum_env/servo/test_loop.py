@@ -42,6 +42,16 @@ def wave(seconds: float = 2.0) -> np.ndarray:
     return np.sin(3 * time) * np.minimum(time, 1.0)
 
 
+@pytest.mark.parametrize("friction", [0.05, 0.09, 0.13])
+def test_joint_creeps_to_the_edge_of_the_count_at_which_dry_friction_holds_it(friction):
+    """Under strong damping, the joint stops when its encoder shows the first count whose torque friction holds."""
+    count, kp, goal = 0.04, 2.0, 0.6
+    drive = ServoDrive(output="torque", kp=kp, rate=1000.0)
+    found = path(drive, np.full(60_000, goal), BASE, np.array([0.005, 0.0, 1.0, friction]), count=count)
+    held = math.ceil((goal - friction / kp) / count)  # kp (goal - held count) <= friction
+    assert found[-1] == pytest.approx((held - 0.5) * count, abs=0.02 * count)
+
+
 @pytest.mark.parametrize(
     "drive",
     [
