@@ -11,13 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
-from estimators.in_loop.fit import LinearErrors, choose_likeliest_point, compute_log_densities
+from estimators.in_loop.counts import find_count
+from estimators.in_loop.fit import LinearErrors, choose_likeliest_point, compute_log_densities, compute_log_likelihood
 from estimators.in_loop.goals import with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
@@ -46,7 +48,7 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
         for goals in (with_goals(recordings, is_held) for is_held in readings)
     ]
     torque = RegressionData.from_recordings(recordings, part=part).torque
-    rollouts = [Rollouts(variant, FINE, shares=part) for variant in variants]
+    rollouts = [Rollouts(variant, FINE, shares=part).smooth for variant in variants]
     fits: dict[int, LinearErrors] = {}
     for _ in range(3):  # a fit under a wrong convention may end far off, and others start from it
         for k, simulated in enumerate(rollouts):
@@ -80,21 +82,19 @@ def choose_position_reading(
 ) -> Reading | None:
     """Decide whether the controllers read counts of the encoder; return None if the log shows none, or a drive says it.
 
-    Controllers read counts unless the base model predicts significantly better if they read the exact position.
+    Both readings are fitted by the base model and compared in counts, and the likelier one is taken.
     """
-    if Rollouts(tuple(recordings)).count is None or any(r.actuator.reads for r in recordings):
+    drives = [recording.actuator for recording in recordings]
+    if any(drive.reads or not drive.acts_on_position for drive in drives) or find_count(recordings) is None:
         return None
     torque = RegressionData.from_recordings(recordings, part=part).torque
-    scores = []
-    for reads in ("exact", "counts"):
-        rollouts = Rollouts(with_reading(recordings, reads), FINE, shares=part)
+    likelihood: dict[Reading, float] = {}
+    for reads in get_args(Reading):
+        rollouts = Rollouts(with_reading(recordings, reads), FINE, shares=part, has_counts=True)
         rows = RolloutRows(rollouts, torque)
         rows.fit(base, exactly=True)
-        density = compute_log_densities(rollouts, rows.linearise_at_fit(base).error)
-        blocks, _, of_block = rollouts.blocks(BLOCK)
-        scores.append(np.bincount(blocks, density).astype(float))
-    gain = Bootstrap(of_block, np.random.default_rng(0)).gain(*scores)
-    return "exact" if gain.p_value < Criterion().p_value else "counts"
+        likelihood[reads] = compute_log_likelihood(rollouts, rows.linearise_at_fit(base).error)
+    return max(likelihood, key=lambda reads: likelihood[reads])
 
 
 def with_reading(recordings: Sequence[Recording], reads: Reading) -> tuple[Recording, ...]:

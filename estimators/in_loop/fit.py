@@ -38,7 +38,7 @@ class LoopSettings:
     finalists: int = 2  # number of the best fits from these starts that are fitted to convergence
     shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # shares of the inertia in the starts of a link
     stiffnesses: tuple[float, ...] = (1.0, 2.5)  # factors of its resonance; a fit of torque prefers a soft contact
-    damping_ratios: tuple[float, ...] = (0.1, 0.5)  # of the contact in the starts of a link
+    damping_ratios: tuple[float, ...] = (0.15, 0.5)  # of the contact in the starts of a link
     link_friction: tuple[float, ...] = (0.1, 0.02)  # shares of dry and viscous friction in the starts of a link
     promising: float = 0.05  # share of the squared error that the first start must explain before others are tried
     leap: float = 1.0  # largest step of a parameter, relative to its size

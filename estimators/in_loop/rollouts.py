@@ -21,7 +21,7 @@ from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link
 from pendulum_env.recording import Recording, RecordingError
-from pendulum_env.servo.drive import LONGEST, ServoDrive
+from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Looks, Servos, simulate_servos
 from pendulum_env.servo.torque import get_bus_voltage
 
@@ -44,7 +44,8 @@ class Rollouts:
         is_held: whether goals are held from sample to sample or interpolated, unless the drive declares it.
         grain: time between compared positions [s]; None takes samples of the log, about `GRAIN` apart. Held goals bend
             the motion, so positions between samples are not known.
-        has_counts: whether positions are compared in counts of the encoder, if the log of position control shows them.
+        has_counts: whether positions are compared in counts of the encoder, if the log shows them; None: if the
+            controllers read counts.
     """
 
     recordings: tuple[Recording, ...]
@@ -52,7 +53,7 @@ class Rollouts:
     is_held: bool = True
     shares: Part = WHOLE
     grain: float | None = None
-    has_counts: bool = True
+    has_counts: bool | None = None
 
     @cached_property
     def _grain(self) -> float:
@@ -133,17 +134,19 @@ class Rollouts:
             np.array([part.time[0] for part in parts]),
             known_load if any(loads) else KnownLoad(),
             stack(interpolate, [get_temperature(part) for part in parts]),
-            self.count if all(drive.reads != "exact" for drive in self._drives) else None,
+            self.count if self._reads_counts else None,
         )
 
     @property
-    def _drives(self) -> list[ServoDrive]:
-        return [recording.actuator for recording in self.recordings]
+    def _reads_counts(self) -> bool:
+        drives = [recording.actuator for recording in self.recordings]
+        return all(drive.acts_on_position and drive.reads == "counts" for drive in drives)
 
     @cached_property
     def count(self) -> float | None:
         """Return the step of the encoder in which positions are compared [rad]; None if they are compared exactly."""
-        return find_count(self.recordings) if self.has_counts and self._drives[0].acts_on_position else None
+        has_counts = self._reads_counts if self.has_counts is None else self.has_counts
+        return find_count(self.recordings) if has_counts else None
 
     @cached_property
     def smooth(self) -> Self:
@@ -222,7 +225,7 @@ class Rollouts:
     def compute_position_errors(self, points: Sequence[Point]) -> Array:
         """Return simulated minus measured positions (R, V) of V models with terms of equal classes [rad].
 
-        Both are counts of the encoder, if the log shows them.
+        Both are counts of the encoder, if controllers read them.
         """
         paths = self.simulate_paths(points)
         if self.count is not None:

@@ -64,7 +64,7 @@ class ServoDrive:
         goal: course of the goal between rows of the log, held or linear; None: unknown.
         encoder: shaft of the encoder, at the motor or at the output, behind the gear's play and elasticity.
         reads: whether position control reads the counts of the encoder, as the log, or the exact position; None:
-            unknown, simulated with counts if the log shows them.
+            unknown, simulated as `exact`.
         windup: integral at the output limit: `stop` stops it, `clamp` clamps ki times the integral to the limit,
             `free` lets it grow; None: unknown, simulated as `stop`.
         integral: whether an update adds its error to the integral after or before it computes the output, for a known
