@@ -19,7 +19,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.counts import find_count
-from estimators.in_loop.fit import LinearErrors, choose_likeliest_point, compute_log_densities, compute_log_likelihood
+from estimators.in_loop.fit import LinearErrors, choose_likeliest_point, compute_log_densities
 from estimators.in_loop.goals import with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
@@ -82,19 +82,23 @@ def choose_position_reading(
 ) -> Reading | None:
     """Decide whether the controllers read counts of the encoder; return None if the log shows none, or a drive says it.
 
-    Both readings are fitted by the base model and compared in counts, and the likelier one is taken.
+    Both readings are fitted by the base model and compared in counts. Counts are taken if they are likelier by more
+    than a standard error.
     """
     drives = [recording.actuator for recording in recordings]
     if any(drive.reads or not drive.acts_on_position for drive in drives) or find_count(recordings) is None:
         return None
     torque = RegressionData.from_recordings(recordings, part=part).torque
-    likelihood: dict[Reading, float] = {}
+    densities = []
     for reads in get_args(Reading):
         rollouts = Rollouts(with_reading(recordings, reads), FINE, shares=part, has_counts=True)
         rows = RolloutRows(rollouts, torque)
         rows.fit(base, exactly=True)
-        likelihood[reads] = compute_log_likelihood(rollouts, rows.linearise_at_fit(base).error)
-    return max(likelihood, key=lambda reads: likelihood[reads])
+        density = compute_log_densities(rollouts, rows.linearise_at_fit(base).error)
+        blocks, _, of_block = rollouts.blocks(BLOCK)
+        densities.append(np.bincount(blocks, density).astype(float))
+    gain = Bootstrap(of_block, np.random.default_rng(0)).gain(*densities)
+    return "counts" if gain.total > gain.error else "exact"
 
 
 def with_reading(recordings: Sequence[Recording], reads: Reading) -> tuple[Recording, ...]:

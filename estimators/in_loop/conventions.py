@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from estimators.findings import Finding, Kind
 from estimators.in_loop.controller import choose_position_reading, read_controller, with_reading
@@ -91,7 +91,7 @@ def _decide_together(
     return Conventions(recordings, holdout, findings)
 
 
-def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, str]) -> Recordings:
+def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, Any]) -> Recordings:
     """Apply the log format of a model to recordings, for conventions that no drive declares.
 
     A convention of the controller that one drive declares holds for all of its kind, see `decide_conventions`.

@@ -118,9 +118,10 @@ def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
 
 
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:
-    """Widen the standard errors of a model by a profile and by the error of the clock.
+    """Widen the standard errors of a model by a profile, by the error of the clock, and by the counts of the encoder.
 
-    The covariance includes the change of the parameters with delayed goals and controllers.
+    The covariance includes the change of the parameters with delayed goals and controllers. Simulated controllers that
+    read the exact position stick where a real one may creep, so it includes that of dry friction as well.
     """
     point = Point.from_model(model)
     near, rollouts = rows.linearise_at_fit(model.terms), rows.rollouts
@@ -136,6 +137,9 @@ def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | N
     if profile is not None:
         covariance = widen_by_profile(names, covariance, profile)
     covariance += changes @ changes.T
+    if "coulomb" in names and covariance[names.index("coulomb"), names.index("coulomb")] > 0:
+        by_friction = covariance[names.index("coulomb")] / covariance[names.index("coulomb"), names.index("coulomb")]
+        covariance += np.outer(by_friction, by_friction) * rollouts.creep_torque**2
     wider = {
         name: replace(model.estimates[name], std=float(std))
         for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)

@@ -198,6 +198,18 @@ class Rollouts:
         return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
 
     @property
+    def creep_torque(self) -> float:
+        """Return the standard deviation of the torque by which counts of the encoder help a joint over dry friction.
+
+        A controlled position is read up to half a count off. The torque [unit of the drive] is uniform between 0 and X,
+        that of half a count: the standard deviation is X/sqrt(12). Its mean X/2 remains as a bias of dry friction. It
+        is 0 if simulated controllers read counts.
+        """
+        drives = [(recording.actuator, get_bus_voltage(recording)) for recording in self.recordings]
+        stiffness = [np.mean(drive.scale(bus)) * drive.kp for drive, bus in drives if drive.acts_on_position]
+        return 0.5 * float(np.mean(stiffness)) * self.resolution if stiffness and self.count is None else 0.0
+
+    @property
     def encoder(self) -> dict[str, float]:
         """Return the mean absolute error due to the encoder alone, by the name of the joint [rad]."""
         noise = np.mean([estimate_encoder_noise(recording.position) for recording in self.recordings])

@@ -244,7 +244,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
         raise ValueError("servos with encoders at the motor and at the output cannot be simulated at once")
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
-    names = GAINS
+    names: tuple[str, ...] = GAINS
     if servos.count is not None:
         names, gains = (*GAINS, *COUNTS), np.vstack([gains, np.full(len(servos.drives), servos.count), servos.position])
     count = servos.inputs.shape[1]
