@@ -26,6 +26,7 @@ from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
+from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import Reading, list_open_conventions
@@ -80,24 +81,26 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
 def choose_position_reading(
     recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE
 ) -> Reading | None:
-    """Decide whether the controllers read counts of the encoder; return None if the log shows none, or a drive says it.
+    """Decide whether the controllers read counts of the encoder; return None if the log shows none.
 
     Both readings are fitted by the base model and compared in counts. Counts are taken if they are likelier by more
-    than a standard error.
+    than a standard error. What one drive declares holds for all.
     """
-    drives = [recording.actuator for recording in recordings]
-    if any(drive.reads or not drive.acts_on_position for drive in drives) or find_count(recordings) is None:
+    declared = [r.actuator.reads for r in recordings if r.actuator.reads]
+    if declared:
+        return declared[0]
+    if not all(r.actuator.acts_on_position for r in recordings) or find_count(recordings) is None:
         return None
     torque = RegressionData.from_recordings(recordings, part=part).torque
-    densities = []
+    densities: dict[Reading, Array] = {}
     for reads in get_args(Reading):
         rollouts = Rollouts(with_reading(recordings, reads), FINE, shares=part, has_counts=True)
         rows = RolloutRows(rollouts, torque)
         rows.fit(base, exactly=True)
         density = compute_log_densities(rollouts, rows.linearise_at_fit(base).error)
         blocks, _, of_block = rollouts.blocks(BLOCK)
-        densities.append(np.bincount(blocks, density).astype(float))
-    gain = Bootstrap(of_block, np.random.default_rng(0)).gain(*densities)
+        densities[reads] = np.bincount(blocks, density).astype(float)
+    gain = Bootstrap(of_block, np.random.default_rng(0)).gain(densities["counts"], densities["exact"])
     return "counts" if gain.total > gain.error else "exact"
 
 

@@ -259,9 +259,9 @@ def test_friction_is_found_whether_the_controller_reads_counts_or_exact_position
     assert estimates["coulomb"].value == pytest.approx(TRUE["coulomb"], rel=0.015)
 
 
-def test_undeclared_reading_of_the_position_stays_as_a_drive_declares_it():
+def test_reading_of_the_position_that_one_drive_declares_holds_for_all():
     recordings = [integrating(kp, k, "stop", "after", ki=0.0, count=8e-3) for k, kp in enumerate((4.0, 6.0))]
-    said = [replace(recording, drive=replace(recording.drive, reads="exact")) for recording in recordings]
+    said = [replace(recordings[0], drive=replace(recordings[0].drive, reads="exact")), *recordings[1:]]
     assert all(own.drive is not None and own.drive.reads == "exact" for own in decide_conventions(said).recordings)
 
 
