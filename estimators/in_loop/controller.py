@@ -26,7 +26,6 @@ from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Bootstrap
 from estimators.weak_form.windows import WHOLE, Part
-from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import Reading, list_open_conventions
@@ -92,15 +91,15 @@ def choose_position_reading(
     if not all(r.actuator.acts_on_position for r in recordings) or find_count(recordings) is None:
         return None
     torque = RegressionData.from_recordings(recordings, part=part).torque
-    densities: dict[Reading, Array] = {}
-    for reads in get_args(Reading):
+    densities = []
+    for reads in get_args(Reading):  # counts first
         rollouts = Rollouts(with_reading(recordings, reads), FINE, shares=part, has_counts=True)
         rows = RolloutRows(rollouts, torque)
         rows.fit(base, exactly=True)
         density = compute_log_densities(rollouts, rows.linearise_at_fit(base).error)
         blocks, _, of_block = rollouts.blocks(BLOCK)
-        densities[reads] = np.bincount(blocks, density).astype(float)
-    gain = Bootstrap(of_block, np.random.default_rng(0)).gain(densities["counts"], densities["exact"])
+        densities.append(np.bincount(blocks, density).astype(float))
+    gain = Bootstrap(of_block, np.random.default_rng(0)).gain(densities[0], densities[1])
     return "counts" if gain.total > gain.error else "exact"
 
 
