@@ -20,7 +20,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import list_reset_variants, set_values
 from estimators.weak_form.point import Point
-from pendulum_env.physics import Table, Term, find_link, has_link, has_stop, list_ids
+from pendulum_env.physics import SIGNIFICANT, NonlinearParameter, Table, Term, find_link, has_link, has_stop, list_ids
 from pendulum_env.physics.terms import count_parameters, list_forms
 
 LINK_SHARE = 0.3  # of the friction, that a link has at first; fits to torque from 0.1, as in the loop, end elsewhere
@@ -176,19 +176,25 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
 
 
 def leave_limits(state: SearchState, found: SearchState) -> SearchState:
-    """Return `found`, a state with a fitted link, or another fit if parameters of its link are at lower limits.
+    """Return `found`, a state with a fitted link, or another fit if parameters of its link may be at lower limits.
 
     A limit is no evidence. A play without a gap is an elastic joint, which replaces it if confirmed. Other parameters
     start again from their upper limits, such as all of the weight at the link; the lower held-out cost decides.
     """
     link, linked = find_link(found.terms), found.evaluator.linked
-    at_limit = [parameter for parameter in link.free if link.nonlinear_values[parameter.name] <= parameter.low]
-    if not at_limit:
-        return found
-    theta = {} if linked is None else {name: estimate.value for name, estimate in linked.model.estimates.items()}
-    restart = set_values(link, at_limit, [parameter.high for parameter in at_limit]).bind(theta)
-    names = {parameter.name for parameter in at_limit}
+    estimates = {} if linked is None else linked.model.estimates
+
+    def is_at_limit(parameter: NonlinearParameter, errors: float = 0.0) -> bool:
+        estimate, value = estimates.get(link.get_full_name(parameter.name)), link.nonlinear_values[parameter.name]
+        return bool(value <= parameter.low + (errors * estimate.std if estimate is not None else 0.0))
+
+    names = {parameter.name for parameter in link.free if is_at_limit(parameter)}
     reductions = [reduced for reduced in link.reductions if names - reduced.nonlinear_values.keys()]
+    unsure = [parameter for parameter in link.free if is_at_limit(parameter, SIGNIFICANT)]
+    if not (reductions or unsure):
+        return found
+    theta = {name: estimate.value for name, estimate in estimates.items()}
+    restart = set_values(link, unsure, [parameter.high for parameter in unsure]).bind(theta)
     for start in reductions or [restart]:
         other = fit_link_states(state, tuple(start if term is link else term for term in found.terms))
         is_less = other is not None and other.evaluator.cost_with_link < found.evaluator.cost_with_link

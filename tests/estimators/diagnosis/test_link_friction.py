@@ -27,13 +27,14 @@ def test_viscous_friction_of_the_link_is_estimated_beside_its_elastic_joint():
 
 
 @pytest.mark.slow
-def test_an_elastic_joint_whose_torque_is_exact_has_its_inertias_and_resonance_within_their_errors():
-    """A step of 1 ms of the integrator shifts the resonance by 2e-4, which is four standard errors."""
+@pytest.mark.parametrize(("seed", "size"), [(1, 0.8), (2, 0.8), (5, 0.7)])
+def test_an_elastic_joint_whose_torque_is_exact_has_no_dead_time(seed, size):
+    """The rigid model takes it for torque that is logged late, and a dead time then undoes the correction."""
     elastic = {"Jm": 0.055, "bl_k": 192.0, "bl_d": 0.11}
     plant = Plant(inertia=0.09, gravity=1.5, viscous=0.15, coulomb=0.0, effects={"joint_flexibility": elastic})
     experiment = Experiment(rate=1000.0, seconds=30.0, seed=1, counts=262_144, torque_noise=0.0, torque_step=1e-4)
-    steps = np.repeat(np.random.default_rng(1).uniform(-1, 1, 260), 120)[:30_000]
-    command = 0.8 * (steps + 0.6 * np.sin(2 * np.pi * 0.31 * np.arange(30_000) / 1000.0))
+    steps = np.repeat(np.random.default_rng(seed).uniform(-1, 1, 260), 120)[:30_000]
+    command = size * (steps + 0.6 * np.sin(2 * np.pi * 0.31 * np.arange(30_000) / 1000.0))
     found = diagnose(recorded(plant, experiment, commands=[command]), only=["joint_flexibility", "dead_time"])
     assert found.selected == ("joint_flexibility",) and not found.data.has_moved
     for name, truth in (
