@@ -238,6 +238,11 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
             )
         return
     ratio = float(correlation * np.linalg.norm(moved) / np.linalg.norm(expected))
+    if gear := origin.apply_gear("velocity", ratio):
+        raise ColumnError(
+            f"velocity is {1 / ratio:.3g} times the slope of position, as if it lacked a ratio of position: read it "
+            f"with {_format_columns(gear)}"
+        )
     if correlation < 0:
         turned = _format_columns(origin.flip_sign("velocity"))
         raise ColumnError(f"velocity has the opposite sign of the slope of position: read it with {turned}")

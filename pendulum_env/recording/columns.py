@@ -225,7 +225,12 @@ def find_columns(
         columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
     if "time" in columns and (fraction := _find_fraction(columns["time"], headers)):
         columns["fraction"] = fraction
-    return _apply_moteus_units(columns, headers)
+    return {
+        quantity: replace(column, unit=_find_moteus_unit(column.header, headers))
+        if column.unit is None and not column.expression.name and quantity in MOTEUS
+        else column
+        for quantity, column in columns.items()
+    }
 
 
 def _refuse_missing(
@@ -348,16 +353,15 @@ def _split_time_unit(name: str) -> tuple[tuple[str, ...], float]:
     return next(((tuple(words[:k]), factor) for k, factor in units if factor), ((), math.nan))
 
 
-def _apply_moteus_units(columns: dict[str, FileColumn], headers: Sequence[str]) -> dict[str, FileColumn]:
-    """Set the units of a moteus log, turns and turns per second."""
-    if len(MOTEUS_REGISTERS & {normalise_name(header) for header in headers}) < 2:
-        return columns
-    return {
-        quantity: replace(column, unit=unit)
-        if column.unit is None and not column.expression.name and (unit := MOTEUS.get(normalise_name(column.header)))
-        else column
-        for quantity, column in columns.items()
-    }
+def _find_moteus_unit(header: str, headers: Sequence[str]) -> str | None:
+    """Return the letters of the unit of a column of a moteus log, turns or turns per second; None for others."""
+    is_moteus = len(MOTEUS_REGISTERS & {normalise_name(name) for name in headers}) > 1
+    return MOTEUS.get(normalise_name(header)) if is_moteus else None
+
+
+def write_unit(quantity: str, unit: str) -> str:
+    """Write a unit from its letters, as in messages: `revs` of a velocity is `rev/s`."""
+    return {normalise_name(told): told for told in TOLD.get(quantity, "").split(", ")}.get(unit, unit)
 
 
 def add_labels(columns: dict[str, FileColumn], headers: Sequence[str], cells: Sequence[str]) -> dict[str, FileColumn]:
@@ -513,6 +517,8 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; counts have a gain to radians
         unit = find_trailing_unit(raw, name)
+    if unit is None and not needs_gain and (known := _find_known_unit(quantity, name, names)):
+        unit, expression = known, replace(expression, unit=write_unit(quantity, known))
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
     offset_unit = unit if expression.offset_unit is None else normalise_name(expression.offset_unit)
@@ -522,6 +528,12 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
             f"{expression.offset}:{TOLD[quantity].split(',')[0]}"
         )
     return FileColumn(quantity, name, names.index(name), unit, expression=expression)
+
+
+def _find_known_unit(quantity: str, name: str, headers: Sequence[str]) -> str | None:
+    """Return the letters of the unit that a column has if it is found by its name, or None."""
+    found = _find_candidates(quantity, [name], set()) or _read_all(quantity, [name], ())
+    return (found and found[0].unit) or (_find_moteus_unit(name, headers) if quantity in MOTEUS else None)
 
 
 def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> Expression:

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from pendulum_env.recording.columns import NONE, FileColumn
+from pendulum_env.recording.columns import NONE, FileColumn, write_unit
 from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.vocabulary import LINEAR, RAW, UNITS
 
@@ -46,6 +46,19 @@ class Origin:
         offset = None if old.offset is None else ("+" if old.offset[0] == "-" else "-") + old.offset[1:]
         return self.change_column(quantity, negative=not old.negative, offset=offset)
 
+    def apply_gear(self, quantity: str, ratio: float) -> dict[str, str] | None:
+        """Return the option `columns` with the last factors of position, which a quantity lacks.
+
+        Return None if no product of them is within a tenth of the ratio, in size.
+        """
+        factors, old = self.columns["position"].expression.factors, self._get_expression(quantity)
+        for k in range(len(factors)):
+            gain = Expression("", factors=factors[k:]).gain
+            if 0.9 < abs(gain / ratio) < 1.1 and not 0.5 < abs(gain) < 2.0:
+                negative = old.negative ^ (gain * ratio < 0)
+                return self.change_column(quantity, factors=(*old.factors, *factors[k:]), negative=negative)
+        return None
+
     def omit_column(self, quantity: str) -> dict[str, str]:
         """Return the option `columns` without an optional quantity."""
         return {**self.named, quantity: NONE}
@@ -61,14 +74,15 @@ class Origin:
         return {**self.named, **{quantity: str(self._shift_expression(quantity, angle, digits)) for quantity in places}}
 
     def can_be_degrees(self) -> bool:
-        """Return whether position may be in degrees."""
+        """Return whether position may be in degrees: its unit is unknown, or radians by its name or the user."""
         unit = self.columns["position"].unit
-        return unit is None or (UNITS["position"].get(unit, DEGREE) != DEGREE)
+        return unit is None or UNITS["position"].get(unit) == 1.0
 
     def _get_expression(self, quantity: str) -> Expression:
         """Return the current expression of a column."""
         column = self.columns[quantity]
-        return replace(column.expression, name=column.header, unit=column.expression.unit or column.unit)
+        unit = column.expression.unit or (column.unit and write_unit(quantity, column.unit))
+        return replace(column.expression, name=column.header, unit=unit)
 
     def _shift_expression(self, quantity: str, angle: float, digits: int) -> Expression:
         old, column = self._get_expression(quantity), self.columns[quantity]

@@ -11,8 +11,8 @@ from pendulum_env.arms.columns import strip_units
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import NONE, guess_columns, is_told, parse_column
-from pendulum_env.recording.expression import NUMBER, Expression, normalise_name, parse_expression
+from pendulum_env.recording.columns import NONE, guess_columns, is_told, parse_column, write_unit
+from pendulum_env.recording.expression import NUMBER, Expression, parse_expression
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
 
@@ -60,8 +60,7 @@ def describe_unit(role: str, text: str, headers: Sequence[str]) -> str:
     except RecordingError:
         return "not clear yet"
     if column.unit is not None:
-        written = {normalise_name(unit): unit for unit in list_units(role)}
-        return f"{written.get(column.unit, column.unit)} (named)"
+        return f"{write_unit(column.quantity, column.unit)} (named)"
     if not (unit := SI[get_quantity(role)]):
         return ""
     return f"{unit} (after gain)" if column.is_unit_told else f"{unit} (assumed)"
