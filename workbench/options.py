@@ -181,7 +181,7 @@ SHARED: dict[str, dict[str, Any]] = {  # arguments of `add_argument`
         "time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=none; torque=none: nothing drives the "
         f"joint; units: {'; '.join(TOLD[kind] for kind in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
     },
-    "--unwrap": {"action": "store_true", "help": "undo jumps of 2 pi in position"},
+    "--unwrap": {"action": "store_true", "help": "undo jumps of a turn in position"},
     "--drive": {
         "metavar": "KEY=VALUE,...",
         "type": keep_message(parse_drive),

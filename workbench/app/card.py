@@ -15,8 +15,14 @@ from pendulum_env.recording.columns import NONE, guess_columns, is_told, parse_c
 from pendulum_env.recording.expression import NUMBER, Expression, parse_expression
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
+from workbench.errors import write_option
 
+UNWRAP = "unwrap: undo jumps of a turn in position"
 NEEDED = 2  # numeric columns required: time and position
+WRITTEN = re.compile(  # an expression of `--columns` in a message
+    rf"(?P<sign>-?)(?P<name>.+?)(?::(?P<unit>.+?))?(?P<then>(?:[*/](?:[+-]?(?:{NUMBER.pattern})|\?))*"
+    rf"(?:[+-](?:{NUMBER.pattern})(?::\S+)?)?)"
+)
 PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # a number alone is a gain
 
 
@@ -40,6 +46,24 @@ class ColumnChoice:
         gain = "".join([*(["*-1"] if expression.negative else []), *expression.factors])
         offset = (expression.offset or "") + ("" if expression.offset_unit is None else f":{expression.offset_unit}")
         return cls(role, expression.unit or "", gain + offset)
+
+
+def write_choice(name: str, value: object) -> str:
+    """Format an argument in a message of the app: columns as choices on the card, others as on the command line."""
+    if name == "unwrap":
+        return f"the box “{UNWRAP}” ticked"
+    if name != "columns" or not isinstance(value, Mapping):
+        return write_option(name, value)
+    return join_words([_describe_choice(role, text) for role, text in value.items()])
+
+
+def _describe_choice(role: str, text: str) -> str:
+    """Describe what to choose for a role: column, unit and conversion."""
+    if text == NONE or not (found := WRITTEN.fullmatch(text)):
+        return f"no column as {role}"
+    unit = f" in {found['unit']}" if found["unit"] else ""
+    then = f"{'*-1' if found['sign'] else ''}{found['then']}"
+    return f"column {found['name']} as {role}{unit}{f' with {then}' if then else ''}"
 
 
 def get_quantity(role: str) -> str:

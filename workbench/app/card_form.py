@@ -7,8 +7,8 @@ import numpy as np
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from workbench.app.card import ColumnCard, describe_unit, get_quantity, list_units
-from workbench.app.parts import UNWRAP, make_aria, make_button, make_panel, make_table
+from workbench.app.card import UNWRAP, ColumnCard, describe_unit, get_quantity, list_units
+from workbench.app.parts import make_aria, make_button, make_panel, make_table
 
 ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
 FREE = "Nothing drives the joint: torque is zero"
@@ -32,7 +32,7 @@ def show(card: ColumnCard) -> Component:
         f"What the columns of {card.source.file.name} mean",
         *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
         html.P(
-            f"{ASKED_OF_ARM if card.joints else ASKED} The last column converts a column as --columns does, by gain, "
+            f"{ASKED_OF_ARM if card.joints else ASKED} The last column converts a column by gain, "
             "ratio and offset. The current, voltage or duty cycle of a motor needs its torque constant"
             f"{'' if card.joints else ', or *? to find it from known loads'}.",
             className="note",

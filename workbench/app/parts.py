@@ -22,7 +22,6 @@ from workbench.report.data import Section
 Content = Component | str | Sequence[Component | str] | None
 
 PLOT, SPEC = "plot", "spec"  # kinds of ids: graph, and data of its figure
-UNWRAP = "unwrap: undo jumps of 2π in position"
 BUTTONS = ["zoom2d", "pan2d", "resetScale2d", "toImage"]  # whitelist: no button that uploads data
 CLEAR = "rgba(0,0,0,0)"
 HIDDEN = {"visible": False}

@@ -9,7 +9,9 @@ from threading import Timer
 
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Source
+from pendulum_env.settings import use_writer
 from workbench import options
+from workbench.app.card import write_choice
 from workbench.errors import InputError
 from workbench.processes import hold_interrupts
 from workbench.reading import list_sources, read_all
@@ -48,6 +50,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     server = Server(arguments.port, recordings=recordings, robot=robot)
     terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe is buffered
+    use_writer(write_choice)
     if not arguments.no_browser:
         Timer(0.3, webbrowser.open, [server.address]).start()
     for name in ("SIGTERM", "SIGHUP"):  # end jobs and delete uploaded files

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pendulum_env.recording import Recording, read_recording
+from pendulum_env.recording import Recording, RecordingError, read_recording
 from tests.notes import list_notes
+from tests.options import options as options
 from workbench.narrator.notes import WARNING
 
 TIME = np.arange(2000) / 500
@@ -92,3 +93,17 @@ def test_a_remedy_for_a_velocity_can_be_pasted(write):
         read_recording(path)
     mended = pasted(path, str(refused.value).partition("read it with ")[2])
     assert mended.velocity == pytest.approx(np.gradient(ANGLE, TIME))
+
+
+def test_a_ratio_keeps_the_unit_of_a_known_name_and_is_told_for_velocity(write):
+    rate = np.gradient(ANGLE, TIME)
+    path = write(pos_estimate=8 * ANGLE / (2 * np.pi), vel_estimate=8 * rate / (2 * np.pi))  # of the motor, in turns
+    with pytest.raises(RecordingError) as refusal:
+        read_recording(path, columns={"position": "-pos_estimate/8", "torque": "-torque"})
+    told = re.search("--columns .*$", str(refusal.value))
+    recording = pasted(path, told[0])
+    np.testing.assert_allclose(recording.position, -ANGLE, atol=1e-9)
+    np.testing.assert_allclose(recording.velocity, -rate, atol=1e-9)
+    of_moteus = {"position": ANGLE / np.pi, "velocity": rate / np.pi, "mode": 10 + 0 * TIME, "fault": 0 * TIME}
+    named = {"position": "position/2", "velocity": "velocity/2"}
+    np.testing.assert_allclose(read_recording(write(**of_moteus), columns=named).position, ANGLE, atol=1e-9)

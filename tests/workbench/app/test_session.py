@@ -19,6 +19,7 @@ from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
 from pendulum_env.recording import Recording, RecordingError, Source
 from pendulum_env.recording.study import read_sources
+from pendulum_env.settings import use_writer
 from tests import slow
 from tests.cases import diagnosed
 from tests.estimators.diagnosis.test_experiment import first as wagged
@@ -34,7 +35,7 @@ from tests.workbench.app.plants import (
     upload,
     write_source,
 )
-from workbench.app.card import ColumnCard, ColumnChoice, describe_unit
+from workbench.app.card import ColumnCard, ColumnChoice, describe_unit, write_choice
 from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.downloads import make_file, write_commands, write_study_text
 from workbench.app.jobs import Workers
@@ -404,6 +405,31 @@ def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp
     both = [replace(choice, role="time") if choice.role == "torque" else choice for choice in card.choices]
     with pytest.raises(RecordingError, match="columns 't' and 'i' are all to be time: choose one"):
         card.set_choices(both, False).make_source()
+
+
+def test_a_card_knows_the_units_that_the_command_line_knows_and_speaks_of_its_own_choices(session, swing):
+    turns = swing.position / (2 * np.pi)
+    rows = zip(swing.time, 8 * turns, np.gradient(8 * turns, swing.time), swing.torque, strict=True)
+    content = "t,pos_estimate,vel_estimate,Iq_measured\n" + "".join(f"{a},{b},{c},{d}\n" for a, b, c, d in rows)
+    before = use_writer(write_choice)
+    try:
+        upload(session, "odrive.csv", content.encode())
+        assert "--columns" not in session.cards[0].why and "column Iq_measured as torque in A" in session.cards[0].why
+        headers = session.cards[0].preview.headers
+        assert describe_unit("position", "pos_estimate/8", headers) == "rev (named)"
+        choices = [
+            ColumnChoice("time"),
+            ColumnChoice("position", "", "/8"),
+            ColumnChoice("velocity"),
+            ColumnChoice("torque", "A", "1"),
+        ]
+        session.act(lambda: session.answer(session.cards[0].set_choices(choices, False)))
+        assert "column vel_estimate as velocity in rev/s with /8" in session.cards[0].why
+        choices[2] = ColumnChoice("velocity", "rev/s", "/8")
+        session.act(lambda: session.answer(session.cards[0].set_choices(choices, False)))
+    finally:
+        use_writer(before)
+    np.testing.assert_allclose(session.state.loaded[0].recording.position, swing.position, atol=1e-6)
 
 
 ASKED = SearchChoices(

@@ -11,8 +11,9 @@ from dash.exceptions import PreventUpdate
 from pendulum_env.formatting import capitalise
 from pendulum_env.lookup import find
 from workbench.app import uploads
+from workbench.app.card import UNWRAP
 from workbench.app.panels import show_job, show_state, show_undo
-from workbench.app.parts import PLOT, SPEC, UNWRAP, Stage, make_aria, make_panel
+from workbench.app.parts import PLOT, SPEC, Stage, make_aria, make_panel
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
