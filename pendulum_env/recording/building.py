@@ -70,11 +70,12 @@ def build_recording(
     checks.refuse_too_few(values["time"])
 
     def unwrap_position() -> Array:
-        return np.unwrap(log.values["position"]) if unwrap else log.values["position"]
+        return np.unwrap(log.values["position"], period=turns["position"]) if unwrap else log.values["position"]
 
     is_output = unit == OUTPUTS.get(actuator.output)
     noted = [column for column in columns.values() if not (is_output and column.quantity == "torque")]
     log = cleaning.Log(values, [*(note for column in noted for note in column.notes), *notes])
+    turns = cleaning.find_turns(log.values, columns)
     cleaning.fill_unchanged(log)
     cleaning.align_topics(log, checks.BOUNDS.fewest)
     cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)
@@ -91,8 +92,10 @@ def build_recording(
     checks.refuse_still(log.values["position"])
     jitter.replace_late_stamps(log, unwrap_position())
     sampling.cut_at_gaps(log, unwrap_position())
-    checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, allow_wrapped=unwrap)
-    jumps = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed) if unwrap else 0
+    checks.refuse_jumps(
+        log.values["position"], log.rows, log.starts, origin, turn=turns["position"], allow_wrapped=unwrap
+    )
+    jumps = cleaning.unwrap_positions(log, turns, is_angle=not actuator.acts_on_speed) if unwrap else 0
     sampling.drop_short_segments(log)
     sampling.resample_uniformly(log)
     signals: dict[str, Any] = {**log.values}

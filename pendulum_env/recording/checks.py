@@ -11,6 +11,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index
 from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.recording.angle_unit import suspect_unit
+from pendulum_env.recording.cleaning import WITHIN
 from pendulum_env.recording.clock import STEPS, list_plausible_units
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
@@ -117,18 +118,23 @@ def refuse_still(position: Array) -> None:
         )
 
 
-def refuse_jumps(position: Array, rows: Index, starts: Sequence[int], origin: Origin, *, allow_wrapped: bool) -> None:
-    """Refuse positions that jump by more than half a turn between samples: wrapped, or not an angle."""
+def refuse_jumps(
+    position: Array, rows: Index, starts: Sequence[int], origin: Origin, *, turn: float, allow_wrapped: bool
+) -> None:
+    """Refuse positions that jump by more than half a turn [rad] between samples: wrapped, or not an angle."""
     jumps = np.abs(np.diff(position))
     jumps[[start - 1 for start in starts[1:]]] = 0.0  # gaps are no jumps
-    if (size := float(jumps.max())) <= np.pi:
+    size = float(jumps.max())
+    is_wrapped = bool(np.ptp(position) < WITHIN * turn or abs(size - turn) < 0.08 * turn)
+    if size <= np.pi and not (is_wrapped and size > turn / 2):
         return
     row = rows[int(np.argmax(jumps > size / 2)) + 1]
     what = f"position jumps by {size:.4g} rad from one sample to the next at data row {row} (header not counted)"
-    if np.ptp(position) < 2 * np.pi + 0.1 or abs(size - 2 * np.pi) < 0.5:
+    if is_wrapped:
         if not allow_wrapped:
+            at = "2 pi" if turn == 2 * np.pi else "a turn of its encoder"
             raise RecordingError(
-                f"{what}, as an angle wrapped at 2 pi does: read it with {format_setting('unwrap', True)}"
+                f"{what}, as an angle wrapped at {at} does: read it with {format_setting('unwrap', True)}"
             )
     elif 270 < size < 361:
         raise ColumnError(

@@ -1,5 +1,6 @@
 """Remove invalid rows: empty cells, repeated times, glitches of one sample and stale values."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,11 +9,13 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.errors import RecordingError
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.clock import find_resolution
+from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import NAMED, Note, NoteKind
 from pendulum_env.recording.vocabulary import QUANTITIES
 
 OPTIONAL = QUANTITIES[3:]  # optional quantities
 TURN = 2 * np.pi  # [rad]
+WITHIN = 1.016  # range of a wrapped position, in turns, with noise
 ROWS = 5  # over which motion before a stand-still is measured
 HELD = ("torque", "enabled")  # quantities that are held until the next value
 
@@ -255,17 +258,43 @@ def drop_spoilt_positions(log: Log, position: Array) -> None:
     log.keep_rows(good)
 
 
-def unwrap_positions(log: Log, is_angle: bool) -> int:
-    """Undo jumps of 2 pi in position, and in a reference that `is_angle`; return the number of jumps."""
-    position = log.values["position"]
-    unwrapped = np.unwrap(position)
+def find_turns(values: Mapping[str, Array], columns: Mapping[str, FileColumn]) -> dict[str, float]:
+    """Find the turn at which position and reference may be wrapped [rad].
+
+    It is a turn of the encoder, such as 2 pi / 8 before a gear of 8, if all positions but one in a thousand lie within
+    it, else 2 pi: an encoder that counts turns may move by more than half a turn between samples.
+    """
+    turns = {"position": TURN, "reference": TURN}
+    for quantity in turns:
+        if quantity not in columns or (turn := columns[quantity].turn) == TURN:
+            break
+        sound = values[quantity][np.isfinite(values[quantity])]
+        if not len(sound) or np.ptp(np.quantile(sound, [5e-4, 1 - 5e-4])) > WITHIN * turn:
+            break
+        turns[quantity] = turn
+    return turns
+
+
+def unwrap_positions(log: Log, turns: Mapping[str, float], is_angle: bool) -> int:
+    """Undo jumps of a turn in position, and in a reference that `is_angle`; return the number of jumps.
+
+    Raises RecordingError if an encoder before a gear may be on another turn after a gap.
+    """
+    position, turn = log.values["position"], turns["position"]
+    if turn < TURN and len(log.starts) > 1:
+        raise RecordingError(
+            f"position wraps at {turn:.4g} rad, a turn of its encoder, and the log has a gap at data row "
+            f"{log.rows[log.starts[1]]} (header not counted), after which the turn is unknown: make a file of each part"
+        )
+    unwrapped = np.unwrap(position, period=turn)
     log.values = {**log.values, "position": unwrapped}
     if "reference" in log.values and is_angle:  # on the same turn as position
-        reference = log.values["reference"]
-        log.values["reference"] = reference + TURN * np.round((unwrapped - reference) / TURN)
-    jumps = int(np.count_nonzero(np.abs(np.diff(position)) > np.pi))
+        reference, own = log.values["reference"], turns["reference"]
+        log.values["reference"] = reference + own * np.round((unwrapped - reference) / own)
+    jumps = int(np.count_nonzero(np.abs(np.diff(position)) > turn / 2))
     if jumps:
-        log.notes.append(Note(NoteKind.UNWRAPPED, ("position",), {"count": Quantity(jumps)}))
+        numbers = {"count": Quantity(jumps), "turn": Quantity(turn, unit="rad")}
+        log.notes.append(Note(NoteKind.UNWRAPPED, ("position",), numbers))
     return jumps
 
 

@@ -87,6 +87,12 @@ class FileColumn:
         return self.expression.shift * _find_factor(self.quantity, unit)
 
     @property
+    def turn(self) -> float:
+        """Return a turn of the encoder in the quantity [rad]; the first factor of counts is their number in a turn."""
+        factors = self.expression.factors[self.unit in RAW["position"] :]
+        return math.tau * abs(Expression("", factors=factors).gain)
+
+    @property
     def is_unit_told(self) -> bool:
         """Return whether the unit is given by the name or the user."""
         return self.unit is not None or bool(self.expression.factors)

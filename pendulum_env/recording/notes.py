@@ -39,7 +39,7 @@ class NoteKind(StrEnum):
     STALE = "stale"  # count, places: rows
     ENCODER_SLOW = "encoder_slow"  # rate, rows
     HELD_AT_FIRST = "held_at_first"  # time
-    UNWRAPPED = "unwrapped"  # count
+    UNWRAPPED = "unwrapped"  # count, turn
 
     # time
     GAPS = "gaps"  # count, shortest, longest, places: times

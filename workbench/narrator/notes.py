@@ -1,5 +1,6 @@
 """Texts of notes on recordings."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 from pendulum_env.formatting import join_words
@@ -61,6 +62,9 @@ VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
     NoteKind.OTHER_ROWS: lambda note: {"held": "as it was last"}.get(note.text, "by interpolation"),
     NoteKind.PASSED_OVER: lambda note: _name_headers(note.headers[1:]),
     NoteKind.SPOILT: lambda note: "is" if len(note.quantities) == 1 else "are",
+    NoteKind.UNWRAPPED: lambda note: (
+        "2 pi" if (turn := note.numbers["turn"].value) == math.tau else f"{turn:.4g} rad, a turn of its encoder"
+    ),
     NoteKind.GAPS: _choose_by_count("a gap of", "{count:g} gaps of {shortest:.3g} to"),
     NoteKind.SHORT_SEGMENTS: _choose_by_count("a segment", "{count:g} segments"),
     NoteKind.FILLED: _choose_by_count("1 sample is", "{count:g} samples are"),
@@ -102,7 +106,7 @@ TEXTS: Mapping[NoteKind, str] = {
         "encoder; torque with another clock is averaged in between"
     ),
     NoteKind.HELD_AT_FIRST: "{quantity} is held until {time:.2f} s: this part is left out, the swing after it is free",
-    NoteKind.UNWRAPPED: "{quantity} unwrapped at {count:g} jumps of 2 pi",
+    NoteKind.UNWRAPPED: "{quantity} unwrapped at {count:g} jumps of {variant}",
     NoteKind.GAPS: "{variant} {longest:.3g} s after {places}: segments end there",
     NoteKind.SHORT_SEGMENTS: "{samples:.0f} samples in {variant} shorter than {least:g} s are left out",
     NoteKind.FILLED: "{variant} missing after {places}: filled in by interpolation",

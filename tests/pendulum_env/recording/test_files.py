@@ -209,6 +209,25 @@ def test_wrapped_angle_is_refused_and_unwrapped_on_request(write: Write, columns
     assert not free.torque.any()
 
 
+def test_an_encoder_before_a_gear_is_unwrapped_at_its_own_turn(write: Write, columns: Columns) -> None:
+    angle = 1.2 * np.sin(3 * columns["time"]) + 0.02
+    motor = {"degrees": np.degrees(8 * angle) % 360, "enc": np.round(8 * angle * 4096 / (2 * np.pi)) % 4096}
+    for (header, wrapped), named in zip(motor.items(), ("degrees:deg/8", "enc:counts/4096/8"), strict=True):
+        path = write({"time": columns["time"], header: wrapped, "torque": columns["torque"]})
+        with pytest.raises(RecordingError, match="wrapped at a turn of its encoder does: read it with --unwrap"):
+            read_recording(path, columns={"position": named})
+        recording = read_recording(path, columns={"position": named}, unwrap=True)
+        np.testing.assert_allclose(recording.position, angle, atol=2e-4)
+        assert any(note.kind == "unwrapped" for note in recording.notes)
+        late = np.delete(np.arange(len(angle)), np.arange(200, 400))  # the motor turns on in a gap
+        cut = {"time": columns["time"][late], header: wrapped[late], "torque": columns["torque"][late]}
+        with pytest.raises(RecordingError, match="after which the turn is unknown"):
+            read_recording(write(cut), columns={"position": named}, unwrap=True)
+    counted = {"time": columns["time"][::10], "degrees": 8 * np.degrees(angle)[::10] * 20, "torque": angle[::10]}
+    fast = read_recording(write(counted), columns={"position": "degrees:deg/160"}, unwrap=True)  # it counts its turns
+    np.testing.assert_allclose(fast.position, angle[::10], atol=1e-6)
+
+
 def moved(torque: np.ndarray, load: Callable[[float, float, float], float], start: float = 0.0) -> np.ndarray:
     """Angles of 1 kg m^2 by semi-implicit Euler at 200 Hz, under a load by time, angle and speed."""
     q, v, path = start, 0.0, []
