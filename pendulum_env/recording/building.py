@@ -9,6 +9,7 @@ import numpy as np
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import ColumnError, RecordingError
+from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, jitter, sampling
 from pendulum_env.recording.clock import find_date, find_unix_unit, unwrap_clock
 from pendulum_env.recording.columns import FileColumn
@@ -101,6 +102,9 @@ def build_recording(
     signals: dict[str, Any] = {**log.values}
     if "enabled" in signals:
         signals["enabled"] = np.asarray(signals["enabled"] > 0.5, dtype=float)
+        if count := int(np.count_nonzero(signals["enabled"] == 0)):
+            numbers = {"count": Quantity(count), "rows": Quantity(len(signals["enabled"]))}
+            log.notes.append(Note(NoteKind.MOTOR_OFF, ("torque",), numbers, headers=(columns["enabled"].header,)))
     recording = Recording(
         name=name,
         **signals,

@@ -13,6 +13,7 @@ from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.cleaning import WITHIN
 from pendulum_env.recording.clock import STEPS, list_plausible_units
+from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
@@ -29,6 +30,7 @@ class Bounds:
     fastest: float = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
     window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
     current: float = 200.0  # [A], of the motor of a joint
+    constant: float = 0.01  # [N m/A], least torque constant at a joint
     whole: int = 50  # different torques, from which whole numbers alone are those of a counter
     followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
     same: float = 0.95  # correlation of two torques beyond which they may be one
@@ -49,9 +51,15 @@ def _format_columns(columns: Mapping[str, str]) -> str:
 
 
 def refuse_large_current(values: Array, origin: Origin) -> None:
-    """Refuse a current whose unit A is only a guess and whose values are too large for a joint's motor."""
+    """Refuse a current whose unit A is only a guess and whose values are too large for a joint's motor.
+
+    First gains below `BOUNDS.constant` are no torque constant of a joint: they convert counts to a current or a torque.
+    """
     column = origin.columns["torque"]
     most = float(np.nanquantile(np.abs(values), 0.99)) if np.isfinite(values).any() else 0.0
+    factors = column.expression.factors
+    gains = [abs(Expression("", factors=factors[:k]).gain) for k in range(1, len(factors) + 1)]
+    most *= next((gain for gain in gains if gain < BOUNDS.constant), 1.0)
     if column.is_current_by_guess and most > BOUNDS.current:
         raise ColumnError(
             f"the current of column {column.header!r} reaches {most:.4g}, too much in A: read it with "

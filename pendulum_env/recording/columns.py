@@ -121,6 +121,9 @@ class FileColumn:
             si = SI[self.quantity]
             unit = JointUnits(slides=self.unit in LINEAR.get(self.quantity, {})).unit(si)
             notes.append(Note(NoteKind.CONVERTED, quantities, headers=header, text=unit))
+        if told := self._find_contradicted_unit():
+            units = (write_unit(self.quantity, told), self.expression.unit or "")
+            notes.append(Note(NoteKind.UNIT_CONTRADICTED, quantities, headers=(self.header, *units)))
         if self.result_unit != SI[self.quantity]:
             notes.append(Note(NoteKind.GAIN_UNKNOWN, quantities, text=self.result_unit))
         if self.rank is Rank.COMMANDED and normalise_name(self.header) != "u":  # `u` is always a command
@@ -132,6 +135,19 @@ class FileColumn:
         if self.passed_over:
             notes.append(Note(NoteKind.PASSED_OVER, quantities, headers=(self.header, *self.passed_over)))
         return tuple(notes)
+
+    def _find_contradicted_unit(self) -> str | None:
+        """Return the unit at the end of the name if the user gave another one; a single letter counts in brackets."""
+        if self.expression.unit is None:
+            return None
+        raw = RAW.get(self.quantity, {})
+        told = find_trailing_unit({**UNITS[self.quantity], **raw}, self.header)
+        if told is None or (len(told) == 1 and self.header.strip()[-1] not in "])"):
+            return None
+        is_same = (told in raw) == (self.unit in raw) and _find_factor(self.quantity, told) == _find_factor(
+            self.quantity, self.unit
+        )
+        return None if is_same else told
 
 
 def _find_factor(quantity: str, unit: str | None) -> float:
@@ -269,10 +285,11 @@ def _suggest_column(quantity: str, headers: Sequence[str], free: Sequence[str]) 
 
     Returns the reason, the expression of the column, and the meaning of its gain.
     """
-    raw = [header for header in headers if _is_raw(quantity, header)]
-    raw.sort(key=_find_header_raw_unit if quantity == "torque" else None)  # currents first
     read = {header: read_words(header.strip()) for header in headers}
-    raw += [header for header, one in read.items() if one.needs_gain and one.quantity == quantity]
+    raw = [h for h in headers if _is_raw(quantity, h) or (read[h].needs_gain and read[h].quantity == quantity)]
+    raw.sort(key=lambda header: bool(read[header].label))  # `current_motor` before `current_in`
+    if quantity == "torque":
+        raw.sort(key=_find_header_raw_unit)  # currents first
     ways: list[tuple[str, list[str], str, str]] = [
         ("may count samples", [h for h in headers if normalise_name(h) in COUNTERS], "/RATE", " with their rate [Hz]"),
         ("has its unit", [header for header in free if find_trailing_unit(UNITS[quantity], header)], "", ""),

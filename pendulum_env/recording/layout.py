@@ -41,8 +41,6 @@ def find_layout(head: bytes) -> Layout:
     """Find the layout of a text from its first bytes, with a preamble above and units below the header."""
     if not head.strip():
         raise RecordingError("the file is empty: record it again")
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise RecordingError("the text is UTF-16: save it as UTF-8")
     lines = [(match.end(), _decode_line(match.group()).strip("\r\n")) for match in LINE.finditer(head)]
     content = [number for number, (_, line) in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")]
     if not content:

@@ -14,11 +14,13 @@ class NoteKind(StrEnum):
     # columns of the file
     TRANSFORMED = "transformed"  # text: the user's expression
     CONVERTED = "converted"  # headers, text: the unit
+    UNIT_CONTRADICTED = "unit_contradicted"  # headers: the column, the unit in its name, and the unit of the user
     GAIN_UNKNOWN = "gain_unknown"  # text: the unit
     COMMANDED_TORQUE = "commanded_torque"  # headers
     LOAD_TORQUE_ALONE = "load_torque_alone"  # headers
     LOAD_TORQUE = "load_torque"  # headers
     PASSED_OVER = "passed_over"  # headers: the selected one, then the others
+    MOTOR_OFF = "motor_off"  # count, rows, headers
     NO_TORQUE = "no_torque"
     NO_TORQUE_COLUMN = "no_torque_column"
     TORQUE_OF_DRIVE = "torque_of_drive"

@@ -68,9 +68,12 @@ def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
 
 
 def _clean_text(opened: Opened) -> Opened:
-    """Remove prefixes of serial monitors, and separate columns that are aligned by spaces with tabs."""
+    """Convert UTF-16, remove prefixes of serial monitors, and separate columns that spaces align with tabs."""
     with opened() as stream:
         head = stream.read(HEAD)
+        if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+            text = pa.py_buffer((head + stream.read()).decode("utf-16", errors="replace").encode())
+            return _clean_text(lambda: pa.BufferReader(text))
     lines = ARRIVAL.sub(b"", head).split(b"\n")[:-1]
     rows = [line for line in lines if _is_aligned(line)]
     is_aligned = any(b"  " in row.strip() or row.startswith(b" ") for row in rows)

@@ -23,7 +23,8 @@ ALIASES = {
     "positiondesired desiredangle posdes despos qdes thetades goalposition targetposition positiontarget qtarget "
     "inputpos action goal",
     "supply": "supply volts vbus busvoltage supplyvoltage batteryvoltage presentinputvoltage",
-    "enabled": "enabled powered torqueenable torqueenabled",
+    "enabled": "enabled powered torqueenable torqueenabled torqueon driveenable driveenabled driveon motorenable "
+    "motorenabled motoron servoenable servoenabled servoon",
     "temperature": "temperature temp motortemperature motortemp jointtemperature jointtemp presenttemperature",
     "load_torque": "loadtorque torqueload tauload dynotorque torquedyno dynamometertorque externaltorque torqueext "
     "tauext",

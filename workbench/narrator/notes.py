@@ -80,11 +80,15 @@ VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
 TEXTS: Mapping[NoteKind, str] = {
     NoteKind.TRANSFORMED: "{quantity} is {text}",
     NoteKind.CONVERTED: "{quantity} converted to {text} from column {header!r}",
+    NoteKind.UNIT_CONTRADICTED: (
+        f"{WARNING}{{quantity}} is read in {{header2}}, although the name of column {{header!r}} says {{header1}}"
+    ),
     NoteKind.GAIN_UNKNOWN: "{quantity} is in {text}, its gain to be found",
     NoteKind.COMMANDED_TORQUE: "{quantity} is the commanded one, from column {header!r}",
     NoteKind.LOAD_TORQUE_ALONE: "{quantity} is that of column {header!r}: the log has no other torque",
     NoteKind.LOAD_TORQUE: "column {header!r} is read as a load torque, which adds to torque",
     NoteKind.PASSED_OVER: "{quantity} is taken from column {header!r}; {variant} there too",
+    NoteKind.MOTOR_OFF: "column {header!r} says that the motor is off in {count:g} of {rows:g} rows: torque is 0 there",
     NoteKind.NO_TORQUE: "torque is taken as none: the recording is a free swing (torque 0)",
     NoteKind.NO_TORQUE_COLUMN: "no torque column: the recording is a free swing (torque 0)",
     NoteKind.TORQUE_OF_DRIVE: "torque is not taken from the log: it is what the drive asked for",

@@ -160,3 +160,9 @@ def test_a_current_of_unknown_gain_stays_one() -> None:
     assert recording.torque_unit == "A"
     np.testing.assert_allclose(recording.torque, -np.cos(time))
     assert "torque is in A, its gain to be found" in list_notes(recording)
+
+
+def test_the_motor_current_is_proposed_before_other_currents_and_the_duty():
+    headers = "time,position,duty_cycle,current_in,current_motor".split(",")
+    with pytest.raises(RecordingError, match="torque=current_motor:A"):
+        find_columns(headers)

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
 from tests.notes import list_notes
 
@@ -160,14 +161,10 @@ def test_text_refused(write: Write, columns: Columns, edit: Callable, match: str
         read_recording(write(columns, edit=edit))
 
 
-HEADER = b"time,position,torque\n"
-
-
 @pytest.mark.parametrize(
     ("content", "match"),
     [
         (b"time,'po\x00s\x1b',torque\n" + b"0,1,2\n" * 200, "no column for position"),
-        (HEADER.decode().encode("utf-16"), "UTF-16: save it as UTF-8"),
     ],
 )
 def test_refusal_of_foreign_text_is_one_line_with_the_file(tmp_path: Path, content: bytes, match: str) -> None:
@@ -176,6 +173,37 @@ def test_refusal_of_foreign_text_is_one_line_with_the_file(tmp_path: Path, conte
     with pytest.raises(RecordingError, match=match) as refusal:
         read_recording(path)
     assert str(refusal.value).startswith(f"{path}: ") and str(refusal.value).isprintable()
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])  # with a byte-order mark
+def test_a_text_is_read_in_the_encodings_of_spreadsheets(write: Write, columns: Columns, encoding: str) -> None:
+    path, expected = write(columns), read_recording(columns)
+    path.write_bytes(path.read_text().replace("position", "Winkel [°]").encode(encoding))
+    np.testing.assert_allclose(read_recording(path).position, np.radians(expected.position), atol=1e-9)
+
+
+def test_a_unit_against_the_name_is_read_with_a_warning_and_a_count_by_its_first_gain(columns: Columns) -> None:
+    amperes = columns["torque"] / 0.96
+    log = {"time": columns["time"], "position": columns["position"], "iq_mA": 1e3 * amperes, "raw": amperes / 0.002}
+    for gain, size, kinds in (("mA*0.96", 1.0, {"transformed"}), ("A*0.96", 1e3, {"transformed", "unit_contradicted"})):
+        read = read_recording(log, columns={"torque": f"iq_mA:{gain}", "position": "position:rad"})
+        np.testing.assert_allclose(read.torque, size * columns["torque"], rtol=1e-9)
+        assert {note.kind.value for note in read.notes} == kinds
+    counted = {"time": log["time"], "position": log["position"], "rated [0.1%]": np.round(log["raw"])}
+    assert np.abs(counted["rated [0.1%]"]).max() > 1000
+    read = read_recording(counted, columns={"torque": "rated [0.1%]:A*0.002*0.96"})
+    np.testing.assert_allclose(read.torque, columns["torque"], atol=1e-3)
+    with pytest.raises(ColumnError, match="too much in A"):
+        read_recording(counted, columns={"torque": "rated [0.1%]:A*0.96"})
+
+
+@pytest.mark.parametrize("name", ["enabled", "torque_enable", "servo_on", "motor_on", "drive_enabled", "Motor Enabled"])
+def test_a_motor_that_is_off_gives_no_torque_and_a_note(columns: Columns, name: str) -> None:
+    on = columns["time"] % 1.0 < 0.7
+    read = read_recording(columns | {name: on.astype(float)})
+    np.testing.assert_allclose(read.torque, columns["torque"] * on, atol=1e-12)
+    (note,) = (note for note in read.notes if note.kind == "motor_off")
+    assert note.headers == (name,) and note.numbers["count"].value == np.count_nonzero(~on)
 
 
 @pytest.mark.parametrize("name", ["run.docx", ".csv", "run.gz"])
