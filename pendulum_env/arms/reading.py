@@ -49,7 +49,7 @@ def read_arm_recording(
         source: file or table in memory, as for `read_recording`.
         joints: names of the joints, in the robot's order.
         held: names of fixed joints; their columns of position are read if present.
-        unwrap: undo jumps of 2 pi in positions.
+        unwrap: undo jumps of a turn in positions.
         columns: columns by quantity, `time`, `position_<joint>` or `torque_<joint>`, with unit and gain as for one
             joint: `{"torque_elbow": "i_2:A*0.4"}`.
         name: name of the recording; by default that of the file, or `recording`.

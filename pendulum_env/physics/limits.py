@@ -78,6 +78,10 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
             if name in nonlinear
             else (columns[name].least, columns[name].most)
         )
+        if name in nonlinear and low < high and nonlinear[name].integer:
+            low, high = _round_inwards(low, high)
+            if low > high:
+                raise UserError(f"{name} is a whole number, and none lies within its bounds: give wider ones")
         if low < high and max(low, least) > min(high, most):
             raise UserError(f"{name} cannot lie from {low:g} to {high:g}: it lies from {least:g} to {most:g}")
 
@@ -119,6 +123,11 @@ def release_term(term: Term) -> Term:
     return term if len(bounded) == len(held) else limit_kind(kind, bounded)(**term.nonlinear_values)
 
 
+def _round_inwards(low: float, high: float) -> tuple[float, float]:
+    """Return the least and the largest whole number within limits, which may be infinite."""
+    return (float(np.ceil(low)), float(np.floor(high)))
+
+
 @cache
 def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float], ...]) -> type[Term]:
     by_name = {name: (low, high) for name, low, high in limits}
@@ -131,6 +140,8 @@ def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float],
 
     def limit_nonlinear_parameter(p: NonlinearParameter) -> NonlinearParameter:
         low, high = by_name.get(f"{kind.id}.{p.name}", (p.low, p.high))
+        if p.integer:
+            low, high = _round_inwards(low, high)
         return replace(p, low=max(low, p.low), high=min(high, p.high))
 
     def columns(self: Term) -> tuple[Column, ...]:

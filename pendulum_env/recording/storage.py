@@ -37,7 +37,7 @@ def read_recording(
     Args:
         source: path of a file, or a table in memory: a data frame of pandas or Polars, a table of pyarrow, or a mapping
             of arrays, which may be nested.
-        unwrap: undo jumps of 2 pi in position, which are refused otherwise.
+        unwrap: undo jumps of a turn in position, which are refused otherwise.
         columns: columns by quantity (time, position, torque, velocity, reference, segment), each in the form
             `NAME:UNIT*GAIN/RATIO+OFFSET`: `{"position": "-Winkel:deg/6", "torque": "current:A*0.091"}`. `none` or None
             omits a quantity; torque is then zero. Units are s, ms, us, ns; rad, mrad, deg, rev, counts; rad/s, deg/s,

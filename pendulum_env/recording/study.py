@@ -12,7 +12,7 @@ preset = "xl330"
 [[recording]]
 file = "monday.csv"              # relative to the study
 role = "fit"                     # or "holdout"
-unwrap = true                    # undo jumps of 2 pi in position
+unwrap = true                    # undo jumps of a turn in position
 range = [2.0, 30.0]              # [s] from the first sample
 load = {mass = 0.5, length = 0.2}    # [kg] at [m] from the axis, or inertia [kg m^2] and gravity [N m]; a measured
                                      # load torque is a column, `load_torque`

@@ -66,6 +66,13 @@ def test_limits_go_along_to_another_process():
         assert there.nonlinear_parameters == term.nonlinear_parameters
 
 
+def test_bounds_of_a_whole_number_act_on_whole_numbers():
+    terms = [effects()["cogging"](order=n) for n in (2.0, 7.0, 12.0)]
+    assert [limit_term(term, {"cogging.order": (5.5, 8.5)}).order for term in terms] == [6.0, 7.0, 8.0]
+    with pytest.raises(UserError, match=r"cogging\.order is a whole number"):
+        check_names({"cogging.order": (6.2, 6.5)}, (effects()["cogging"],))
+
+
 @pytest.mark.parametrize(
     ("fixed", "bounds", "what"),
     [
