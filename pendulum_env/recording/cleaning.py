@@ -281,7 +281,8 @@ def unwrap_positions(log: Log, turns: Mapping[str, float], is_angle: bool) -> in
     Raises RecordingError if an encoder before a gear may be on another turn after a gap.
     """
     position, turn = log.values["position"], turns["position"]
-    if turn < TURN and len(log.starts) > 1:
+    jumps = int(np.count_nonzero(np.abs(np.diff(position)) > turn / 2))
+    if jumps and turn < TURN and len(log.starts) > 1:
         raise RecordingError(
             f"position wraps at {turn:.4g} rad, a turn of its encoder, and the log has a gap at data row "
             f"{log.rows[log.starts[1]]} (header not counted), after which the turn is unknown: make a file of each part"
@@ -291,7 +292,6 @@ def unwrap_positions(log: Log, turns: Mapping[str, float], is_angle: bool) -> in
     if "reference" in log.values and is_angle:  # on the same turn as position
         reference, own = log.values["reference"], turns["reference"]
         log.values["reference"] = reference + own * np.round((unwrapped - reference) / own)
-    jumps = int(np.count_nonzero(np.abs(np.diff(position)) > turn / 2))
     if jumps:
         numbers = {"count": Quantity(jumps), "turn": Quantity(turn, unit="rad")}
         log.notes.append(Note(NoteKind.UNWRAPPED, ("position",), numbers))
