@@ -23,8 +23,8 @@ from scipy.special import ndtri
 
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.criterion import Criterion
-from estimators.signals.channel import Channel
-from estimators.signals.differentiation import estimate_white_noise
+from estimators.signals.channel import UNMIXED_SAMPLES, Channel
+from estimators.signals.differentiation import estimate_encoder_noise, estimate_noise_slope, estimate_white_noise
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
 
@@ -158,10 +158,11 @@ class Alignment:
         series: dict[str, Any] = {quantity: values[rows] for quantity, values in recording.series.items()}
         series |= {"torque": np.concatenate(torque).reshape(shape)}
         if recording.torque.ndim == 1:
-            reach = n_omitted + margin + int(np.ceil(5 * max(channel.lag, 0.0) / period))
+            feedback = 0 if channel.is_sampled or not channel.delay else UNMIXED_SAMPLES
+            reach = n_omitted + margin + int(np.ceil(5 * max(channel.lag, 0.0) / period)) + feedback
             response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
             is_sampled = self.channel.is_sampled or self.is_half_sample
-            series["moved"] = MovedTorque(estimate_white_noise(recording.torque), response, is_sampled)
+            series["moved"] = make_moved_torque(recording, response, is_sampled)
         starts = tuple(np.cumsum([0, *map(len, kept_rows[:-1])]).tolist())
         return replace(recording, **series, starts=starts, notes=(*recording.notes, self._note))
 
@@ -195,6 +196,16 @@ class Alignment:
             "lag": {"value": self.lag, "std": errors[1], "unit": "s"},
             "sampled": self.channel.is_sampled,
         }
+
+
+def make_moved_torque(recording: Recording, response: Array, is_sampled: bool) -> MovedTorque:
+    """Make the noise of the torque of a recording, before its move in time by a filter with a response (L,).
+
+    A controller answers its encoder at once, so that this noise has at least the size of the answer.
+    """
+    answer = estimate_noise_slope(recording.position, recording.torque)
+    noise = max(estimate_white_noise(recording.torque), abs(answer) * estimate_encoder_noise(recording.position))
+    return MovedTorque(noise, response, is_sampled, answer)
 
 
 NO_ALIGNMENT = Alignment(Channel(), np.inf, np.inf)  # of recordings that are too short

@@ -23,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.special import fdtrc
 
-from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment
+from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment, make_moved_torque
 from estimators.checks.channel_rows import (
     FRICTION_SLOPE,
     MOTOR_FRICTION,
@@ -38,6 +38,7 @@ from estimators.regression.gauss_newton import LocalErrors, StopRule, choose_lea
 from estimators.regression.least_squares import IdentificationError, project_out, solve_least_squares
 from estimators.selection.score import cross_validate_density
 from estimators.signals.channel import Channel
+from estimators.weak_form.windows import scale_by_jumps
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.recording import NEWTON_METRE, Recording
@@ -124,6 +125,17 @@ class ChannelFits(ChannelRows):
         return self.with_columns_of_torque(
             lambda torque: np.column_stack([np.abs(torque) * sign, torque**2, torque**3])
         )
+
+    def with_jump_errors(self) -> ChannelFits:
+        """Return the fits with weights for jumps of sampled torque, whose time between two samples is unknown."""
+        scales = []
+        for w in self.data.windows:
+            moved = make_moved_torque(w.recording, np.array([0.0, 1.0, 0.0]), True)
+            scale = scale_by_jumps(replace(w.recording, moved=moved), w.kernel, w.torque_noise)
+            scales.append(np.ones(len(w.centers)) if scale is None else scale[w.centers])
+        factor = np.concatenate(scales)
+        data = replace(self.data, weights=self.data.weights * factor)
+        return replace(self, data=data, phi=self.phi * factor[self.rows, None], torques={})
 
     def with_drift(self) -> ChannelFits:
         """Return the fits with parameters of the base model that change linearly along each recording."""
@@ -309,7 +321,8 @@ class ChannelFits(ChannelRows):
 
     def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""
-        return is_consistent(recordings, self.data, self.residual(self.torque(law.channel)), self.span.shape[1])
+        residual, untimed = (self.residual(self.torque(channel)) for channel in (law.channel, Channel()))
+        return is_consistent(recordings, self.data, residual, untimed, self.span.shape[1])
 
     def explains_more(self, fits: ChannelFits, law: Alignment) -> bool:
         """Return whether these columns explain significantly more torque than the fewer columns of `fits`: F-test."""
@@ -358,9 +371,11 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
     reported.
 
     Torque that is set n times a sample seems late by (1 - 1/n) / 2 of a sample. Torque that seems late by a quarter to
-    half a sample counts as sampled unless held torque predicts significantly better. Later torque counts as held unless
-    sampled torque predicts significantly better. Sampled torque is late by half a sample unless another delay predicts
-    significantly better. Half a sample need not predict significantly better than no delay.
+    half a sample counts as sampled unless held torque predicts significantly better. It counts as sampled if it answers
+    the position of its row: the log then has the present torque, which a controller changes before the next row. Later
+    torque counts as held unless sampled torque predicts significantly better. Sampled torque is late by half a sample
+    unless another delay predicts significantly better. Half a sample need not predict significantly better than no
+    delay.
 
     In a closed loop the controller answers each unmodelled torque, and a delay fits its answer. A law then needs a
     residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
@@ -419,9 +434,12 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     if shift + CHANNEL.z_limit * shift_std < CHANNEL.least_sampled:
         return law
     is_within_sample = shift < 0.5 + CHANNEL.z_limit * shift_std
-    is_sampled = not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
+    answers_row = bool(find_feedback([w.recording for w in fits.data.windows]))  # the log is not that of an earlier row
+    is_sampled = answers_row or not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
     if not (is_sampled and sampled_law.is_late):
         return law
+    sampled = sampled.with_jump_errors()
+    half_sample, sampled_law = sampled.fit([np.array([0.5 * fits.period, 0.0])]), sampled.select_law()
     if half_sample.agrees(sampled_law) and not sampled_law.beats(half_sample):
         return replace(half_sample, delay_std=sampled_law.delay_std, is_half_sample=True)
     return replace(sampled_law, rival=None)

@@ -71,26 +71,33 @@ def have_one_frequency(recordings: Sequence[Recording]) -> bool:
     return min(share for _, share in tones) > ONE_FREQUENCY and max(frequencies) < SAME_RATIO * min(frequencies)
 
 
-def is_consistent(recordings: Sequence[Recording], data: TorqueWindows, residual: Array, parameters: int) -> bool:
+def is_consistent(
+    recordings: Sequence[Recording], data: TorqueWindows, residual: Array, untimed: Array, parameters: int
+) -> bool:
     """Return whether a fit of the torque's timing is consistent.
 
-    The motion must have more than one frequency. If torque answers the motion, the RMS residual must be at most
-    `Criterion.misfit` noise floors.
+    The motion must have more than one frequency. The RMS residual must be at most `Criterion.misfit` noise floors, or
+    the timing must explain `Criterion.explained_share` of the residual without it: a law that the model lacks may look
+    like a small delay. If torque answers the motion, only noise is consistent.
 
     Args:
-        recordings: recordings of the fit; those of an arm are not tested for feedback.
+        recordings: recordings of the fit; those of an arm are only tested for their frequencies.
         data: their windows.
         residual: weighted residual of the fit (R,) [N m].
+        untimed: the same without a correction of the time (R,) [N m].
         parameters: number of fitted parameters.
     """
     if have_one_frequency(recordings):
         return False
-    if data.joints != ("",) or not find_feedback(recordings):
+    if data.joints != ("",):
+        return True
+    size, untimed_size = float(np.linalg.norm(residual)), float(np.linalg.norm(untimed))
+    if size**2 <= (1 - Criterion.explained_share) * untimed_size**2 and not find_feedback(recordings):
         return True
     inertia = TorqueRows(data).base_inertia
     floor = max(data.precision(), min(w.noise(inertia) for w in data.windows))  # weights are relative to the least
     freedom = max(1, len(residual) - parameters)
-    return bool(np.linalg.norm(residual) <= Criterion.misfit * floor * freedom**0.5)
+    return bool(size <= Criterion.misfit * floor * freedom**0.5)
 
 
 @memoized

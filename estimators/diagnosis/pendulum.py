@@ -34,9 +34,9 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 
 
 def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Return the evaluator of models; in free swings, tables that need torque do not compete."""
+    """Return the evaluator of models; without torque of the motor, tables that need torque do not compete."""
     data.with_horizon(setting.horizon)  # raises an error before the search begins
-    is_free = all(recording.known_inertia for recording in data.recordings)
+    is_free = not any(recording.torque.any() for recording in data.recordings)  # of motor torque
     return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
 
 

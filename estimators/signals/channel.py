@@ -12,6 +12,7 @@ from pendulum_env.physics import Samples
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
 
 MAX_FEEDBACK = 0.8  # largest feedback of an inverse filter of a mixture of two samples; at 1 noise is unbounded
+UNMIXED_SAMPLES = int(np.ceil(np.log(0.01) / np.log(MAX_FEEDBACK)))  # samples until its response falls to 1 %
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,16 @@ def estimate_encoder_noise(position: Array) -> float:
     )
 
 
+def estimate_noise_slope(position: Array, torque: Array) -> float:
+    """Estimate the slope of the torque's noise over the position's noise [N m/rad], from fourth differences (N - 4,).
+
+    Differences of torque beyond four standard deviations are jumps and are left out.
+    """
+    of_position, of_torque = np.diff(position, 4), np.diff(torque, 4)
+    is_calm = np.abs(of_torque) <= 4 / 0.6745 * np.median(np.abs(of_torque))
+    return float(of_torque[is_calm] @ of_position[is_calm] / max(np.sum(of_position[is_calm] ** 2), 1e-300))
+
+
 def find_near_reversals(velocity: Array, moving: Mask, distance: int) -> Mask:
     """Find samples within `distance` samples of stick, where `moving` (N,) is false, or of a reversal (N,)."""
     is_halted = ~moving

@@ -163,7 +163,7 @@ class TorqueRows:
             return np.zeros(len(data.weights))
         of_torque = np.array([w.torque_noise for w in data.windows])
         of_both = np.array([np.hypot(w.noise(inertia), data.precision()) for w in data.windows])
-        return (1.0 - (of_torque / np.maximum(of_both, 1e-300)) ** 2)[data.recording_of_window]
+        return np.maximum(0.0, 1.0 - (of_torque / np.maximum(of_both, 1e-300)) ** 2)[data.recording_of_window]
 
     @property
     def _largest_torque(self) -> float:

@@ -27,6 +27,7 @@ import numpy as np
 import scipy
 
 from estimators.signals.differentiation import (
+    Motion,
     correlate_averages,
     differentiate_position,
     estimate_white_noise,
@@ -180,6 +181,8 @@ class Windows:
         run: number of the arm's recording, which its joints share; None for a pendulum.
         payload: known payload of the arm.
         scale: factor on the equation about each sample (N,), below one for uncertain torque; None if all are one.
+        common_noise: covariances of torque noise and acceleration noise, of one window and of windows half a window
+            apart [N m rad/s^2].
     """
 
     recording: Recording
@@ -201,6 +204,7 @@ class Windows:
     run: int | None = None
     payload: LinkLoad | None = None
     scale: Array | None = None
+    common_noise: tuple[float, float] = (0.0, 0.0)
 
     @cached_property
     def programs(self) -> StepPrograms:
@@ -321,7 +325,9 @@ class Windows:
 
     def noise(self, inertia: float) -> float:
         """Return the standard deviation of a window's residual by noise [N m]; known loads add inertia."""
-        return float(np.hypot(self.torque_noise, self._add_load(inertia) * self.acceleration_noise))
+        load = self._add_load(inertia)
+        separate = self.torque_noise**2 + (load * self.acceleration_noise) ** 2
+        return math.sqrt(max(separate - 2 * load * self.common_noise[0], 0.0))
 
     def rate_noise(self, inertia: float) -> float:
         """Return the standard deviation by noise of the rate of an inertia's torque in a window [N m/s]."""
@@ -333,7 +339,9 @@ class Windows:
         """Return the covariance by noise of the residuals of windows half a window apart [(N m)^2]."""
         average = _average_log(self.recording, self.kernel)
         of_torque = self.torque_noise**2 * correlate_averages(average, len(self.kernel) // 2)
-        return of_torque + (self._add_load(inertia) * self.acceleration_noise) ** 2 * self.acceleration_shared
+        load = self._add_load(inertia)
+        of_motion = (load * self.acceleration_noise) ** 2 * self.acceleration_shared
+        return of_torque + of_motion - 2 * load * self.common_noise[1]
 
     def _add_load(self, inertia: float) -> float:
         """Return the inertia plus the largest inertia of the known load [kg m^2]."""
@@ -450,7 +458,8 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         velocity_noise=motion.velocity_noise,
         first=first,
         stop=stop,
-        scale=_scale_by_jumps(recording, window, torque_noise),
+        scale=scale_by_jumps(recording, window, torque_noise),
+        common_noise=_compute_common_noise(recording, window, motion),
     )
 
 
@@ -467,7 +476,24 @@ def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array) 
     return math.hypot(noise * np.linalg.norm(_average_log(recording, window)), of_load)
 
 
-def _scale_by_jumps(recording: Recording, window: Array, torque_noise: float) -> Array | None:
+def _compute_common_noise(recording: Recording, window: Array, motion: Motion) -> tuple[float, float]:
+    """Return the covariances of torque and acceleration by noise of the encoder, see `Windows.common_noise`.
+
+    A controller answers this noise at once. A torque that was moved in time has the answer of the row, but the acting
+    torque between the rows does not.
+    """
+    if recording.moved is None:
+        return 0.0, 0.0
+    half, response = len(window) // 2, recording.moved.response
+    of_torque = np.convolve(np.convolve(window, [0.5, 0.5]), response[::-1])  # of samples in the order of time
+    of_motion = np.pad(motion.noise_weights, (len(response) // 2, len(response) // 2 - 1))
+    variance = (motion.acceleration_noise / float(np.linalg.norm(motion.noise_weights))) ** 2
+    shifted = of_torque[half:] @ of_motion[:-half] + of_torque[:-half] @ of_motion[half:]
+    slope = recording.moved.answer * variance
+    return slope * float(of_torque @ of_motion), 0.5 * slope * float(shifted)
+
+
+def scale_by_jumps(recording: Recording, window: Array, torque_noise: float) -> Array | None:
     """Return the factor on the equation about each sample (N,): its noise over that with jumps; None if all are one."""
     errors = compute_jump_errors(recording)
     if torque_noise == 0 or not errors.any():

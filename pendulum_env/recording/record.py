@@ -34,11 +34,13 @@ class MovedTorque(NamedTuple):
         noise: standard deviation of the white noise before the move [N m].
         response: impulse response of the filter that moved the torque (L,).
         is_sampled: whether torque was sampled while changing, so that a jump may be anywhere between samples.
+        answer: slope of this noise over the noise of the position [N m/rad]: a controller answers its encoder.
     """
 
     noise: float
     response: Array
     is_sampled: bool = True
+    answer: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)

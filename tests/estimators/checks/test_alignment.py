@@ -13,6 +13,7 @@ from estimators.checks.channel import align, align_each
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind
+from estimators.selection.criterion import Criterion
 from estimators.signals.channel import Channel
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
@@ -280,3 +281,20 @@ def test_a_delay_does_not_take_the_place_of_the_inertia_of_a_motor():
             position += step * velocity
         recordings.append(Recording(*np.array(rows).T, name=f"phase-{phase:.1f}"))
     assert not any(alignment.is_found for alignment in align_each(recordings))
+
+
+@pytest.mark.parametrize("seed", slow.but_first((3, 4)))
+def test_the_answer_of_a_controller_to_its_encoder_is_noise_in_a_log_of_every_tenth_row(seed):
+    """The answer in a row acts for a tenth of the time to the next; ten others, which no row has, act as well."""
+    plant = Plant(inertia=0.03, gravity=1.0, viscous=0.05, coulomb=0.1)
+    loop = {"excitation": "pd_loop", "counts": 16_384, "torque_noise": 0.003, "gains": (12.0, 0.6)}
+    fast = recorded(plant, Experiment(rate=1000.0, seconds=30.0, seed=seed, **loop))[0]
+    log = every_few(fast, 10)
+    found = align([log])
+    assert found.channel.is_sampled and found.delay == pytest.approx(0.0045, abs=1e-4)
+    data = RegressionData.from_recordings([found.apply(log)])
+    fit = fit_terms(data, BASE)[0]
+    structure = data.layout.structure("", data.residual(BASE, fit.theta), fit.theta[0])
+    assert structure.z_score < Criterion.z_score
+    assert structure.rms == pytest.approx(data.floors[""], rel=0.1)
+    np.testing.assert_allclose(fit.theta, (0.03, 1.0, 0.05, 0.1), rtol=0.01)

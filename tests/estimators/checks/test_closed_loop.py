@@ -2,12 +2,16 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import identify
-from estimators.checks.closed_loop import find_feedback
+from estimators.checks.closed_loop import find_feedback, is_consistent
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Kind
+from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
 from tests.cases import recorded
 
@@ -39,3 +43,14 @@ def test_recordings_of_one_controller_are_one_finding():
 @pytest.mark.parametrize("excitation", PLANNED)
 def test_planned_torque_answers_nothing(excitation):
     assert find_feedback([run(excitation)]) == []
+
+
+@pytest.mark.parametrize(("share", "floors", "consistent"), [(0.1, 9.0, False), (0.3, 9.0, True), (0.1, 1.0, True)])
+def test_a_small_part_of_a_residual_with_structure_is_no_delay(share, floors, consistent):
+    """An unknown law leaves nine noise floors: a delay that explains a tenth of their power is a part of this law."""
+    (recording,) = recorded(Plant(), Experiment(rate=500.0, seconds=12.0, excitation="multisine"))
+    data = RegressionData.from_recordings([recording]).data
+    noise = np.random.default_rng(0).standard_normal(len(data.weights))
+    inertia = fit_terms(RegressionData.from_recordings([recording]), BASE)[0].theta[0]
+    residual = floors * data.noise(inertia) * noise
+    assert is_consistent([recording], data, residual, residual / np.sqrt(1 - share), 10) == consistent
