@@ -275,7 +275,7 @@ def _refuse_missing(
         hints.append(f"name the columns {HEADER} (in s, rad, N m), or say which with {option}")
     if "torque" in missing and len(joints) < 2:
         drive = f", or {format_setting('drive', Blank('...'))} if a controller follows the goal" if has_goal else ""
-        none = format_setting("columns", {**(told if missing == ["torque"] else {}), "torque": NONE})
+        none = format_setting("columns", {**told, "torque": NONE}) if missing == ["torque"] else f"write torque={NONE}"
         hints.append(f"{none} if nothing drives the joint{drive}")
     raise ColumnError(f"no column for {', '.join(missing)} among {_list_headers(headers)}: {'; '.join(hints)}")
 
