@@ -80,19 +80,20 @@ def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
 def find_loop_regions(trial: Trial) -> Sequence[Region]:
     """Find the residual of the motion under the final model: one region, with the recording of the largest error.
 
-    The result is empty if the residual is noise.
+    The result is empty if the residual is noise in fitted and in held-out data.
     """
-    evaluator, last, train = trial.evaluator, trial.final.steps[-1], refine_rows(trial.evaluator)[0]
-    data = train.rollouts
-    residual = train.residual(last.model.terms, np.asarray(last.model.theta))
-    if evaluator.residuals.is_noise_in(evaluator.train, residual):
-        return []
-    mean_errors = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
-    worst = int(np.argmax(mean_errors))
-    error, floor = float(np.mean(np.abs(residual))), data.encoder[""]
-    unit = last.model.units().unit("rad")
-    numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
-    if len(mean_errors) > 1:
-        numbers["worst"] = Quantity(mean_errors[worst], unit=unit)
-    cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
-    return [make_region_everywhere(cause, evaluator.train.samples, error, floor)]
+    evaluator, last, theta = trial.evaluator, trial.final.steps[-1], np.asarray(trial.final.steps[-1].model.theta)
+    for part, rows, names in zip(evaluator.parts, refine_rows(evaluator), ((), evaluator.holdout.names), strict=True):
+        residual, data = rows.residual(last.model.terms, theta), rows.rollouts
+        if evaluator.residuals.is_noise_in(part, residual):
+            continue
+        mean_errors = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
+        worst = int(np.argmax(mean_errors))
+        error, floor = float(np.mean(np.abs(residual))), data.encoder[""]
+        unit = last.model.units().unit("rad")
+        numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
+        if len(mean_errors) > 1:
+            numbers["worst"] = Quantity(mean_errors[worst], unit=unit)
+        cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
+        return [replace(make_region_everywhere(cause, part.samples, error, floor), held_out_recordings=names)]
+    return []

@@ -317,9 +317,9 @@ class Rollouts:
 
     @cached_property
     def noise(self) -> float:
-        """Return the error due to encoder and clock alone [rad]."""
-        late = [JITTER * float(np.std(np.gradient(r.position, r.time))) / r.rate for r in self.recordings]
-        return max(self.precision, float(np.hypot(self.resolution, np.mean(late))))
+        """Return the error due to encoder and clock alone, the geometric mean over recordings [rad]."""
+        late = [JITTER * np.std(np.gradient(r.position, r.time)) / r.rate for r in self.recordings]
+        return max(self.precision, float(np.exp(np.mean(np.log(np.hypot(self.resolution, late))))))
 
 
 def choose_parts(holdout: Sequence[Recording]) -> tuple[Part, Part]:
