@@ -540,9 +540,9 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; counts have a gain to radians
         unit = find_trailing_unit(raw, name)
-    is_converted = needs_gain or (quantity == "time" and expression.factors)  # `millis/1000` is in seconds
-    if unit is None and not is_converted and (known := _find_known_unit(quantity, name, names)):
-        unit, expression = known, replace(expression, unit=write_unit(quantity, known))
+    if unit is None and not needs_gain and (known := _find_known_unit(quantity, name, names)):
+        if not expression.has_factor(_find_factor(quantity, known)):  # else the user converts: `degrees*pi/180`
+            unit, expression = known, replace(expression, unit=write_unit(quantity, known))
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
     offset_unit = unit if expression.offset_unit is None else normalise_name(expression.offset_unit)

@@ -107,3 +107,11 @@ def test_a_ratio_keeps_the_unit_of_a_known_name_and_is_told_for_velocity(write):
     of_moteus = {"position": ANGLE / np.pi, "velocity": rate / np.pi, "mode": 10 + 0 * TIME, "fault": 0 * TIME}
     named = {"position": "position/2", "velocity": "velocity/2"}
     np.testing.assert_allclose(read_recording(write(**of_moteus), columns=named).position, ANGLE, atol=1e-9)
+
+
+@pytest.mark.parametrize("conversion", ["*2*pi", "*6.2832", "*2*pi/8"])
+def test_a_ratio_that_converts_the_unit_of_a_known_name_converts_it_once(write, conversion):
+    ratio = 8 if conversion.endswith("/8") else 1
+    path = write(pos_estimate=ratio * ANGLE / (2 * np.pi))
+    recording = read_recording(path, columns={"position": f"pos_estimate{conversion}"})
+    np.testing.assert_allclose(recording.position, ANGLE, rtol=1e-5)
