@@ -38,7 +38,7 @@ class LoopSettings:
     finalists: int = 2  # number of the best fits from these starts that are fitted to convergence
     shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # shares of the inertia in the starts of a link
     stiffnesses: tuple[float, ...] = (1.0, 2.5)  # factors of its resonance; a fit of torque prefers a soft contact
-    damping_ratios: tuple[float, ...] = (0.15, 0.5)  # of the contact in the starts of a link
+    damping_ratios: tuple[float, ...] = (0.05, 0.2, 0.5)  # of the contact in the starts of a link
     link_friction: tuple[float, ...] = (0.1, 0.02)  # shares of dry and viscous friction in the starts of a link
     promising: float = 0.05  # share of the squared error that the first start must explain before others are tried
     leap: float = 1.0  # largest step of a parameter, relative to its size
@@ -252,12 +252,7 @@ def _choose_likeliest_step(
     point = local.known.point
     values, size = point.values, compute_parameter_sizes(point, typical)
     n_fixed = len(values) - local.slopes.shape[1]
-    is_positive = find_bounds(point)[0] > 0  # these are stepped in their logarithms, as zero would be a trap
-    points = []
-    for step in steps:
-        relative = np.pad(step, (0, n_fixed))
-        moved = np.where(is_positive, values * np.exp(relative), values + relative * size)
-        points.append(_bind_terms(point.with_values(moved)))
+    points = [_bind_terms(point.with_values(values + np.pad(step, (0, n_fixed)) * size)) for step in steps]
     best, gain = choose_likeliest_point(rollouts, points)
     return best, -gain
 
