@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
+from estimators.checks.closed_loop import find_feedback
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.criterion import Criterion
 from estimators.signals.channel import UNMIXED_SAMPLES, Channel
@@ -203,7 +204,7 @@ def make_moved_torque(recording: Recording, response: Array, is_sampled: bool) -
 
     A controller answers its encoder at once, so that this noise has at least the size of the answer.
     """
-    answer = estimate_noise_slope(recording.position, recording.torque)
+    answer = estimate_noise_slope(recording.position, recording.torque) if find_feedback([recording]) else 0.0
     noise = max(estimate_white_noise(recording.torque), abs(answer) * estimate_encoder_noise(recording.position))
     return MovedTorque(noise, response, is_sampled, answer)
 
