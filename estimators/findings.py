@@ -53,6 +53,8 @@ class Kind(StrEnum):
     GOALS_HELD = "goals_held"  # gain over goals that run on; the size of an effect that these need
     GOALS_RUN_ON = "goals_run_on"  # gain over held goals; the size of an effect that these need
     CONTROLLER_READ = "controller_read"  # gain over the likeliest other convention; pairs: settings of the drive
+    POSITION_READ = "position_read"  # gain over the other reading; pairs: setting of the drive
+    COUNTS_UNSEEN = "counts_unseen"  # declared, but the log shows no step of an encoder
     PAYLOAD = "payload"  # mass, x, y, z; of each joint the torque error `.before` and `.after`
 
     # recordings

@@ -261,8 +261,9 @@ class FitData:
 
     @property
     def conventions(self) -> tuple[Finding, ...]:
-        """Findings on unknown conventions of drives: how controllers act, and how goals are read."""
-        controller = [treatment for treatment in self.treatments if treatment.kind is Kind.CONTROLLER_READ]
+        """Findings on conventions of drives: how controllers act, what position they read, and how goals are read."""
+        kinds = (Kind.CONTROLLER_READ, Kind.POSITION_READ, Kind.COUNTS_UNSEEN)
+        controller = [treatment for treatment in self.treatments if treatment.kind in kinds]
         goals = [treatment for treatment in self.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
         return (*controller, *goals[-1:])
 

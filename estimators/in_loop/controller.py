@@ -48,7 +48,7 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
         for goals in (with_goals(recordings, is_held) for is_held in readings)
     ]
     torque = RegressionData.from_recordings(recordings, part=part).torque
-    rollouts = [Rollouts(variant, FINE, shares=part).smooth for variant in variants]
+    rollouts = [Rollouts(variant, FINE, shares=part).without_counts for variant in variants]
     fits: dict[int, LinearErrors] = {}
     for _ in range(3):  # a fit under a wrong convention may end far off, and others start from it
         for k, simulated in enumerate(rollouts):
@@ -77,18 +77,19 @@ def read_controller(recordings: Sequence[Recording], base: Sequence[Term], part:
     return Finding(Kind.CONTROLLER_READ, {"gain": Quantity(gain.total, gain.error)}, pairs=pairs)
 
 
-def choose_position_reading(
-    recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE
-) -> Reading | None:
-    """Decide whether the controllers read counts of the encoder; return None if the log shows none.
+def read_position(recordings: Sequence[Recording], base: Sequence[Term], part: Part = WHOLE) -> Finding | None:
+    """Decide whether the controllers read counts of the encoder; return None if that is declared or cannot matter.
 
     Both readings are fitted by the base model and compared in counts. Counts are taken if they are likelier by more
-    than a standard error. What one drive declares holds for all.
+    than a standard error. The finding has the gain over the other reading [nat], and the reading as a pair. Declared
+    counts are a finding too if the log shows no step of the encoder: then exact positions are simulated.
     """
-    declared = [r.actuator.reads for r in recordings if r.actuator.reads]
+    if not all(r.actuator.acts_on_position for r in recordings):
+        return None
+    declared = {r.actuator.reads for r in recordings} - {None}
+    if find_count(recordings) is None:
+        return Finding(Kind.COUNTS_UNSEEN) if "counts" in declared else None
     if declared:
-        return declared[0]
-    if not all(r.actuator.acts_on_position for r in recordings) or find_count(recordings) is None:
         return None
     torque = RegressionData.from_recordings(recordings, part=part).torque
     densities = []
@@ -100,10 +101,11 @@ def choose_position_reading(
         blocks, _, of_block = rollouts.blocks(BLOCK)
         densities.append(np.bincount(blocks, density).astype(float))
     gain = Bootstrap(of_block, np.random.default_rng(0)).gain(densities[0], densities[1])
-    return "counts" if gain.total > gain.error else "exact"
+    reads, total = ("counts", gain.total) if gain.total > gain.error else ("exact", -gain.total)
+    return Finding(Kind.POSITION_READ, {"gain": Quantity(total, gain.error)}, pairs=(("reads", reads),))
 
 
-def with_reading(recordings: Sequence[Recording], reads: Reading) -> tuple[Recording, ...]:
+def with_reading(recordings: Sequence[Recording], reads: Reading | None) -> tuple[Recording, ...]:
     """Return the recordings with the reading of the position of all drives that do not declare it."""
     return tuple(
         r if r.drive is None or r.drive.reads else replace(r, drive=replace(r.drive, reads=reads)) for r in recordings

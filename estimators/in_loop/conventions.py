@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from estimators.findings import Finding, Kind
-from estimators.in_loop.controller import choose_position_reading, read_controller, with_reading
+from estimators.in_loop.controller import read_controller, read_position, with_reading
 from estimators.in_loop.goals import make_base, read_goals, with_goals
 from estimators.in_loop.rollouts import are_driven, choose_parts
 from estimators.regression.least_squares import IdentificationError
@@ -83,11 +83,14 @@ def _decide_together(
     if goals is not None and any(r.drive is not None and r.drive.goal for r in holdout):
         undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
         goals = replace(goals, recordings=undeclared)  # a reading of some recordings is not reversed
-    findings = tuple(finding for finding in (controller, goals) if finding is not None)
     recordings, holdout = (with_goals(part_recordings, is_held) for part_recordings in (recordings, holdout))
-    reads = choose_position_reading(recordings, base, part)
-    if reads is not None:
+    reads = next((r.actuator.reads for r in (*recordings, *holdout) if r.actuator.reads), None)
+    recordings, holdout = (with_reading(part_recordings, reads) for part_recordings in (recordings, holdout))
+    position = read_position(recordings, base, part)
+    if position is not None and position.kind is Kind.POSITION_READ:
+        reads = "counts" if ("reads", "counts") in position.pairs else "exact"
         recordings, holdout = (with_reading(part_recordings, reads) for part_recordings in (recordings, holdout))
+    findings = tuple(finding for finding in (controller, goals, position) if finding is not None)
     return Conventions(recordings, holdout, findings)
 
 

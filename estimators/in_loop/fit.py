@@ -163,12 +163,12 @@ def linearise_errors(
         for end in ends
         for is_changed, value in zip(is_moved, end, strict=True)
     ]
-    errors = rollouts.smooth.compute_position_errors([point, *nearby])  # counts have no slopes
+    errors = rollouts.without_counts.compute_position_errors([point, *nearby])  # counts have no slopes
     below = errors[:, :1] if len(ends) == 1 else errors[:, count + 1 :]
     slopes = (errors[:, 1 : count + 1] - below) / steps  # zero by known parameters, which `Point.with_values` keeps
-    error = errors[:, :1] if rollouts.count is None else rollouts.compute_position_errors([point])
+    error = errors[:, :1] if rollouts.encoder_step is None else rollouts.compute_position_errors([point])
     scale = compute_error_scales(rollouts, error)[0]
-    least = rollouts.count or 1e-6 * scale  # counts have no smaller error, and steps would be too short
+    least = rollouts.encoder_step or 1e-6 * scale  # counts have no smaller error, and steps would be too short
     relative = np.pi / 2 * np.maximum(np.abs(error[:, 0]), least) / scale
     weights = np.pi / 2 / scale * np.sqrt(np.tanh(relative) / relative)
     return LinearErrors(point, error[:, 0], slopes, weights)

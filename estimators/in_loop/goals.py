@@ -60,7 +60,7 @@ def read_goals(recordings: Sequence[Recording], base: Sequence[Term], part: Part
     added_effects = [() if effect.id in list_ids(base) else (effect(),) for effect in LATE]
     readings: list[GoalReading] = []
     for is_held in (True, False):
-        rows = RolloutRows(Rollouts(tuple(recordings), FINE, is_held, part).smooth, torque)
+        rows = RolloutRows(Rollouts(tuple(recordings), FINE, is_held, part).without_counts, torque)
         base_terms = rows.fit(base, exactly=True).terms
         blocks, _, of_block = rows.rollouts.blocks(BLOCK)
         for added in dict.fromkeys([(), *added_effects]):

@@ -127,7 +127,7 @@ def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | N
     near, rollouts = rows.linearise_at_fit(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
-    errors = [each.smooth.compute_position_errors([point]) for each in (rollouts, *rollouts.mistimed)]
+    errors = [each.without_counts.compute_position_errors([point]) for each in (rollouts, *rollouts.mistimed)]
     weights = near.weights[:, None]
     delayed_errors = np.column_stack(errors[1:]) - errors[0]
     changes = np.linalg.lstsq(weights * slopes, -weights * delayed_errors, rcond=None)[0]

@@ -186,7 +186,7 @@ class RolloutRows:
             term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
             points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
         points_list, typical = [*points.values()], self.list_typical_sizes(next(iter(points.values())).terms)
-        smooth = self.rollouts.smooth
+        smooth = self.rollouts.without_counts
         likelihood = compute_likelihood(smooth, smooth.compute_position_errors(points_list))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
@@ -354,7 +354,9 @@ class RolloutRows:
                 shifts = np.vstack([np.zeros(len(size)), shifts])
             slices.append((len(points), len(points) + len(shifts)))
             points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
-        base, shifted = (self.rollouts.smooth.compute_position_errors(part) for part in (points[:1], points[1:]))
+        base, shifted = (
+            self.rollouts.without_counts.compute_position_errors(part) for part in (points[:1], points[1:])
+        )
         changes = np.column_stack([np.zeros_like(base), shifted - base])
         columns = []
         for variant, (first, last) in zip(variants, slices, strict=True):

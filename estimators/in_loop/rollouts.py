@@ -134,7 +134,7 @@ class Rollouts:
             np.array([part.time[0] for part in parts]),
             known_load if any(loads) else KnownLoad(),
             stack(interpolate, [get_temperature(part) for part in parts]),
-            self.count if self._reads_counts else None,
+            self.encoder_step if self._reads_counts else None,
         )
 
     @property
@@ -143,20 +143,20 @@ class Rollouts:
         return all(drive.acts_on_position and drive.reads == "counts" for drive in drives)
 
     @cached_property
-    def count(self) -> float | None:
+    def encoder_step(self) -> float | None:
         """Return the step of the encoder in which positions are compared [rad]; None if they are compared exactly."""
         has_counts = self._reads_counts if self.has_counts is None else self.has_counts
         return find_count(self.recordings) if has_counts else None
 
     @cached_property
-    def smooth(self) -> Self:
+    def without_counts(self) -> Self:
         """Return the rollouts without counts, in controllers and comparison: their errors change smoothly."""
-        return self if self.count is None else replace(self, has_counts=False)
+        return self if self.encoder_step is None else replace(self, has_counts=False)
 
     @cached_property
     def noise_of_counts(self) -> Array:
         """Return the noise of the encoder in each row (R,) [rad], which the comparison of counts lacks."""
-        return make_quantisation_noise(self.count or 0.0, len(self.position))
+        return make_quantisation_noise(self.encoder_step or 0.0, len(self.position))
 
     @cached_property
     def _times(self) -> list[Array]:
@@ -207,7 +207,8 @@ class Rollouts:
         """
         drives = [(recording.actuator, get_bus_voltage(recording)) for recording in self.recordings]
         stiffness = [np.mean(drive.scale(bus)) * drive.kp for drive, bus in drives if drive.acts_on_position]
-        return 0.5 * float(np.mean(stiffness)) * self.resolution if stiffness and self.count is None else 0.0
+        is_exact = self.servos.encoder_step is None
+        return 0.5 * float(np.mean(stiffness)) * self.resolution if stiffness and is_exact else 0.0
 
     @property
     def encoder(self) -> dict[str, float]:
@@ -240,9 +241,9 @@ class Rollouts:
         Both are counts of the encoder, if controllers read them.
         """
         paths = self.simulate_paths(points)
-        if self.count is not None:
+        if self.encoder_step is not None:
             origin = self.servos.position
-            paths = origin + self.count * np.rint((paths - origin) / self.count)
+            paths = origin + self.encoder_step * np.rint((paths - origin) / self.encoder_step)
         return self.compare_paths(paths)
 
     def simulate_paths(self, points: Sequence[Point]) -> Array:

@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
 GAINS = ("kp", "ki", "kd", "most", "seen", "turn", "first", "halt", "room")  # see `compute_gains`
-COUNTS = ("count", "origin")  # step [rad] and a position of the encoder, if the controller reads counts
+# if controllers read counts: step [rad] and a position of the encoder, and whether the speed is a difference of counts
+COUNTS = ("encoder_step", "origin", "is_sampled")
 
 
 @dataclass(frozen=True)
@@ -116,8 +117,8 @@ class Servos:
         start: time of the first sample (B,) [s].
         load: known loads (B,), with their torque per step (N, B).
         temperature: temperature per step (N, B) [deg C]; None if not measured.
-        count: step of the encoder that position controllers read [rad], from the initial position; None: they read the
-            exact position.
+        encoder_step: step of the encoder that position controllers read [rad], from the initial position; None: they
+            read the exact position. The speed of a continuous controller is exact.
     """
 
     drives: tuple[ServoDrive, ...]
@@ -130,7 +131,7 @@ class Servos:
     start: Array
     load: KnownLoad
     temperature: Array | None = None
-    count: float | None = None
+    encoder_step: float | None = None
 
     @property
     def at_output(self) -> bool:
@@ -245,8 +246,10 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     loaded, integrates = bool(servos.load), any(drive.ki for drive in servos.drives)
     gains = np.array([compute_gains(drive, servos.step) for drive in servos.drives]).T
     names: tuple[str, ...] = GAINS
-    if servos.count is not None:
-        names, gains = (*GAINS, *COUNTS), np.vstack([gains, np.full(len(servos.drives), servos.count), servos.position])
+    if servos.encoder_step is not None:
+        is_sampled = [float(drive.rate is not None) for drive in servos.drives]
+        encoder = np.full(len(servos.drives), servos.encoder_step), servos.position, is_sampled
+        names, gains = (*GAINS, *COUNTS), np.vstack([gains, *encoder])
     count = servos.inputs.shape[1]
     options = speed, len(weights), loaded, integrates, h, servos.at_output, count, names
     program = servos.programs.find(terms, _compile_step, *options)
@@ -257,7 +260,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.inputs[0, -1]))
     balance = TorqueBalance(terms, theta, loaded)
     x = move_to_motor(replace(x, memory=balance.start(x)), terms, servos.at_output)
-    seen_first = v if servos.count is None else q
+    seen_first = v if servos.encoder_step is None else q
     state = ControllerState(np.zeros(shape), (np.zeros(shape),) * (len(weights) - 1), np.zeros(shape), v, seen_first)
     rows, seen = _flatten_state(x, state, integrates), read_encoder(x, terms, servos.at_output).position
     shown = next(k for k, row in enumerate(rows) if row is seen)
@@ -349,9 +352,10 @@ def compute_control(
     looks = given.due > 0
     position = x.position + given.lead * x.velocity if may_be_true(given.lead != 0.0) else x.position
     seen_now = x.velocity
-    if "count" in gains:
-        seen_now = position = gains["origin"] + gains["count"] * np.rint((position - gains["origin"]) / gains["count"])
-        measured = (position - state.velocity) / gains["turn"]
+    if "encoder_step" in gains:
+        counts = np.rint((position - gains["origin"]) / gains["encoder_step"])
+        seen_now = position = gains["origin"] + gains["encoder_step"] * counts
+        measured = np.where(gains["is_sampled"] > 0, (position - state.velocity) / gains["turn"], x.velocity)
     else:
         measured = x.velocity - given.old * (x.velocity - state.velocity)
     measured = measured - given.goal_speed if may_be_true(given.goal_speed != 0.0) else measured

@@ -70,7 +70,9 @@ def _check_in_loop(model: Model, exported: Exported, request: Request, recording
     steps = round(GRAIN / request.step)
     if abs(steps * request.step - GRAIN) > 1e-9:
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
-    rollouts = Rollouts(tuple(recordings), steps, grain=GRAIN).smooth  # MuJoCo's controller reads the exact position
+    rollouts = Rollouts(
+        tuple(recordings), steps, grain=GRAIN
+    ).without_counts  # MuJoCo's controller reads the exact position
     simulated = rollouts.compute_position_errors([Point(model.terms, model.theta)])
     theirs = rollouts.compare_paths(_simulate_servos(model, request, rollouts.servos, steps))
     errors = {

@@ -336,6 +336,14 @@ def _compare_controllers(found: Finding) -> str:
     return f"The controller is simulated with {given}. {fit} Give the right one in `[drive]`."
 
 
+def _compare_position_readings(found: Finding) -> str:
+    taken, other = "whole counts of its encoder", "the exact position"
+    if ("reads", "exact") in found.pairs:
+        taken, other = other, taken
+    fit = _compare_fits(found.numbers["gain"], f"The other reading, {other},")
+    return f"The controller is simulated with {taken}. {fit} Give the right one: `reads` in `[drive]`."
+
+
 def _compare_fits(gain: Quantity, other: str) -> str:
     """State whether another convention fits worse; `gain`: of the chosen one [nat], with standard error."""
     times = gain.value / max(gain.std or 0.0, 1e-9)
@@ -481,6 +489,11 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "show: all parameters would be 1 / (1 - mu) times too large. To see it, let gravity or a load turn the motor."
     ),
     Kind.CONTROLLER_READ: _compare_controllers,
+    Kind.POSITION_READ: _compare_position_readings,
+    Kind.COUNTS_UNSEEN: (
+        "The log shows no step of an encoder: the controller is simulated with the exact position, though its drive "
+        'has `reads = "counts"`. Log the position as the encoder counts it, without a filter.'
+    ),
     Kind.SMALL_EFFECT: lambda found: (
         f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better "
         f"({format_p_value(found.numbers['p_value'].value)}), but explains only "

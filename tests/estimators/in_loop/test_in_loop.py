@@ -84,7 +84,7 @@ def test_bounds_of_an_experiment_are_refused_in_the_loop(plain, asked):
 
 
 def test_rows_around_a_fit_are_derivatives_of_simulations(rollouts: Rollouts):
-    rollouts = rollouts.smooth  # counts change by steps
+    rollouts = rollouts.without_counts  # counts change by steps
     data = RolloutRows(rollouts, RegressionData.from_recordings(rollouts.recordings).torque).data
     terms, theta = data.maker.fit(TILTED)
     np.testing.assert_allclose(data.residual(terms), data.residual(terms, theta), atol=1e-9)
@@ -253,6 +253,8 @@ def test_friction_is_found_whether_the_controller_reads_counts_or_exact_position
     decided = decide_conventions(recordings[:2], recordings[2:])
     for recording in (*decided.recordings, *decided.holdout):
         assert recording.drive is not None and recording.drive.reads == ("counts" if count else "exact")
+    (read,) = (own for own in decided.findings if own.kind is Kind.POSITION_READ)
+    assert dict(read.pairs) == {"reads": "counts" if count else "exact"} and read.numbers["gain"].value > 0
     estimates = add(MODEL, "viscous_asymmetry", recordings[:2], recordings[2:]).before.model.estimates
     for name, value in (TRUE | {"viscous": 0.2}).items():
         assert abs(estimates[name].value - value) < 3 * estimates[name].std
@@ -262,7 +264,28 @@ def test_friction_is_found_whether_the_controller_reads_counts_or_exact_position
 def test_reading_of_the_position_that_one_drive_declares_holds_for_all():
     recordings = [integrating(kp, k, "stop", "after", ki=0.0, count=8e-3) for k, kp in enumerate((4.0, 6.0))]
     said = [replace(recordings[0], drive=replace(recordings[0].drive, reads="exact")), *recordings[1:]]
-    assert all(own.drive is not None and own.drive.reads == "exact" for own in decide_conventions(said).recordings)
+    decided = decide_conventions(said)
+    assert all(own.drive is not None and own.drive.reads == "exact" for own in decided.recordings)
+    assert not any(own.kind is Kind.POSITION_READ for own in decided.findings)
+
+
+def test_declared_counts_are_reported_if_the_log_shows_no_step_of_an_encoder():
+    recording = integrating(4.0, 0, "stop", "after", ki=0.0)
+    noise = np.random.default_rng(0).normal(0.0, 1e-3, len(recording))
+    drive = replace(recording.drive, reads="counts")
+    filtered = replace(recording, position=recording.position + noise, drive=drive)
+    (found,) = decide_conventions([filtered]).findings
+    assert found.kind is Kind.COUNTS_UNSEEN
+    assert Rollouts((filtered,)).creep_torque == Rollouts((filtered,)).without_counts.creep_torque > 0
+
+
+def test_counts_of_the_encoder_help_over_friction_unless_simulated_controllers_read_them():
+    recording = integrating(4.0, 0, "stop", "after", ki=0.0, count=8e-3)
+    exact, counts = (
+        Rollouts((replace(recording, drive=replace(recording.drive, reads=reads)),), has_counts=True)
+        for reads in ("exact", "counts")
+    )
+    assert exact.creep_torque > 0 == counts.creep_torque
 
 
 @pytest.mark.parametrize("derivative", ["velocity", "error"])
@@ -334,8 +357,8 @@ def test_kind_of_drive_that_is_only_held_out_is_decided_by_its_own_motion():
         decided = decide_conventions(recordings, [other])
         (held_out,) = decided.holdout
         assert (held_out.drive.windup, held_out.drive.integral) == ("clamp", "before")
-        (read,) = decided.findings
-        assert read.kind is Kind.CONTROLLER_READ and read.recordings == (other.name,)
+        (read,) = (own for own in decided.findings if own.kind is Kind.CONTROLLER_READ)
+        assert read.recordings == (other.name,)
 
 
 @pytest.mark.parametrize(("size", "is_kept"), [(0.0005, False), (0.002, True)])
@@ -443,7 +466,7 @@ def test_goal_of_a_speed_has_its_units_and_that_of_an_angle_its_turn(plain, tmp_
 
 
 def test_slopes_are_those_of_smaller_and_larger_parameters(rollouts):
-    rollouts = rollouts.smooth  # counts change by steps
+    rollouts = rollouts.without_counts  # counts change by steps
     theta = np.array([*TRUE.values(), 0.0])
     near = linearise_errors(rollouts, Point(TILTED, theta), TYPICAL, False)
     for k, step in enumerate(np.diag(TYPICAL / 20)):

@@ -47,9 +47,21 @@ def test_joint_creeps_to_the_edge_of_the_count_at_which_dry_friction_holds_it(fr
     """Under strong damping, the joint stops when its encoder shows the first count whose torque friction holds."""
     count, kp, goal = 0.04, 2.0, 0.6
     drive = ServoDrive(output="torque", kp=kp, rate=1000.0)
-    found = path(drive, np.full(60_000, goal), BASE, np.array([0.005, 0.0, 1.0, friction]), count=count)
+    found = path(drive, np.full(60_000, goal), BASE, np.array([0.005, 0.0, 1.0, friction]), encoder_step=count)
     held = math.ceil((goal - friction / kp) / count)  # kp (goal - held count) <= friction
     assert found[-1] == pytest.approx((held - 0.5) * count, abs=0.02 * count)
+
+
+@pytest.mark.parametrize("derivative", ["velocity", "error"])
+def test_continuous_controller_of_counts_damps_the_same_at_every_step_of_the_integrator(derivative):
+    """Without a rate, counts act on the position alone: the speed is exact."""
+    count, time = 0.01, (np.arange(8000) + 0.5) / 4000.0
+    drive = ServoDrive(output="torque", kp=4.0, kd=0.4, derivative=derivative)
+    goal = np.sin(3 * time) * np.minimum(time, 1.0)
+    theta = np.array([INERTIA, GRAVITY, VISCOUS, 0.02])
+    coarse = path(drive, goal.reshape(-1, 4).mean(axis=1), BASE, theta, encoder_step=count, step=1e-3)
+    fine = path(drive, goal, BASE, theta, encoder_step=count, step=2.5e-4)
+    assert np.abs(coarse - fine[::4]).max() < count
 
 
 @pytest.mark.parametrize(
