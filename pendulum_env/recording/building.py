@@ -102,6 +102,7 @@ def build_recording(
     signals: dict[str, Any] = {**log.values}
     if "enabled" in signals:
         signals["enabled"] = np.asarray(signals["enabled"] > 0.5, dtype=float)
+        checks.refuse_torque_of_motor_off(signals["torque"], signals["enabled"], origin)
         if count := int(np.count_nonzero(signals["enabled"] == 0)):
             numbers = {"count": Quantity(count), "rows": Quantity(len(signals["enabled"]))}
             log.notes.append(Note(NoteKind.MOTOR_OFF, ("torque",), numbers, headers=(columns["enabled"].header,)))

@@ -84,6 +84,16 @@ def refuse_counted_torque(values: Array, origin: Origin) -> None:
         )
 
 
+def refuse_torque_of_motor_off(torque: Array, enabled: Array, origin: Origin) -> None:
+    """Refuse a motor that is off in every row of a log with changing torque: 0 may mean on, or was never filled in."""
+    if not enabled.any() and np.ptp(torque) > 0:
+        on, off = (_format_columns(origin.omit_column(quantity)) for quantity in ("enabled", "torque"))
+        raise ColumnError(
+            f"column {origin.columns['enabled'].header!r} says that the motor is off in every row, but torque changes: "
+            f"read it with {on} if the motor was on, or {off} if the joint swung freely"
+        )
+
+
 def refuse_too_few(time: Array) -> None:
     """Refuse too few samples for an estimate."""
     if len(time) < BOUNDS.fewest:

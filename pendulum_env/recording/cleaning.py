@@ -16,6 +16,7 @@ from pendulum_env.recording.vocabulary import QUANTITIES
 OPTIONAL = QUANTITIES[3:]  # optional quantities
 TURN = 2 * np.pi  # [rad]
 WITHIN = 1.016  # range of a wrapped position, in turns, with noise
+STEP = 0.125  # turns between two samples from which a reference steps to another goal
 ROWS = 5  # over which motion before a stand-still is measured
 HELD = ("torque", "enabled")  # quantities that are held until the next value
 
@@ -289,13 +290,28 @@ def unwrap_positions(log: Log, turns: Mapping[str, float], is_angle: bool) -> in
         )
     unwrapped = np.unwrap(position, period=turn)
     log.values = {**log.values, "position": unwrapped}
-    if "reference" in log.values and is_angle:  # on the same turn as position
-        reference, own = log.values["reference"], turns["reference"]
-        log.values["reference"] = reference + own * np.round((unwrapped - reference) / own)
+    if "reference" in log.values and is_angle:
+        log.values["reference"] = _unwrap_reference(log.values["reference"], unwrapped, turns["reference"], jumps)
     if jumps:
         numbers = {"count": Quantity(jumps), "turn": Quantity(turn, unit="rad")}
         log.notes.append(Note(NoteKind.UNWRAPPED, ("position",), numbers))
     return jumps
+
+
+def _unwrap_reference(reference: Array, position: Array, turn: float, jumps: int) -> Array:
+    """Put a reference (N,) on the turns of the unwrapped position (N,), which had `jumps`.
+
+    An error of control may exceed half a turn of an encoder before a gear. There the reference is unwrapped by itself,
+    in parts between steps to another goal, and each part is moved by whole turns to be next to position in median.
+    """
+    if turn == TURN:
+        return reference + turn * np.round((position - reference) / turn)
+    if not jumps:
+        return reference
+    reference = np.unwrap(reference, period=turn)
+    steps = np.flatnonzero(np.abs(np.diff(reference)) > STEP * turn) + 1
+    parts = zip(np.split(reference, steps), np.split(position, steps), strict=True)
+    return np.concatenate([own + turn * np.round(np.median(near - own) / turn) for own, near in parts])
 
 
 def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> Note:

@@ -74,6 +74,7 @@ class FileColumn:
     rank: Rank = Rank.MEASURED  # measured, estimated or commanded, by its name
     passed_over: tuple[str, ...] = ()  # names of other candidates for the quantity
     expression: Expression = UNTOLD  # expression of the user; empty if not given
+    is_unit_inferred: bool = False  # whether the unit of the expression is that of the name alone
 
     @property
     def scale(self) -> float:
@@ -121,6 +122,10 @@ class FileColumn:
             si = SI[self.quantity]
             unit = JointUnits(slides=self.unit in LINEAR.get(self.quantity, {})).unit(si)
             notes.append(Note(NoteKind.CONVERTED, quantities, headers=header, text=unit))
+        if self.is_unit_inferred and self.expression.factors and _find_factor(self.quantity, self.unit) != 1.0:
+            plain = str(replace(self.expression, unit=SI[self.quantity].replace(" ", "")))
+            units = (self.header, self.expression.unit or "")
+            notes.append(Note(NoteKind.UNIT_INFERRED, quantities, headers=units, text=plain))
         if told := self._find_contradicted_unit():
             units = (write_unit(self.quantity, told), self.expression.unit or "")
             notes.append(Note(NoteKind.UNIT_CONTRADICTED, quantities, headers=(self.header, *units)))
@@ -540,9 +545,10 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
     if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; counts have a gain to radians
         unit = find_trailing_unit(raw, name)
+    is_inferred = False
     if unit is None and not needs_gain and (known := _find_known_unit(quantity, name, names)):
         if not expression.has_factor(_find_factor(quantity, known)):  # else the user converts: `degrees*pi/180`
-            unit, expression = known, replace(expression, unit=write_unit(quantity, known))
+            unit, expression, is_inferred = known, replace(expression, unit=write_unit(quantity, known)), True
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
     offset_unit = unit if expression.offset_unit is None else normalise_name(expression.offset_unit)
@@ -551,7 +557,7 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
             f"the offset in {text.strip()!r} is added after the gain and needs a unit of its own: write it as "
             f"{expression.offset}:{TOLD[quantity].split(',')[0]}"
         )
-    return FileColumn(quantity, name, names.index(name), unit, expression=expression)
+    return FileColumn(quantity, name, names.index(name), unit, expression=expression, is_unit_inferred=is_inferred)
 
 
 def _find_known_unit(quantity: str, name: str, headers: Sequence[str]) -> str | None:

@@ -61,10 +61,10 @@ class Expression:
         return "*?" in self.factors
 
     def has_factor(self, factor: float) -> bool:
-        """Return whether successive gains and ratios have the product `factor`, within 1 %: `*pi/180` has 0.01745."""
+        """Return whether successive gains and ratios have the product `factor`, within 0.1 %: `*pi/180` has 0.01745."""
         ends = range(len(self.factors) + 1)
         products = (abs(Expression("", factors=self.factors[i:j]).gain) for j in ends for i in range(j))
-        return any(math.isclose(product, factor, rel_tol=0.01) for product in products)
+        return any(math.isclose(product, factor, rel_tol=1e-3) for product in products)
 
     def __str__(self) -> str:
         unit = "" if self.unit is None else f":{self.unit}"

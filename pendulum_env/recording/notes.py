@@ -15,6 +15,7 @@ class NoteKind(StrEnum):
     TRANSFORMED = "transformed"  # text: the user's expression
     CONVERTED = "converted"  # headers, text: the unit
     UNIT_CONTRADICTED = "unit_contradicted"  # headers: the column, the unit in its name, and the unit of the user
+    UNIT_INFERRED = "unit_inferred"  # headers: the column, and the unit of its name; text: expression without it
     GAIN_UNKNOWN = "gain_unknown"  # text: the unit
     COMMANDED_TORQUE = "commanded_torque"  # headers
     LOAD_TORQUE_ALONE = "load_torque_alone"  # headers

@@ -83,6 +83,10 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.UNIT_CONTRADICTED: (
         f"{WARNING}{{quantity}} is read in {{header2}}, although the name of column {{header!r}} says {{header1}}"
     ),
+    NoteKind.UNIT_INFERRED: (
+        f"{WARNING}{{quantity}} is read in {{header1}}, by the name {{header!r}}, before the factor: if the factor "
+        "converts the unit, write {text}"
+    ),
     NoteKind.GAIN_UNKNOWN: "{quantity} is in {text}, its gain to be found",
     NoteKind.COMMANDED_TORQUE: "{quantity} is the commanded one, from column {header!r}",
     NoteKind.LOAD_TORQUE_ALONE: "{quantity} is that of column {header!r}: the log has no other torque",

@@ -206,6 +206,17 @@ def test_a_motor_that_is_off_gives_no_torque_and_a_note(columns: Columns, name: 
     assert note.headers == (name,) and note.numbers["count"].value == np.count_nonzero(~on)
 
 
+def test_a_motor_that_is_off_in_every_row_is_refused_where_torque_changes(columns: Columns) -> None:
+    off = {"servo_on": np.zeros_like(columns["time"])}
+    with pytest.raises(ColumnError, match=r"'servo_on' .*enabled=none .*torque=none"):
+        read_recording(columns | off)
+    read = read_recording(columns | off, columns={"enabled": "none"})
+    np.testing.assert_array_equal(read.torque, columns["torque"])
+    for free in ({"torque": 0.0 * columns["torque"]}, {}):
+        read = read_recording(columns | free | off, columns=None if free else {"torque": "none"})
+        assert not read.torque.any()
+
+
 @pytest.mark.parametrize("name", ["run.docx", ".csv", "run.gz"])
 def test_unknown_ending(tmp_path: Path, name: str) -> None:
     with pytest.raises(RecordingError, match=r"does not end in \.csv, \.csv\.gz, \.tsv, \.txt, \.parquet, \.npz"):
@@ -254,6 +265,34 @@ def test_an_encoder_before_a_gear_is_unwrapped_at_its_own_turn(write: Write, col
     counted = {"time": columns["time"][::10], "degrees": 8 * np.degrees(angle)[::10] * 20, "torque": angle[::10]}
     fast = read_recording(write(counted), columns={"position": "degrees:deg/160"}, unwrap=True)  # it counts its turns
     np.testing.assert_allclose(fast.position, angle[::10], atol=1e-6)
+
+
+@pytest.mark.parametrize("is_wrapped", [False, True])
+@pytest.mark.parametrize("way", ["steps", "lag"])
+def test_a_goal_keeps_its_distance_from_a_joint_whose_encoder_turns_before_the_gear(
+    columns: Columns, way: str, is_wrapped: bool
+) -> None:
+    time, turn = columns["time"], 2 * np.pi / 8
+    if way == "steps":  # of 0.64 of a turn, and a slow joint
+        goal, angle = 0.5 * (time % 4.0 >= 2.0), np.empty_like(time)
+        angle[0] = 0.02
+        for k in range(1, len(time)):
+            angle[k] = angle[k - 1] + 4.0 * (time[k] - time[k - 1]) * (goal[k - 1] + 0.02 - angle[k - 1])
+    else:  # an error of up to 0.8 of a turn
+        size = 1.2 if is_wrapped else 0.35
+        goal, angle = size * np.sin(3 * time) + 0.38, size * np.sin(3 * time - 0.5) + 0.38
+    if is_wrapped:
+        angle = angle - 0.03  # below zero at times
+    motor = {"q": np.degrees(8 * angle), "goal": np.degrees(8 * goal)}
+    if is_wrapped:
+        motor = {name: degrees % 360 for name, degrees in motor.items()}
+    named = {"position": "q:deg/8", "reference": "goal:deg/8"}
+    read = read_recording({"time": time, "torque": columns["torque"], **motor}, columns=named, unwrap=True)
+    assert any(note.kind == "unwrapped" for note in read.notes) == is_wrapped
+    shift = read.position - angle
+    assert np.ptp(shift) < 1e-6 and abs(np.round(shift[0] / turn) * turn - shift[0]) < 1e-6
+    assert read.reference is not None
+    np.testing.assert_allclose(read.reference - read.position, goal - angle, atol=1e-6)
 
 
 def moved(torque: np.ndarray, load: Callable[[float, float, float], float], start: float = 0.0) -> np.ndarray:

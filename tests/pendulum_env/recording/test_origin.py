@@ -115,3 +115,17 @@ def test_a_ratio_that_converts_the_unit_of_a_known_name_converts_it_once(write, 
     path = write(pos_estimate=ratio * ANGLE / (2 * np.pi))
     recording = read_recording(path, columns={"position": f"pos_estimate{conversion}"})
     np.testing.assert_allclose(recording.position, ANGLE, rtol=1e-5)
+    assert not any(note.startswith(WARNING) for note in list_notes(recording))
+
+
+@pytest.mark.parametrize("factor", [2 * np.pi / 8, 1 / 6.25])
+def test_a_factor_on_the_unit_of_a_known_name_is_warned_of_with_the_other_reading(write, factor):
+    path = write(pos_estimate=ANGLE / (2 * np.pi))
+    recording = read_recording(path, columns={"position": f"pos_estimate*{factor:.6f}"})
+    np.testing.assert_allclose(recording.position, factor * ANGLE, rtol=1e-5)
+    (note,) = (note for note in list_notes(recording) if note.startswith(WARNING))
+    told = read_recording(path, columns={"position": note.partition("write ")[2]})
+    np.testing.assert_allclose(told.position, factor * ANGLE / (2 * np.pi), rtol=1e-5)
+    for plain in ("pos_estimate", "-pos_estimate", "pos_estimate+0.1", f"pos_estimate:rev*{factor:.6f}"):
+        read = read_recording(path, columns={"position": plain, "torque": "-torque" if plain[0] == "-" else "torque"})
+        assert not any(note.startswith(WARNING) for note in list_notes(read)), plain
