@@ -284,7 +284,12 @@ class ModelEvaluator:
         return all(gate.passed for gate in self.make_gates(after, before))
 
     def is_needed(self, after: Terms, before: Terms) -> bool:
-        """Return whether `after` passes all gates with an explained share above `criterion.needed_share`."""
+        """Return whether `after` passes all gates with an explained share above `criterion.needed_share`.
+
+        If `after` leaves structure, the share is that of all torque above the noise floor: an unknown law may cause a
+        correlated part, and slow torque, which dominates the error of free motion. This error counts for effects that
+        torque does not show.
+        """
         return all(gate.passed for gate in self.make_gates(after, before, self.criterion.needed_share))
 
     def is_tied(self, one: Terms, other: Terms) -> bool:
@@ -304,9 +309,10 @@ class ModelEvaluator:
 
         The gain is that of `evidence`. If `before` has known parameters, `after` must also predict significantly better
         than `before` with these free; else it imitates other values of them. `least_share` is the limit of the
-        explained share of torque or motion, by default `criterion.explained_share`.
+        explained share of torque or motion, by default `criterion.explained_share`; see `is_needed`.
         """
         gain, penalty, criterion = (self.evidence(after, before), self.penalty(after, before), self.criterion)
+        is_rest_explained = least_share is None or self.residuals.is_noise(after)
         least_share = criterion.explained_share if least_share is None else least_share
         std = gain.error if np.isfinite(gain.error) else None
         gates = [
@@ -317,7 +323,10 @@ class ModelEvaluator:
             chance = self.evidence(after, freed).p_value
             gates.append(Gate("known_parameters", chance, criterion.p_value, chance <= criterion.p_value))
         if gates[-1].passed:
-            share = self.explained_share(after, before, least_share)
+            if is_rest_explained or not self.is_significant(after, before):
+                share = self.explained_share(after, before, least_share)
+            else:
+                share = self.residuals.explained_share(after, before, above_floor=True)
             gates.append(Gate("explained_share", share, least_share, share > least_share))
         if not gates[-1].passed:
             return gates

@@ -180,7 +180,7 @@ class Residuals:
             powers_by_part.append(powers)
         return powers_by_part
 
-    def explained_share(self, after: Terms, before: Terms) -> float:
+    def explained_share(self, after: Terms, before: Terms, above_floor: bool = False) -> float:
         """Return the share of one model's explainable residual power that a larger model explains, at its best joint.
 
         The share is the smaller of training and held-out data. Explainable power is
@@ -188,14 +188,14 @@ class Residuals:
         - all power, if the residual of the smaller model has no structure;
         - removed power + correlated power of the rest + power of the rest / sqrt(number of rows), if its
           neighbouring windows are correlated;
-        - all power above the noise floor otherwise.
+        - all power above the noise floor otherwise, or with `above_floor`.
 
         Held-out data without structure do not count if the training data have structure. Removed power below the
         precision of the rows counts as zero. Joints other than the best may lose by a compensation of link parameters.
         """
-        return max(self._explained_at(at, after, before) for at in self.joints)
+        return max(self._explained_at(at, after, before, above_floor) for at in self.joints)
 
-    def _explained_at(self, at: str, after: Terms, before: Terms) -> float:
+    def _explained_at(self, at: str, after: Terms, before: Terms, above_floor: bool) -> float:
         """Return the `explained_share` at a joint."""
         least, shares, structures = self.train.layout.precision[at] ** 2, [], self.structures(before)
         structured = [
@@ -212,7 +212,7 @@ class Residuals:
                 shares.append(0.0)
             elif not has_structure:
                 shares.append(removed / old.total)
-            elif of_part[at].z_score >= self.criterion.z_score:
+            elif of_part[at].z_score >= self.criterion.z_score and not above_floor:
                 resolution = new.total / len(part.layout.clusters[part.locate_rows(at)]) ** 0.5
                 shares.append(removed / (removed + new.correlated + resolution))
             else:

@@ -20,9 +20,10 @@ def replace_by_table(state: SearchState) -> SearchState:
 
     Effects imitate a table in three cases. A simpler model with a table leaves only noise and predicts as well. Or
     structure is left, and the table with the effects still needed predicts significantly better and explains most of
-    it. Or two or more effects leave only noise, and the table in their place predicts significantly better and explains
-    a share of it. The table with the best prediction of held-out data is kept, in the shortest model over which
-    that prediction is not needed: another form of it may include an effect beside it. `add_beside_table` adds effects.
+    it; if the table leaves structure, most of all torque above the noise floor. Or two or more effects leave only
+    noise, and the table in their place predicts significantly better and explains a share of it. The table with the
+    best prediction of held-out data is kept, in the shortest model over which that prediction is not needed: another
+    form of it may include an effect beside it. `add_beside_table` adds effects.
     """
     totals = {
         terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
@@ -49,7 +50,8 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
         and evaluator.residuals.is_noise(terms)
     )
     if not replaces and gain.p_value <= evaluator.criterion.p_value:
-        share = evaluator.residuals.explained_share(terms, state.terms)
+        leaves_structure = not (state.is_noise or evaluator.residuals.is_noise(terms))
+        share = evaluator.residuals.explained_share(terms, state.terms, above_floor=leaves_structure)
         replaces = share > (evaluator.criterion.explained_share if state.is_noise else evaluator.criterion.needed_share)
     return float(np.sum((compared[0] - compared[1])[evaluator.held_out])) if replaces else None
 
@@ -146,8 +148,8 @@ def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[
     """Return the id of the law with the highest held-out density beside the terms.
 
     Candidates are laws that are supported and lower the held-out errors of the terms. They explain the share
-    `criterion.explained_share` of the residual torque, or `criterion.needed_share` of the error of free motion. Return
-    None without candidates.
+    `criterion.explained_share` of the residual torque, or are needed, see `ModelEvaluator.is_needed`. Return None
+    without candidates.
     """
     residuals, least_share = evaluator.residuals, evaluator.criterion.explained_share
     trials = [find_best_variant(evaluator, terms, law) for law in laws if law.id not in list_ids(terms)]

@@ -9,6 +9,7 @@ import pytest
 from estimators.diagnosis.result import Detectable
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
+from estimators.selection.criterion import Criterion
 from estimators.signals.residual import Region
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Description, Term, list_nameable
@@ -114,6 +115,8 @@ SAID = [  # numbers as they are shown: their unit, sign and digits
     (describe_region, Region("velocity", -1.0, 0.5, 0.2, 900.0, "m/s", units=SLIDE), "m/s .*0.2 N more force.* 100 "),
     (describe_region, Region("frequency", 2.9, 3.1, 0.2, 9.0, "Hz", units=CURRENT), r"Around 3 Hz .* by 0\.2 A"),
     (describe, limits("holdout_torque", 0.2, 0.1, "A"), r"0\.1 -> 0\.2 A"),
+    (describe, limits("explained_share", 0.1, Criterion.explained_share), r"10 % of the residual .* 20 %"),
+    (describe, limits("explained_share", 0.3, Criterion.needed_share), r"30 % of the torque above .* 50 %"),
     (describe_detectable, Detectable("stribeck", 0.05, "A"), r"above 0\.05 A"),
     (
         partial(describe_suggestion, units=CURRENT),

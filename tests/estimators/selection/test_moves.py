@@ -133,3 +133,20 @@ def test_a_play_without_a_gap_is_an_elastic_joint():
     for gap, link in ((1e-4, "joint_flexibility"), (1e-2, "backlash")):
         found = leave_limits(state, state.with_terms((*BASE, effect("backlash")(gap, 31.6, 2.0, 33.0))))
         assert found.terms[-1].id == link
+
+
+def test_an_effect_beside_an_unexplained_rest_explains_most_of_the_torque_not_of_the_motion():
+    """Two tones through a drive with a dead zone make a slow third: most of the motion error, not of torque."""
+    time = np.arange(15_000) / 500.0
+    requested = 0.7 * np.sin(2 * np.pi * 0.35 * time + 1.0) + 0.5 * np.sin(2 * np.pi * 1.7 * time + 2.0)
+    applied = np.sign(requested) * np.maximum(np.abs(requested) - 0.08, 0.0)
+    experiment = Experiment(rate=500.0, seconds=30.0, seed=1, counts=32_768)
+    (run,) = recorded(Plant(0.03, 0.8, 0.05, 0.08), experiment, commands=[applied])
+    noise = 0.004 * np.random.default_rng(1).standard_normal(len(time))
+    evaluator = ModelEvaluator(*split_recordings([replace(run, torque=requested + noise)]))
+    trial = find_best_variant(evaluator, BASE, effect("periodic_disturbance"))
+    assert trial is not None
+    terms, limit = trial.terms, evaluator.criterion.needed_share
+    assert terms[-1].nonlinear_values["frequency"] == pytest.approx(2 * np.pi, abs=0.05)
+    assert not evaluator.residuals.is_noise(terms) and min(evaluator.explained_shares_of_motion(terms, BASE)) > limit
+    assert evaluator.is_supported(terms, BASE) and not evaluator.is_needed(terms, BASE)

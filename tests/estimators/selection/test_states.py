@@ -69,7 +69,7 @@ class ScoredEvaluator(ModelEvaluator):
             are_refitted=lambda terms: False,
             relative_rms=lambda terms: 1.0,
             is_noise_at=lambda at, terms: self.total(terms) >= NOISE,
-            explained_share=lambda after, before: (
+            explained_share=lambda after, before, above_floor=False: (
                 (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 1.0)
             ),
         )
