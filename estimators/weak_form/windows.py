@@ -482,7 +482,7 @@ def _compute_common_noise(recording: Recording, window: Array, motion: Motion) -
     A controller answers this noise at once. A torque that was moved in time has the answer of the row, but the acting
     torque between the rows does not.
     """
-    if recording.moved is None:
+    if recording.moved is None or recording.moved.answer == 0.0:
         return 0.0, 0.0
     half, response = len(window) // 2, recording.moved.response
     of_torque = np.convolve(np.convolve(window, [0.5, 0.5]), response[::-1])  # of samples in the order of time
