@@ -67,8 +67,22 @@ class Terminal:
                     self._out.print(Padding(f"{header:{widest}}  {cell}", (0, 0, 0, 2)))
 
     @contextmanager
-    def progress(self, title: str) -> Iterator[Callable[[str, float], None]]:
-        """Show a progress bar on stderr; yield a function of the current step and the completed share."""
+    def progress(self, title: str, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
+        """Show a progress bar on stderr; yield a function of the current step and the completed share.
+
+        With `lines`, a stderr that is not a terminal gets a line for each tenth.
+        """
+        if lines and not self._err.is_terminal:
+            printed = 0
+
+            def print_tenth(what: str, share: float) -> None:
+                nonlocal printed
+                if (tenths := int(10 * share + 1e-9)) > printed:
+                    printed = tenths
+                    self._err.print(f"{title} {10 * tenths} %: {what}")
+
+            yield print_tenth
+            return
         columns = (
             TextColumn("{task.fields[title]}"),
             BarColumn(),

@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.workers > 1:
         pool = open_local_workers(arguments.workers)
     try:
-        with pool as executor, terminal.progress("evaluating") as tell:
+        with pool as executor, terminal.progress("evaluating", lines=True) as tell:
             comparison = compare_policies(
                 policies,
                 baselines,

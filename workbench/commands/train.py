@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.say(f"{steps}: under the constraint {config.constraint} it takes {needed:,} (`steps` in --config)")
     training = import_module("agents.training")  # imports torch
     try:
-        with terminal.progress("training") as tell:
+        with terminal.progress("training", lines=True) as tell:
             network = training.train(config, tell, folder)
     except KeyboardInterrupt:
         kept = folder is not None and (folder / training.CHECKPOINT).exists()
