@@ -56,7 +56,7 @@ def test_torque_that_is_late_beside_a_large_effect_is_timed_beside_it():
 @pytest.mark.slow
 def test_friction_with_a_state_that_looks_like_late_torque_is_told_from_it():
     runs = [recording(f"bristles {seed}") for seed in (1, 2)]
-    assert align(runs[:1]).is_late  # alone, beside what a joint usually has
+    assert not align(runs[:1]).is_late  # it explains too little of the residual
     found = diagnosed("bristles 1", "bristles 2")
     assert found.selected == ("presliding",)
     assert not any(one.is_found for one in found.alignments)
