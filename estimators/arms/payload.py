@@ -131,7 +131,7 @@ def detect_payloads(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> li
     """
     count = sum(len({w.run for w in part.windows}) for part in parts)
     rows = PayloadRows.from_parts(parts, terms, find_links(terms).joints[-1])
-    if count < 2 or "m" not in rows.determined:
+    if count < 2 or "m" not in rows.determined_names:
         return []
     mass = np.append(0.0, rows.estimate_masses(count))
     order = np.argsort(mass)
@@ -200,7 +200,7 @@ class PayloadRows(NamedTuple):
         return np.asarray(scipy.linalg.null_space(unseen.T) if unseen.size else np.eye(len(STANDARD)))
 
     @property
-    def determined(self) -> tuple[str, ...]:
+    def determined_names(self) -> tuple[str, ...]:
         """Names of the parameters of a link that the motion of the joints determines."""
         length = np.linalg.norm(self.basis, axis=1)
         return tuple(name for name, norm in zip(STANDARD, length, strict=True) if 1 - norm < MAX_HIDDEN_SHARE)
@@ -277,7 +277,7 @@ class PayloadRows(NamedTuple):
         """
         std, units = np.sqrt(np.diag(covariance)), (self.body.get_unit(f"{name}@{self.joint}") for name in STANDARD)
         named_estimates = zip(STANDARD, map(Estimate, physical.tolist(), std.tolist(), units), strict=True)
-        estimates = {name: estimate for name, estimate in named_estimates if name in self.determined}
+        estimates = {name: estimate for name, estimate in named_estimates if name in self.determined_names}
         center = _compute_center(physical, covariance)
         center = {axis: estimate for axis, estimate in center.items() if {"m", f"m{axis}"} <= estimates.keys()}
         exists = _is_possible(free, covariance) if len(estimates) == len(STANDARD) else None

@@ -160,7 +160,7 @@ class ChannelFits(ChannelRows):
         return bool(corrected >= CHANNEL.kept_inertia * logged)
 
     def with_angle_columns(self) -> ChannelFits:
-        """Return the fits with columns of cogging of all orders for which the equations suffice."""
+        """Return the fits with columns of cogging, of all orders that the number of equations allows."""
         count = (len(self.rows) // CHANNEL.min_equations - self.phi.shape[1]) // 2
         return self if count < 1 else self.with_columns(make_angle_columns(self.data, count)[self.rows])
 

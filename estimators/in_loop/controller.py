@@ -18,7 +18,7 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import BLOCK
 from estimators.findings import Finding, Kind, Quantity
-from estimators.in_loop.counts import find_count
+from estimators.in_loop.counts import find_encoder_step
 from estimators.in_loop.fit import LinearErrors, choose_likeliest_point, compute_log_densities
 from estimators.in_loop.goals import with_goals
 from estimators.in_loop.rollout_rows import RolloutRows
@@ -87,7 +87,7 @@ def read_position(recordings: Sequence[Recording], base: Sequence[Term], part: P
     if not all(r.actuator.acts_on_position for r in recordings):
         return None
     declared = {r.actuator.reads for r in recordings} - {None}
-    if find_count(recordings) is None:
+    if find_encoder_step(recordings) is None:
         return Finding(Kind.COUNTS_UNSEEN) if "counts" in declared else None
     if declared:
         return None

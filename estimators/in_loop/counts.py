@@ -1,9 +1,9 @@
 """Counts of the encoder that a position controller reads.
 
 A controller that reads whole counts moves a joint at rest until its encoder shows the next count. The joint then stands
-at the edge of a count, half a count behind its log. A simulation in which the controller reads the exact position takes
-this for less dry friction. So the simulated controller reads counts too, and simulated counts are compared with logged
-ones.
+at the edge of a count, half a count behind its log. If the simulated controller reads the exact position, the fitted
+dry friction is too small. Therefore the simulated controller reads counts, and simulated counts are compared with
+logged counts.
 
 The difference of two counts is zero or whole counts: most rows of a good model have no error at all. For scores and
 standard errors, the rows have the quantisation noise of one encoder, as they have with an exact position.
@@ -29,23 +29,23 @@ def find_least_change(recordings: Sequence[Recording]) -> float:
     return min(float(changes[changes > FINEST].min(initial=np.inf)) for changes in steps)
 
 
-def find_count(recordings: Sequence[Recording]) -> float | None:
+def find_encoder_step(recordings: Sequence[Recording]) -> float | None:
     """Return the step of the encoder of some recordings [rad]; None if their positions are not on a common grid.
 
     The grid of each recording begins at its first position.
     """
-    count = find_least_change(recordings)
-    if not np.isfinite(count):
+    step = find_least_change(recordings)
+    if not np.isfinite(step):
         return None
     moved = np.concatenate([recording.position - recording.position[0] for recording in recordings])
     for reach in REACHES:
-        near = moved[np.abs(moved) < (reach + 0.5) * count]
-        whole = np.rint(near / count)
-        count = float(whole @ near / max(whole @ whole, 1.0)) or count
-    is_grid = np.abs(moved / count - np.rint(moved / count)).max() < OFF_GRID
-    return count if is_grid else None
+        near = moved[np.abs(moved) < (reach + 0.5) * step]
+        whole = np.rint(near / step)
+        step = float(whole @ near / max(whole @ whole, 1.0)) or step
+    is_grid = np.abs(moved / step - np.rint(moved / step)).max() < OFF_GRID
+    return step if is_grid else None
 
 
-def make_quantisation_noise(count: float, rows: int) -> Array:
-    """Return the noise of an encoder (rows,), uniform within a count [rad], the same in every call."""
-    return np.asarray(np.random.default_rng(0).uniform(-0.5 * count, 0.5 * count, rows))
+def make_quantisation_noise(step: float, rows: int) -> Array:
+    """Return the noise of an encoder (rows,), uniform within a step of the encoder [rad], the same in every call."""
+    return np.asarray(np.random.default_rng(0).uniform(-0.5 * step, 0.5 * step, rows))

@@ -12,7 +12,7 @@ import scipy
 
 from estimators.data.rows import ResidualStructure
 from estimators.data.split import HELD_OUT
-from estimators.in_loop.counts import FINEST, find_count, find_least_change, make_quantisation_noise
+from estimators.in_loop.counts import FINEST, find_encoder_step, find_least_change, make_quantisation_noise
 from estimators.selection.errors import Errors
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.motion import get_known_load, get_temperature
@@ -146,7 +146,7 @@ class Rollouts:
     def encoder_step(self) -> float | None:
         """Return the step of the encoder in which positions are compared [rad]; None if they are compared exactly."""
         has_counts = self._reads_counts if self.has_counts is None else self.has_counts
-        return find_count(self.recordings) if has_counts else None
+        return find_encoder_step(self.recordings) if has_counts else None
 
     @cached_property
     def without_counts(self) -> Self:
