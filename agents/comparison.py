@@ -99,8 +99,6 @@ def compare_policies(
     seed: int = 0,
     effects: Effects = (),
     spread: float = 0.3,
-    max_speed: float | None = None,
-    max_turns: float | None = None,
     scheme: str = "filtered_dynamic",
     executor: Executor | None = None,
     progress: Progress = no_progress,
@@ -126,8 +124,6 @@ def compare_policies(
         seed: of plants, noise and signals.
         effects: hidden in the plants, as `stribeck=0.4` or `{"stribeck": 0.4}`.
         spread: relative half width within which the parameters of the plants are drawn.
-        max_speed: speed above which no torque accelerates the arm [rad/s].
-        max_turns: turns to either side above which no torque drives the arm outwards.
         scheme: of the estimator.
         executor: pool of processes; policies are pickled. None uses this process.
         progress: called with the name of a policy and the share of the work.
@@ -153,10 +149,8 @@ def compare_policies(
     contenders |= {name: make_contender(name, policy, constraint) for name, policy in policies.items()}
     if not contenders:
         raise UserError("there is nothing to compare: give a policy or a baseline")
-    limits = {"max_speed": max_speed, "max_turns": max_turns}
-    task: dict[str, float] = {"spread": spread} | {name: limit for name, limit in limits.items() if limit is not None}
     sizes = [min(PLANTS_PER_JOB, plants - first) for first in range(0, plants, PLANTS_PER_JOB)]
-    setting: dict[str, Any] = {"effects": list_effects(effects), "task": task, "scheme_id": scheme}
+    setting: dict[str, Any] = {"effects": list_effects(effects), "spread": spread, "scheme_id": scheme}
     jobs = [
         partial(evaluate_policy, make, constraint, size, seed=seed + 4 * SEED_OFFSET * part, **setting)
         for make in contenders.values()
@@ -170,7 +164,7 @@ def compare_policies(
         progress(names[(len(done) - 1) // count], len(done) / len(jobs))
     outcomes = {name: Outcome.join(done[k * count : (k + 1) * count]) for k, name in enumerate(names)}
     settings: dict[str, object] = {"constraint": constraint, "plants": plants, "seed": seed, "scheme": scheme}
-    settings |= {"effects": [*setting["effects"]], "spread": spread, **limits}
+    settings |= {"effects": [*setting["effects"]], "spread": spread}
     return PolicyComparison(outcomes, settings)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.observer import CONSTRAINTS, EPISODE, TICK, Observer, log_det
+from agents.observer import CONSTRAINTS, EPISODE, OBSERVATION_SIZE, TICK, Observer, log_det
 from agents.task import Task, TaskState, TaskVector
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
@@ -31,9 +31,8 @@ class ExcitationDesignVector(TaskVector):
 
     Action (B, 1): torque as a share of the peak, in [-1, 1], held for 20 ms. Observation (B, 20): sin q, cos q,
     q' / 10; log information of inertia, gravity, viscous and dry friction, their six correlations, deviation of the
-    estimates from nominal; shares of time and budget left; 1 if the joint is stuck. With a limit on turns, the signed
-    angle as a share of the limit is added. Reward: gain of log det information [nat], 0 in a tick in which |q'| falls
-    below 0.2 rad/s. All episodes have the same length and end together.
+    estimates from nominal; shares of time and budget left; 1 if the joint is stuck. Reward: gain of log det information
+    [nat], 0 in a tick in which |q'| falls below 0.2 rad/s. All episodes have the same length and end together.
 
     `info` has `torque`, the applied torque [N m] (B,); `positions` [rad] and `torques` [N m], measured at 1 kHz since
     the last observation (B, 20); `information` (B, 4, 4) and `estimates` (B, 4) in nominal units; and `plant`, the true
@@ -49,8 +48,6 @@ class ExcitationDesignVector(TaskVector):
         num_envs: int = 1,
         *,
         constraint: str = "peak",
-        max_speed: float | None = None,
-        max_turns: float | None = None,
         seconds: float = EPISODE,
         spread: float = 0.3,
         effects: Effects = (),
@@ -63,8 +60,6 @@ class ExcitationDesignVector(TaskVector):
         Args:
             num_envs: number B of pendulums.
             constraint: "peak", 6 N m, or "rms", 3 N m root mean square and 15 N m at most.
-            max_speed: speed above which no torque accelerates the arm [rad/s]; None for no limit.
-            max_turns: turns to either side above which no torque drives the arm outwards; None for no limit.
             seconds: duration of an episode [s].
             spread: relative half width of the distribution of the four parameters.
             effects: hidden in the plants, as `stribeck=0.4` or `{"stribeck": 0.4}`; the estimator does not
@@ -77,8 +72,8 @@ class ExcitationDesignVector(TaskVector):
             ValueError: if an argument is unknown or out of its range.
         """
         self.constraint = find("constraint", constraint, CONSTRAINTS)
-        self.observer = Observer(self.constraint, seconds, RATE, max_speed, max_turns)
-        super().__init__(num_envs, self.observer.observation_size, 1, autoreset_mode)
+        self.observer = Observer(self.constraint, seconds, RATE)
+        super().__init__(num_envs, OBSERVATION_SIZE, 1, autoreset_mode)
         self.pendulums = DirectDrivePendulumVector(
             num_envs,
             model=make_plant(effects=effects),

@@ -7,7 +7,7 @@ stick. It differs from the reward of the policy.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
@@ -82,16 +82,15 @@ def evaluate_policy(
     *,
     seed: int = 0,
     effects: Sequence[str] = (),
-    task: Mapping[str, float] | None = None,
+    spread: float = 0.3,
     scheme_id: str = "filtered_dynamic",
 ) -> Outcome:
     """Excite new plants for 10 s with a policy, and estimate their parameters online at 1 kHz.
 
-    The same seed gives the same plants and noise to every policy. `task` has further arguments of
-    `ExcitationDesignVector`: `spread`, `max_speed` or `max_turns`.
+    The same seed gives the same plants and noise to every policy. `spread` is that of `ExcitationDesignVector`.
     """
     policy = contender(seed)
-    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, **(task or {}))  # type: ignore[arg-type]
+    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, spread=spread)
     estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants, counts=COUNTS)
     observation, info = env.reset(seed=SEED_OFFSET + seed)
     truth = np.stack([info["plant"][name] for name in PAPER], axis=1)

@@ -53,11 +53,8 @@ class Network:
         """
         if np.shape(observation)[-1] != self.weights[0].shape[1]:
             seen, known = np.shape(observation)[-1], self.weights[0].shape[1]
-            if self.constraint == ARM or (seen, known) != (OBSERVATION_SIZE + 1, OBSERVATION_SIZE):
-                trained = f"the policy ({self.constraint}) was trained on observations of {known} numbers"
-                raise UserError(f"{trained}, not {seen}: use the observations of its task")
-            # a policy trained without a limit on turns ignores it
-            observation = np.asarray(observation)[..., :OBSERVATION_SIZE]
+            trained = f"the policy ({self.constraint}) was trained on observations of {known} numbers"
+            raise UserError(f"{trained}, not {seen}: use the observations of its task")
         x, sign = (observation, np.ones(())) if self.constraint == ARM else mirror_observation(observation)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.tanh(x @ weight.T + bias)
@@ -115,7 +112,7 @@ class Network:
         fits = all(w.shape == size for w, size in zip(weights, zip(sizes[1:], sizes, strict=False), strict=True))
         if not (fits and outputs and outputs == actions * levels.size) or any(bias.ndim != 1 for bias in biases):
             raise ValueError("its layers, outputs and levels do not follow from one another")
-        if constraint != ARM and seen not in (OBSERVATION_SIZE, OBSERVATION_SIZE + 1):  # one more with limited turns
+        if constraint != ARM and seen != OBSERVATION_SIZE:
             raise ValueError(f"its observations have {seen} numbers, not {OBSERVATION_SIZE}")
         return cls(weights, biases, levels, constraint)
 

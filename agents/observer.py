@@ -25,7 +25,7 @@ from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
 from pendulum_env.plant import PAPER
 from pendulum_env.policy import Policy, State
-from pendulum_env.spaces import MAX_TORQUE, check_positive
+from pendulum_env.spaces import MAX_TORQUE
 
 NOMINAL = np.array(list(PAPER.values()))  # inertia, gravity, viscous, coulomb
 MIN_SPEED = 0.2  # [rad/s]; slower ticks are left out: near stick, information rises and errors do not fall
@@ -39,8 +39,8 @@ EPISODE = 10.0  # [s], default duration of an episode
 TICK = 0.02  # [s], duration of one torque: decisions at 50 Hz
 SPEED_SCALE = 10.0  # [rad/s], divisor of the velocity in the observation
 OBSERVATION_BOUND = 5.0
-OBSERVATION_SIZE = 3 + N_FEATURES + 3  # one more with a limit on turns
-MIRRORED_INDICES = (0, 2, OBSERVATION_SIZE)  # elements of an observation that change sign in a mirror
+OBSERVATION_SIZE = 3 + N_FEATURES + 3
+MIRRORED_INDICES = (0, 2)  # elements of an observation that change sign in a mirror
 
 Batch = NDArray[np.float32]
 
@@ -104,7 +104,7 @@ def mirror_observation(observation: Any) -> tuple[Array, Array]:
     """
     mirrored = np.array(observation, dtype=float)
     sign = np.where(mirrored[..., 2] < 0, -1.0, 1.0)
-    mirrored[..., [index for index in MIRRORED_INDICES if index < mirrored.shape[-1]]] *= sign[..., None]
+    mirrored[..., MIRRORED_INDICES] *= sign[..., None]
     return mirrored, sign
 
 
@@ -116,25 +116,13 @@ class Observer:
         ticks: number of ticks in an episode.
         tick: index of the current tick.
         information: M (B, P, P).
-        observation_size: length of an observation.
     """
 
-    def __init__(
-        self,
-        constraint: Constraint,
-        seconds: float,
-        rate: float,
-        max_speed: float | None = None,
-        max_turns: float | None = None,
-    ) -> None:
+    def __init__(self, constraint: Constraint, seconds: float, rate: float) -> None:
         """Create an observer of episodes of some duration [s] at a sampling rate [Hz].
 
-        No torque accelerates the arm above `max_speed` [rad/s], or drives it beyond `max_turns` to either side.
-        Raises UserError if a limit is not positive, the episode is shorter than a tick, or a tick is not a whole number
-        of samples, at least two.
+        Raises UserError if the episode is shorter than a tick, or a tick is not a whole number of at least two samples.
         """
-        limits = {"max_speed": max_speed, "max_turns": max_turns}
-        check_positive("a design", **{name: limit for name, limit in limits.items() if limit is not None})
         if not TICK <= seconds < np.inf:
             raise UserError(f"an episode of {seconds:g} s is too short: give {TICK:g} s or more")
         self.samples_per_tick = round(TICK * rate)
@@ -149,9 +137,6 @@ class Observer:
         window: Array = np.clip(from_edge / self._ramp, 0.0, 1.0)
         self._weights_at_samples: Array = window / window.sum()
         self._weights_over_samples = 0.5 * (self._weights_at_samples[1:] + self._weights_at_samples[:-1])
-        self.observation_size = OBSERVATION_SIZE + (max_turns is not None)
-        self._max_speed = np.inf if max_speed is None else max_speed
-        self._max_angle = None if max_turns is None else 2 * np.pi * max_turns
         self._budget = np.inf if constraint.rms is None else constraint.rms**2 * self.ticks  # [(N m)^2 ticks]
 
     def start(self, position: Array, velocity: Array) -> None:
@@ -165,10 +150,8 @@ class Observer:
         self._budget_left = np.full(batch, self._budget)
 
     def limit_torque(self, share: Array) -> Array:
-        """Convert shares of the peak (B,) into torques within constraint and limits (B,) [N m]; spend the budget."""
+        """Convert shares of the peak (B,) into torques within the constraint (B,) [N m]; spend the budget."""
         torque = self.constraint.peak * np.clip(share, -1.0, 1.0)
-        too_fast = (np.abs(self._velocity) >= self._max_speed) & (torque * self._velocity > 0)
-        torque = np.where(too_fast | (self._angle_share() * np.sign(torque) >= 1.0), 0.0, torque)
         affordable = np.sqrt(np.maximum(self._budget_left, 0.0))
         torque = np.clip(torque, -affordable, affordable)
         self._budget_left = self._budget_left - torque**2
@@ -215,19 +198,13 @@ class Observer:
         )
 
     def observe(self) -> Batch:
-        """Compute observations (B, observation_size)."""
+        """Compute observations (B, OBSERVATION_SIZE)."""
         q, batch = self._position, len(self._position)
         time_left = np.full(batch, max(0.0, 1.0 - self.tick / self.ticks))
         budget_left = np.ones(batch) if np.isinf(self._budget) else self._budget_left / self._budget
         parts = np.stack([np.sin(q), np.cos(q), self._velocity / SPEED_SCALE]), self.features().T
         rest = np.stack([time_left, budget_left, self._stuck])
-        if self._max_angle is not None:
-            rest = np.concatenate([rest, self._angle_share()[None]])
         return np.clip(np.concatenate([*parts, rest]).T, -OBSERVATION_BOUND, OBSERVATION_BOUND).astype(np.float32)
-
-    def _angle_share(self) -> Array:
-        """Compute the angle as a share of the limit on turns (B,), signed; 0 without a limit."""
-        return np.zeros_like(self._position) if self._max_angle is None else self._position / self._max_angle
 
 
 class Pilot:

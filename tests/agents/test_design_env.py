@@ -122,17 +122,3 @@ def test_the_peak_and_the_budget_hold():
 def test_what_makes_no_sense_is_refused(arguments, why):
     with pytest.raises(ValueError, match=why):
         ExcitationDesignVector(1, **arguments)
-
-
-def test_limits_take_away_the_torque_that_drives_the_arm_on():
-    free, bound = (
-        run(ExcitationDesignVector(2, **limits), 150, action=lambda k, count: np.ones((count, 1)))
-        for limits in ({}, {"max_speed": 5.0, "max_turns": 0.5})
-    )
-    assert np.abs(free["positions"]).max() > 10 * np.pi
-    assert np.abs(bound["positions"]).max() < 2 * np.pi
-    speed = 1000 * np.abs(np.diff(np.concatenate(list(bound["positions"]), axis=1))).max()
-    assert 5.0 < speed < 7.0  # no torque acts from the tick on that begins beyond the limit
-    share = bound["observation"][..., -1]
-    np.testing.assert_allclose(share[1:], bound["positions"][..., -1] / np.pi, atol=1e-6)
-    assert (bound["torque"][share[:-1] >= 1] == 0).all()

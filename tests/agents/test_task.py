@@ -21,7 +21,6 @@ def made(id, count, **arguments):
     [
         (DESIGN, {"constraint": "peak", "render_mode": "rgb_array"}),
         (DESIGN, {"constraint": "rms", "render_mode": "rgb_array"}),
-        (DESIGN, {"max_turns": 1.0, "render_mode": "rgb_array"}),
         (ARM_DESIGN, {"seconds": 1.0}),
     ],
 )
