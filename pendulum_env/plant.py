@@ -194,9 +194,7 @@ def _write_effect(id: str, size: object) -> str:
 
 
 def make_plant(
-    theta: Mapping[str, float] | None = None,
-    effects: Effects = (),
-    model: Model | str | Path | None = None,
+    theta: Mapping[str, float] | None = None, effects: Effects = (), model: Model | str | Path | None = None
 ) -> Model:
     """Make the plant of an environment.
 

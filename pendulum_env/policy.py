@@ -20,11 +20,7 @@ class Policy(Protocol):
     """Interface of policies, as of stable-baselines3 models."""
 
     def predict(
-        self,
-        observation: Any,
-        state: State = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
+        self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = False
     ) -> tuple[Any, State]:
         """Return the actions and the next state, of one pendulum or of a batch (B, ...)."""
 

@@ -20,11 +20,7 @@ OF_JOINTS = (*QUANTITIES, "temperature")  # temperature is optional
 
 
 def find_joint_columns(
-    label: str,
-    headers: Sequence[str],
-    joints: Sequence[str],
-    held: Collection[str],
-    given: dict[str, str],
+    label: str, headers: Sequence[str], joints: Sequence[str], held: Collection[str], given: dict[str, str]
 ) -> dict[str, str]:
     """Find the columns of all joints by quantity, `position_<joint>`; columns `given` by the user take precedence."""
     wanted = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]

@@ -241,10 +241,7 @@ def find_kinds(
 
 
 def parse_effect(
-    text: str,
-    joints: Sequence[str],
-    known: Mapping[str, type[Term]] | None = None,
-    sliding: Collection[str] = (),
+    text: str, joints: Sequence[str], known: Mapping[str, type[Term]] | None = None, sliding: Collection[str] = ()
 ) -> tuple[type[Term], str]:
     """Parse effect and joint of `stribeck@elbow`; `known` holds the allowed effects, by default `joint_effects`."""
     id, at, joint = text.partition("@")

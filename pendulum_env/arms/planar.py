@@ -61,10 +61,7 @@ def name_joints(count: int) -> tuple[str, ...]:
 
 
 def make_joint_models(
-    friction: Sequence[tuple[float, float]],
-    names: Sequence[str],
-    effects: Effects = (),
-    sliding: Collection[str] = (),
+    friction: Sequence[tuple[float, float]], names: Sequence[str], effects: Effects = (), sliding: Collection[str] = ()
 ) -> tuple[Model, ...]:
     """Make a model without inertia for each joint, from its friction and hidden effects.
 

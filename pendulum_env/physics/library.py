@@ -39,7 +39,7 @@ BUILT_IN: tuple[type[Term], ...] = (
     potential.HardStop,
 )
 MEASURED: dict[str, type[Term]] = {  # effects of measured quantities other than motion and torque
-    friction.TemperatureDependentFriction.id: friction.TemperatureDependentFriction,
+    friction.TemperatureDependentFriction.id: friction.TemperatureDependentFriction
 }
 
 _registered: dict[str, type[Term]] = {}

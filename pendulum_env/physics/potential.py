@@ -121,11 +121,7 @@ class Spring(Term):
 def _make_power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
     """Make the column of the n-th power of the angle, with its potential."""
     return Column(
-        name,
-        unit,
-        force=lambda x: x.position**n,
-        potential=lambda x: x.position ** (n + 1) / (n + 1),
-        least=least,
+        name, unit, force=lambda x: x.position**n, potential=lambda x: x.position ** (n + 1) / (n + 1), least=least
     )
 
 

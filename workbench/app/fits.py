@@ -65,10 +65,7 @@ def fit_pendulum(
 
 
 def fit_arm(
-    recordings: tuple[Recording, ...],
-    holdout: tuple[Recording, ...],
-    terms: tuple[Term, ...],
-    *_: Any,
+    recordings: tuple[Recording, ...], holdout: tuple[Recording, ...], terms: tuple[Term, ...], *_: Any
 ) -> BaseFit:
     """Fit the base model of an arm; raises IdentificationError if there is too little motion."""
     found = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)

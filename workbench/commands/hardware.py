@@ -134,8 +134,7 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
                 break
         rig.disable()
         _require(
-            abs(moved) > MOVED,
-            f"the arm does not move under {most:g} N m: check motor and drive, or free the arm",
+            abs(moved) > MOVED, f"the arm does not move under {most:g} N m: check motor and drive, or free the arm"
         )
         _require(
             moved * direction > 0,

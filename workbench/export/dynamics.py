@@ -80,7 +80,8 @@ def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamic
     """
     try:
         parts = _Parts.from_model(model, seconds)
-        actuator.write(parts, model)
+        if isinstance(actuator, Servo):
+            parts.take_goal(actuator.controller)
         x = step(parts.balance, parts.x, seconds)
     except Exception as error:  # a user's law may raise anything
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
@@ -101,8 +102,8 @@ class _Parts:
     parameters: list[NamedParameter]  # of terms and drive
     given: list[StepQuantity]  # inputs of a step
     start: dict[str, Any]  # initial values of state variables by name
+    delay: float  # of the torque input [s]
     after: dict[str, Any] = field(default_factory=dict)  # state variables of the controller after a step
-    delay: float = 0.0  # of the torque input [s]
 
     @classmethod
     def from_model(cls, model: Model, seconds: float) -> Self:
@@ -113,28 +114,19 @@ class _Parts:
             (column.name, column.unit, symbol, 0.0)
             for column, symbol in zip((c for term in terms for c in term.columns), balance.theta, strict=True)
         ] + [
-            (
-                f"{term.id}.{parameter.name}",
-                parameter.unit,
-                getattr(symbols, parameter.name),
-                term.nonlinear_values[parameter.name],
-            )
+            (f"{term.id}.{p.name}", p.unit, getattr(symbols, p.name), term.nonlinear_values[p.name])
             for term, symbols in zip(terms, balance.terms, strict=True)
-            for parameter in term.free
+            for p in term.free
         ]
         parameters = []
         for text, unit, symbol, value in named:
             symbol.label = make_identifier(text)
-            known = model.estimates.get(
-                text, Estimate(value, 0.0, unit)
-            )  # nonlinear parameters may have default values
+            known = model.estimates.get(text, Estimate(value, 0.0, unit))  # without one: a default value
             parameters.append(NamedParameter(symbol.label, known.value, known.unit, known.std))
         start: dict[str, Any] = {"time": 0.0, "position": x.position, "velocity": x.velocity}
         remembered: dict[str, list[str]] = {}
-        given, warm = (
-            [StepQuantity("torque", model.units().unit("N m"))],
-            [t.id for t in terms if t.needs == "temperature"],
-        )
+        given = [StepQuantity("torque", model.units().unit("N m"))]
+        warm = [term.id for term in terms if term.needs == "temperature"]
         if other := [f"{term.id} (by its {term.needs})" for term in terms if term.needs not in ("", "temperature")]:
             raise ExportError(f"{', '.join(other)}: no program is given that")
         if warm:
@@ -150,18 +142,14 @@ class _Parts:
             remembered[id] = [f"{id}_memory{end}" for end in ends]
             for symbol, text, at_rest in zip(symbols, remembered[id], long_ago[id], strict=True):
                 symbol.label, start[text] = text, at_rest
-        return cls(seconds, balance, x, remembered, parameters, given, start)
+        return cls(seconds, balance, x, remembered, parameters, given, start, sum(term.delay for term in terms))
 
-    def take_torque(self, model: Model) -> None:
-        """Delay the torque by the dead time of a model."""
-        self.delay = sum(term.delay for term in model.terms)
-
-    def take_goal(self, model: Model, drive: ServoDrive) -> None:
-        """Replace the torque input by a drive with a goal input."""
+    def take_goal(self, drive: ServoDrive) -> None:
+        """Replace the torque input by a drive with a goal input, which delays its own output."""
         seconds, x = self.seconds, self.x
         looks_always = drive.rate is None or drive.rate * seconds >= 1.0
         gains: dict[str, Any] = dict(zip(GAINS, compute_gains(drive, seconds), strict=True))
-        output = {"duty": "1", "voltage": "V", "current": "A", "torque": model.torque_unit}[drive.output]
+        output = {"duty": "1", "voltage": "V", "current": "A", "torque": drive.unit}[drive.output]
         per = "s/rad" if drive.acts_on_speed else "rad"
         units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "most": output}
         for text, unit in units.items():
@@ -179,7 +167,8 @@ class _Parts:
             self.parameters.append(NamedParameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
             scale = scale * make_symbol("gain")
         self.given.append(StepQuantity("on", "0: the motor is open", 1.0))
-        weights = compute_taps(np.array((drive.delay + sum(term.delay for term in model.terms)) / seconds)).tolist()
+        weights = compute_taps(np.array((drive.delay + self.delay) / seconds)).tolist()
+        self.delay = 0.0
         phase: Any = make_symbol("phase")  # time to the controller's next sample, in its periods
         looks, period = seconds * (drive.rate or 0.0), 1.0 / (drive.rate or math.inf)
         lead: Any = 0.5 * max(seconds - period, 0.0) if drive.rate else 0.0

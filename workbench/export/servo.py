@@ -36,10 +36,6 @@ class Motor:
             actuator.delay, actuator.interp = delay, 1  # linear interpolation, as in our simulation
             actuator.nsample = math.ceil(delay / self.step) + 2
 
-    def write(self, parts: Any, model: Model) -> None:
-        """Add the torque input to the expressions of a step."""
-        parts.take_torque(model)
-
 
 @dataclass(frozen=True)
 class Servo:
@@ -79,10 +75,6 @@ class Servo:
         if math.isfinite(limit):
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = -limit - offset, limit - offset
-
-    def write(self, parts: Any, model: Model) -> None:
-        """Add the goal input and the controller to the expressions of a step."""
-        parts.take_goal(model, self.controller)
 
 
 def choose_actuator(model: Model, request: Request) -> Motor | Servo:

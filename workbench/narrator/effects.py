@@ -33,14 +33,8 @@ def name_effect(effect: str) -> str:
 EFFECTS: dict[str, Description] = {
     "inertia": Description(informative_experiment="faster reversals"),
     "gravity": Description(informative_experiment="swings beyond 30 degrees"),
-    "viscous": Description(
-        title="viscous friction",
-        informative_experiment="a range of speeds",
-    ),
-    "coulomb": Description(
-        title="Coulomb friction",
-        informative_experiment="motion in both directions",
-    ),
+    "viscous": Description(title="viscous friction", informative_experiment="a range of speeds"),
+    "coulomb": Description(title="Coulomb friction", informative_experiment="motion in both directions"),
     "torque_offset": Description(
         title="a torque offset",
         symptom="the same torque everywhere",

@@ -97,10 +97,7 @@ def _diagnose(source: Source, options: Namespace) -> JSON:
     opened = open_sources(options, (replace(source, role="fit"),), terminal)
     given = opened.calibrate(terminal)
     found = diagnose(
-        given.recordings,
-        given.holdout,
-        opened.model.terms,
-        **{name: getattr(options, name) for name in ASKED},
+        given.recordings, given.holdout, opened.model.terms, **{name: getattr(options, name) for name in ASKED}
     )
     date = opened.recordings[0].start_date
     return {"start": None if date is None else date.timestamp(), "rows": make_rows(found)}

@@ -69,10 +69,7 @@ class NiDaq:
         torque, encoder, enable = (self._task() for _ in range(3))
         torque.ao_channels.add_ao_voltage_chan(link.torque, min_val=-self.full_scale, max_val=self.full_scale)
         encoder.ci_channels.add_ci_ang_encoder_chan(
-            link.encoder,
-            decoding_type=EncoderType[link.decoding],
-            units=AngleUnits.TICKS,
-            pulses_per_rev=self._pulses,
+            link.encoder, decoding_type=EncoderType[link.decoding], units=AngleUnits.TICKS, pulses_per_rev=self._pulses
         )
         enable.do_channels.add_do_chan(link.enable)
         self._volts = AnalogSingleChannelWriter(torque.out_stream, auto_start=False)

@@ -124,9 +124,7 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
     inputs = Input("session", "data"), Input("url", "hash"), Input("version", "data")
 
     @app.callback(
-        *(Output(part, "children") for part in ("nav", "story", "notice", "stage")),
-        Output("files", "hidden"),
-        *inputs,
+        *(Output(part, "children") for part in ("nav", "story", "notice", "stage")), Output("files", "hidden"), *inputs
     )
     def draw(id: str | None, hash: str | None, _: int) -> tuple[Any, ...]:
         if id is None:
@@ -177,11 +175,7 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         return session.version
 
     @app.callback(
-        VERSION,
-        Input({"do": ALL, "of": ALL}, "n_clicks"),
-        *fields,
-        State("session", "data"),
-        prevent_initial_call=True,
+        VERSION, Input({"do": ALL, "of": ALL}, "n_clicks"), *fields, State("session", "data"), prevent_initial_call=True
     )
     def press(*values: Any) -> int:
         session, clicks = sessions.find_session(values[-1]), ctx.triggered[0]["value"]

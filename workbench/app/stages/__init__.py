@@ -3,13 +3,6 @@
 from workbench.app.parts import Stage
 from workbench.app.stages import add, data, diagnose, export, model
 
-STAGES: tuple[Stage, ...] = (
-    data.STAGE,
-    model.MODEL,
-    model.COMPARE,
-    diagnose.STAGE,
-    add.STAGE,
-    export.STAGE,
-)
+STAGES: tuple[Stage, ...] = (data.STAGE, model.MODEL, model.COMPARE, diagnose.STAGE, add.STAGE, export.STAGE)
 
 __all__ = ["STAGES"]

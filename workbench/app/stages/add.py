@@ -11,15 +11,7 @@ from estimators import Addition, Identification
 from pendulum_env.arms.joints import find_kind
 from workbench.app.fits import fit_effect
 from workbench.app.panels import show_suggestions
-from workbench.app.parts import (
-    Stage,
-    label_control,
-    list_choices,
-    make_button,
-    make_panel,
-    show_content,
-    show_section,
-)
+from workbench.app.parts import Stage, label_control, list_choices, make_button, make_panel, show_content, show_section
 from workbench.app.session import Session
 from workbench.app.state import State as Work
 from workbench.errors import InputError

@@ -11,15 +11,7 @@ from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import fit_and_diagnose
 from workbench.app.jobs import Task
 from workbench.app.panels import show_suggestions, show_timing
-from workbench.app.parts import (
-    KEPT,
-    Stage,
-    label_control,
-    list_choices,
-    make_button,
-    make_panel,
-    show_section,
-)
+from workbench.app.parts import KEPT, Stage, label_control, list_choices, make_button, make_panel, show_section
 from workbench.app.session import Session
 from workbench.app.state import State as Work
 from workbench.options import parse_effects
@@ -65,12 +57,7 @@ def show_choices(state: Work, is_open: bool) -> Component:
 
     def several(label: str, id: str, empty: str) -> Component:
         control = dcc.Dropdown(
-            library,
-            parse_effects(getattr(asked, id)),
-            id={"field": f"ask-{id}"},
-            multi=True,
-            placeholder=empty,
-            **KEPT,
+            library, parse_effects(getattr(asked, id)), id={"field": f"ask-{id}"}, multi=True, placeholder=empty, **KEPT
         )
         return label_control(label, control)
 
@@ -118,8 +105,5 @@ def start(session: Session, asked: SearchChoices) -> None:
 
 
 STAGE = Stage(
-    "diagnose",
-    "Diagnose",
-    show,
-    {"diagnose": lambda session, _, form: start(session, SearchChoices.from_form(form))},
+    "diagnose", "Diagnose", show, {"diagnose": lambda session, _, form: start(session, SearchChoices.from_form(form))}
 )
