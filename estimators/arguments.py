@@ -158,7 +158,7 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
     """Select effects that recordings can show.
 
     Effects of whole turns need a joint that turns, and effects of torque a recording with torque. Other effects need
-    their quantity in a recording, such as a temperature.
+    their quantity in a recording, for example a temperature.
 
     Raises:
         IdentificationError: if effects are given, and recordings can show none.
@@ -191,7 +191,7 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
 def apply_limits(
     terms: Sequence[Term], library: Mapping[str, type[Term]], fixed: Mapping[str, float] | None, bounds: Bounds | None
 ) -> tuple[tuple[Term, ...], dict[str, type[Term]]]:
-    """Fix or bound parameters of terms and effects by name, such as `gravity` or `cogging.order`."""
+    """Fix or bound parameters of terms and effects by name: `gravity`, `cogging.order`."""
     limits = make_limits(fixed or {}, bounds or {})
     if not limits:
         return tuple(terms), dict(library)

@@ -48,7 +48,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
 
     Raises:
         IdentificationError: if a recording or a joint of an arm moves too little, a recording is shorter than the
-            horizon, or no recording has a quantity that the model needs, such as a temperature.
+            horizon, or no recording has a quantity that the model needs, for example a temperature.
         ModelError: if the model has no inertia, or is of a current and the recordings are not.
         TypeError: if an argument is no model or recording.
         ValueError: if the horizon is not above zero, or is given for an arm.

@@ -202,7 +202,7 @@ class Alignment:
 def make_moved_torque(recording: Recording, response: Array, is_sampled: bool) -> MovedTorque:
     """Make the noise of the torque of a recording, before its move in time by a filter with a response (L,).
 
-    A controller answers its encoder at once, so that this noise has at least the size of the answer.
+    A controller reacts to its encoder without delay. The noise is at least as large as this reaction.
     """
     answer = estimate_noise_slope(recording.position, recording.torque) if find_feedback([recording]) else 0.0
     noise = max(estimate_white_noise(recording.torque), abs(answer) * estimate_encoder_noise(recording.position))

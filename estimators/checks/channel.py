@@ -127,7 +127,7 @@ class ChannelFits(ChannelRows):
         )
 
     def with_jump_errors(self) -> ChannelFits:
-        """Return the fits with weights for jumps of sampled torque, whose time between two samples is unknown."""
+        """Return the fits with weights for jumps of sampled torque: their time within a sample is unknown."""
         scales = []
         for w in self.data.windows:
             moved = make_moved_torque(w.recording, np.array([0.0, 1.0, 0.0]), True)
@@ -371,13 +371,13 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
     reported.
 
     Torque that is set n times a sample seems late by (1 - 1/n) / 2 of a sample. Torque that seems late by a quarter to
-    half a sample counts as sampled unless held torque predicts significantly better. It counts as sampled if it answers
-    the position of its row: the log then has the present torque, which a controller changes before the next row. Later
-    torque counts as held unless sampled torque predicts significantly better. Sampled torque is late by half a sample
-    unless another delay predicts significantly better. Half a sample need not predict significantly better than no
-    delay.
+    half a sample counts as sampled unless held torque predicts significantly better. It counts as sampled if it reacts
+    to the position of its row: the log then has the present torque, which a controller changes before the next row.
+    Later torque counts as held unless sampled torque predicts significantly better. Sampled torque is late by half a
+    sample unless another delay predicts significantly better. Half a sample need not predict significantly better than
+    no delay.
 
-    In a closed loop the controller answers each unmodelled torque, and a delay fits its answer. A law then needs a
+    In a closed loop the controller reacts to each unmodelled torque, and a delay fits its reaction. A law then needs a
     residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
 
     Returns:
@@ -407,7 +407,7 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
 
 
 def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording:
-    """Return a recording of a pendulum with torque after the laws of the present torque, such as a saturation."""
+    """Return a recording of a pendulum with torque after the laws of the present torque, for example saturation."""
     laws = [term for term in terms if term.fixed and not term.has_state() and not term.at]
     if not laws:
         return recording

@@ -1,10 +1,10 @@
 """Detection of feedback from motion to torque.
 
-A controller answers sensor errors and disturbances immediately. The innovations of torque and position are then
+A controller reacts to sensor errors and disturbances immediately. The innovations of torque and position are then
 correlated. Those of a planned torque are not.
 
 In a closed loop, a fit of recorded torque is consistent only if its residual is noise (Forssell and Ljung, Automatica
-35(7), 1999). The controller answers each unmodelled torque, and a delay or a lag of the torque fits its answer.
+35(7), 1999). The controller reacts to each unmodelled torque, and a delay or a lag fits its reaction.
 
 Motion of one frequency determines neither delay nor lag: inertia and viscous friction have the same effect on it.
 """
@@ -45,7 +45,7 @@ FEEDBACK = FeedbackSettings()
 
 
 def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
-    """Find recordings in which torque answers unpredicted changes of position within a few samples.
+    """Find recordings in which torque reacts to unpredicted changes of position within a few samples.
 
     Recordings with and without a reference have separate findings, with the median of their gains. Arms are not tested.
     """
@@ -78,7 +78,7 @@ def is_consistent(
 
     The motion must have more than one frequency. The RMS residual must be at most `Criterion.misfit` noise floors, or
     the timing must explain `Criterion.explained_share` of the residual without it: a law that the model lacks may look
-    like a small delay. If torque answers the motion, only noise is consistent.
+    like a small delay. If torque reacts to the motion, only noise is consistent.
 
     Args:
         recordings: recordings of the fit; those of an arm are only tested for their frequencies.

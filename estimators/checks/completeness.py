@@ -40,7 +40,7 @@ def check_results(
         terms: terms of the model.
 
     Returns:
-        Windows, None for an arm or too little motion; findings; results, whose biased estimates are marked.
+        Windows, None for an arm or too little motion; findings; results, with biased estimates marked.
     """
     if isinstance(terms[0].mechanism, Body):
         findings = find_driving_friction(next(iter(results.values())).model)

@@ -19,8 +19,8 @@ TURNED_ERRORS = 5.0  # standard errors by which this parameter is below -1, if t
 TURNED_SHARE = 0.2  # least share l^2 / (l^2 + s^2) of the load beyond the other columns
 TURNED_BLOCK = 1.0  # [s], time within which residuals may be correlated
 DEPENDENT = 1e5  # condition number of columns that are linearly dependent
-UPRIGHT_TURNS = 3.0  # largest number of turns of a joint whose zero may be upright
-UPRIGHT_SHARE = 0.05  # least gravity of a joint whose zero may be upright, of the RMS torque
+UPRIGHT_TURNS = 3.0  # largest number of turns of a joint with a possible zero at the upright position
+UPRIGHT_SHARE = 0.05  # least gravity of such a joint, as a share of the RMS torque
 
 
 def find_remedies(

@@ -24,7 +24,7 @@ def calibrate(
     """Return fitted and held-out recordings in N m, and a finding if the torque constant or the inertia is unknown.
 
     See `FitData.from_recordings` for the arguments. Currents stay under a controller with an integral part of unknown
-    state. If there are driven recordings, free swings get the known inertia, or that of a fit to these.
+    state. Beside driven recordings, free swings get the known inertia, or that of a fit to the driven ones.
     """
     combined, count = (*recordings, *holdout), len(recordings)
     driven, doubt = [recording for recording in combined if not recording.is_free], None

@@ -38,7 +38,7 @@ class FitData:
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque is corrected. Empty before `with_timing`.
         window_share: factor on the window lengths chosen by noise.
-        contact_terms: terms by whose residual contacts with a stop were found; None without contacts.
+        contact_terms: terms of the residual that showed contacts with a stop; None without contacts.
         terms: terms that may be fitted to an arm, the links first; empty for a pendulum.
         treatments: findings on each treatment, in order.
         excluded: disagreements of the recordings that were excluded from the fit.
@@ -83,7 +83,7 @@ class FitData:
             known: known parameters by name, which scale free swings; by default those of the terms.
 
         Raises:
-            IdentificationError: if units differ, also from that of the constant; if there is too little motion; or if
+            IdentificationError: if units differ, also from that of the constant; if the joint moves too little; or if
                 torque is applied in held-out recordings only and no parameter is known.
         """
         if not find_body(terms).can_simulate:
@@ -223,7 +223,7 @@ class FitData:
 
     @property
     def is_comparison(self) -> bool:
-        """Return whether fitted and held-out recordings are the same object, so that nothing is fitted."""
+        """Return whether fitted and held-out recordings are the same object: a comparison without a fit."""
         return self.holdout is self.recordings
 
     @property
@@ -261,7 +261,7 @@ class FitData:
 
     @property
     def conventions(self) -> tuple[Finding, ...]:
-        """Findings on conventions of drives: how controllers act, what position they read, and how goals are read."""
+        """Findings on conventions of drives: laws of controllers, the position that they read, and course of goals."""
         kinds = (Kind.CONTROLLER_READ, Kind.POSITION_READ, Kind.COUNTS_UNSEEN)
         controller = [treatment for treatment in self.treatments if treatment.kind in kinds]
         goals = [treatment for treatment in self.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]

@@ -21,8 +21,8 @@ DISPLACEMENTS, WITHIN = 40, (0.6827, 0.9545, 0.9973)  # displacements; probabili
 def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     """Fit the linear parameters of the terms; return the model and the fit, with errors of all parameters.
 
-    The covariance holds linear, then continuous nonlinear parameters, whose values stay. Those without derivatives
-    (`find_edges`) have errors of their own, outside the covariance.
+    The covariance holds linear, then continuous nonlinear parameters; the latter keep their values. Parameters without
+    derivatives (`find_edges`) have separate errors, outside the covariance.
     """
     terms, theta = data.maker.fit(terms, exactly=True)
     balance = _open_to_noise(data, terms, theta)

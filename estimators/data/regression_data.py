@@ -40,7 +40,7 @@ class RegressionData:
     Attributes:
         data: windows of the recorded motion and torque.
         segments: of each recording, for simulation; empty for an arm and with `rollouts`.
-        base: terms of the model whose inertia scales the noise; the links of an arm come first.
+        base: terms of the model that gives the inertia in the noise; the links of an arm come first.
         rollouts: maker of rows of simulated positions; None for rows of torque.
     """
 
@@ -75,7 +75,7 @@ class RegressionData:
         return replace(self, segments=tuple(choose_segments(w, seconds, covers) for w in self.data.windows))
 
     def with_steady_segments(self, model: Model) -> tuple[RegressionData, float]:
-        """Return the data without segments in which a small error grows tenfold, and the share of such segments.
+        """Drop segments in which a small error grows tenfold; return the data and the share of these segments.
 
         If no others exist, or a model without known inertia cannot simulate, the segments stay.
         """

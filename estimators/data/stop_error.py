@@ -37,7 +37,7 @@ def widen_ends(model: Model, recordings: Sequence[Recording]) -> Model:
 
 
 def find_stiff_stops(model: Model, recordings: Sequence[Recording]) -> list[Finding]:
-    """Return a finding on each stop whose stiffness the recordings do not determine.
+    """Return a finding on each stop with a stiffness that the recordings do not determine.
 
     The depths at each end vary by at most 3 standard errors of the end, as under one torque at rest, or if the stop
     yields too little. Nine tenths of the samples show the variation: a crossing of the end is short.

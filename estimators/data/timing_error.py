@@ -1,4 +1,4 @@
-"""Standard errors of parameters that were fitted to torque whose delay is estimated."""
+"""Standard errors of parameters fitted to torque with an estimated delay."""
 
 from __future__ import annotations
 

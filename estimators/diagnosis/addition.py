@@ -42,7 +42,7 @@ def add(
 
     Args:
         model: to start from.
-        id: of the effect, or of a table such as `torque_by_angle`; of an arm at a joint, `stribeck@elbow`.
+        id: of the effect or table (`torque_by_angle`); of an arm at a joint, `stribeck@elbow`.
         recordings: fitted jointly.
         holdout: confirm the effect; by default the last 30 % of each recording.
         progress: called with the present work and the share that is done.

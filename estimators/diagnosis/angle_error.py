@@ -1,4 +1,4 @@
-"""Standard errors of gravity beside an effect of the angle: other laws fit as well within part of a turn."""
+"""Standard errors of gravity in a model with an effect of the angle: within part of a turn, other laws fit equally."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,7 +16,7 @@ TURN = 2 * np.pi  # range of angles from which gravity differs from any other la
 
 
 def list_angle_effects(model: Model, base: Terms) -> list[Term]:
-    """List the torques by angle that a model of a pendulum has beside those of its base.
+    """List the torques by angle in a model of a pendulum, without those of its base.
 
     A stop acts at the end of the range only. A tilt is gravity too, but it competes with other laws.
     """
@@ -27,9 +27,9 @@ def list_angle_effects(model: Model, base: Terms) -> list[Term]:
 def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
     """Add the error of the law of the angle to the standard errors and correlations of a model of a pendulum.
 
-    Within part of a turn, other laws may replace an effect of the angle and fit as well, with another gravity. The
-    error of gravity reaches from its value to the farthest of these laws, and includes the error there. Parameters of
-    the effects change with gravity as their covariance says.
+    Within part of a turn, other laws may replace an effect of the angle and fit equally, with another gravity. The
+    error of gravity reaches from its value to that of the farthest law, and includes the latter's error. Parameters of
+    the effects change with gravity by their covariance.
 
     Args:
         model: fitted to the training data of `evaluator`.

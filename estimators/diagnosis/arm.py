@@ -1,4 +1,4 @@
-"""Case of an arm: effects at its joints by the torque of all joints; nothing is simulated or suggested."""
+"""Case of an arm: effects at its joints by the torque of all joints, without simulation and suggestion."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -39,7 +39,7 @@ class Case:
         refine: returns the refitted result of a trial, without parameters that the data do not determine, and findings
             on these.
         unexplained: returns regions of the residual of the final model of a trial.
-        present: returns a step in the units of the user; a final step has the error of the law of the angle as well.
+        present: returns a step in the units of the user; a final step includes the error of the law of the angle.
         conclude: adds findings and the next step to a diagnosis.
         reveal: returns data that show an effect, given the base terms and the effect, for `add`.
         treatments: candidate treatments of the data, in the order of their trials.

@@ -23,10 +23,10 @@ Place = tuple[float, float, float, str]  # of a contact: size of its torque [N m
 
 
 def find_contacts(evaluator: ModelEvaluator, final: Terms, model: Model) -> list[Finding]:
-    """Return a finding on contacts that a model without a stop leaves, with the place of the largest, or nothing.
+    """Return a finding on contacts that a model without a stop leaves, with the place of the largest, or an empty list.
 
-    A contact is a torque at a reversal or at rest that exceeds dry friction, see `TorqueWindows.with_contacts`. There
-    is no finding if the model leaves structure where the joint moves.
+    A contact is a torque at a reversal or at rest that exceeds dry friction, see `TorqueWindows.with_contacts`. The
+    list is empty if the model leaves structure where the joint moves.
     """
     has_contacts = has_stop(final) or evaluator.train.data.contacts
     if has_link(final) or has_contacts or not all(evaluator.residuals.is_noise_by_part(final)):

@@ -1,4 +1,4 @@
-"""The next experiment: the torque signal that answers most open questions of a diagnosis.
+"""The next experiment: the torque signal that decides most open questions of a diagnosis.
 
 Questions are about effects that fit equally well, and effects that the recorded motion does not show. The fitted model
 is simulated under a family of candidate signals. The rival model of a question is fitted to the simulated recordings by
@@ -118,7 +118,7 @@ def suggest_experiment(
     limits: ExperimentLimits,
     regions: Sequence[Region] = (),
 ) -> tuple[Suggestion | None, list[Aim], Finding | None]:
-    """Choose the experiment within limits that answers most questions.
+    """Choose the experiment within limits that decides most questions.
 
     `regions` are those of the residual; if the first is over position, the motion must reach it.
 
@@ -162,7 +162,7 @@ def suggest_experiment(
 def _choose(
     evaluator: ModelEvaluator, runs: Sequence[SimulatedExperiment], questions: Sequence[Question]
 ) -> tuple[Suggestion | None, list[Question]]:
-    """Choose the experiment that answers most questions, or None, and list questions that no run answers."""
+    """Choose the experiment that decides most questions, or None, and list questions that no run decides."""
     if not runs:
         return None, list(questions)
     residual_ratios = np.zeros((len(runs), len(questions)))  # [noise floors]

@@ -36,7 +36,7 @@ N_REWEIGHTED = 3  # fits to the last horizon, each weighted by the errors of the
 def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     """Refit the final model to free-running motion; None without a horizon, or if the inertia is unknown.
 
-    A model whose motion errs by no more than noise is not refitted. The refit is kept if it lowers the held-out
+    A model with a motion error within the noise is not refitted. The refit is kept if it lowers the held-out
     position error over the horizon and violates no physical bound. A keyboard interrupt ends it at the reached
     parameters.
     """

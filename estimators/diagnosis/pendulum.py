@@ -28,7 +28,7 @@ from pendulum_env.recording import Recording
 
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
-    """Return calibrated data, and options whose base has the known inertia of free swings."""
+    """Return calibrated data, and options with the known inertia of free swings in the base."""
     data = FitData.from_recordings(recordings, holdout, setting.base)
     return data, replace(setting, base=make_swing_terms(setting.base, data.recordings), original=setting.base)
 
@@ -43,7 +43,7 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
 def present(trial: Trial, step: Step, is_final: bool) -> Step:
     """Return a step with all standard errors: of timing, stops and torque constant; known values as given.
 
-    A final step has the error of the law of the angle as well.
+    A final step includes the error of the law of the angle.
     """
     model = timing_error.widen_by_timing(step.model, trial.data, trial.evaluator.train)
     model = widen_by_law(model, trial.evaluator) if is_final else model

@@ -22,7 +22,7 @@ from pendulum_env.physics import Term, list_ids
 from pendulum_env.plant import get_typical_values, paper_plant
 from pendulum_env.units import is_of_torque
 
-# effects whose smallest detectable size is reported
+# effects with a reported smallest detectable size
 REPORTED = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")
 STRUCTURE_FACTOR = 2.0  # factor on the limits of structure, since neighbouring windows share about half of a torque
 PENALTY_FACTOR = 3.0  # factor on the penalty, above which a gain is nearly always found
@@ -35,7 +35,7 @@ class Question:
     Attributes:
         aim: aim of the experiment.
         terms: terms of the rival model: with the effect in the place of a term, or without the effect.
-        torque: effect of typical size with its linear parameters, whose torque is to be explained; None for the
+        torque: effect of typical size with its linear parameters, as source of the torque to explain; None for the
             torque of the fitted model.
     """
 

@@ -33,7 +33,7 @@ class Candidate:
         verdict: decision on the effect.
         error_ratio: held-out torque error with the effect over the error without.
         reason: finding that explains the verdict.
-        gain: gain of the effect beside the other effects of the final model; None if unknown.
+        gain: gain of the effect, added to the other effects of the final model; None if unknown.
         variants: number of compared variants, see `ModelEvaluator.count_compared_variants`.
         gates: tests of the effect, in order; a rejected effect failed the last.
         terms: terms of the evaluated model; empty if the effect was not tried.
@@ -158,14 +158,14 @@ class Diagnosis(Shown):
         floors: noise floor of the held-out torque at each joint [N m]; in the loop the mean position error by the
             encoder [rad].
         findings: on data and model, the most important first.
-        suggestion: experiment that answers most open questions; None if there is none.
-        forbidden: reason why no experiment answers a question or explains a residual; None if there is no reason.
+        suggestion: experiment that decides most open questions; None without one.
+        forbidden: reason why no experiment decides a question or explains a residual; None without a reason.
         tables: ids of tables that explain the residual: one, or one per joint.
         inseparable: pairs of ids that no experiment distinguishes.
         disagreements: recordings that disagree with the others; they are not fitted.
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque was corrected.
-        detectable: absent effects that the data would have shown, if nothing is missing.
+        detectable: absent effects that the data would have shown; only of a complete model.
         torque_unit: `N m`, or the unit of the log in its place, also in units of parameters.
         torque_constant: constant by which a current was converted; None if torque was logged, or it is unknown.
         data: data of the diagnosis, without excluded recordings; None if it was read from a file.
@@ -235,7 +235,7 @@ class Diagnosis(Shown):
 
     @property
     def effects(self) -> tuple[tuple[str, ...], ...]:
-        """Return ids per selected effect: its own, then those of effects that the data cannot tell apart from it."""
+        """Return ids per selected effect: its id, then the ids of effects that the data cannot distinguish from it."""
         rivals = {group[0]: group for group in self.ambiguous}
         return tuple(rivals.get(id, (id,)) for id in self.selected)
 

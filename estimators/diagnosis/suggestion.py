@@ -23,7 +23,7 @@ class Aim:
 
     Attributes:
         effect: id of the effect.
-        instead: id of the model's term that fits as well; None if the recordings do not excite the effect.
+        instead: id of the model's term that fits equally; None if the recordings do not excite the effect.
     """
 
     effect: Text

@@ -30,7 +30,7 @@ def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = 
 
 
 def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
-    """Search for effects; with a reversed sign of torque, or nothing determined, fit the base model only."""
+    """Search for effects; with a reversed sign of torque, or without a determined parameter, fit the base only."""
     if check_torque_sign(evaluator) is None and not withhold_everything(
         find_undetermined_parameters(evaluator.train.recordings, evaluator.base)
     ):

@@ -47,8 +47,8 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
 
     Both models are compared on the treated data, unless the treatment changes the torque or the goals: then each has
     its own data. Likelihoods are not compared: windows of different widths have different blocks. Contacts with a stop
-    are kept only if the model has one. A delay or lag beside torque that was moved in time may only undo the move:
-    torque as logged is kept if it leaves only noise by fewer assumptions.
+    are kept only if the model has one. After a correction of the timing, a delay or lag in the model may only undo it:
+    torque as logged is kept if it leaves only noise with fewer assumptions.
     """
     treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
     after, before = trial.found.steps[-1], best.found.steps[-1]

@@ -62,8 +62,8 @@ def find_unexplained(result: SearchResult) -> list[Region]:
 def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:
     """Return the residual of each joint that is not noise [N m], and one region for each, the most significant.
 
-    The residual is its correlated part if that is significant, else its RMS. Held-out data count at joints whose fitted
-    data leave only noise.
+    The residual is its correlated part if that is significant, else its RMS. Held-out data count at a joint if its
+    fitted data leave only noise.
     """
     sizes, regions, criterion = dict[str, float](), list[Region](), evaluator.criterion
     residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)

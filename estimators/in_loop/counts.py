@@ -1,6 +1,6 @@
 """Counts of the encoder that a position controller reads.
 
-A controller that reads whole counts moves a joint at rest until its encoder shows the next count. The joint then stands
+A controller that reads whole counts moves a joint at rest until its encoder shows the next count. The joint then rests
 at the edge of a count, half a count behind its log. If the simulated controller reads the exact position, the fitted
 dry friction is too small. Therefore the simulated controller reads counts, and simulated counts are compared with
 logged counts.

@@ -120,8 +120,8 @@ def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:
     """Widen the standard errors of a model by a profile, by the error of the clock, and by the counts of the encoder.
 
-    The covariance includes the change of the parameters with delayed goals and controllers. Simulated controllers that
-    read the exact position stick where a real one may creep, so it includes that of dry friction as well.
+    The covariance includes the change of the parameters with delayed goals and controllers. It also includes
+    their change with dry friction: a simulated controller that reads the exact position sticks, a real one may creep.
     """
     point = Point.from_model(model)
     near, rollouts = rows.linearise_at_fit(model.terms), rows.rollouts

@@ -118,7 +118,7 @@ class RolloutRows:
         return bool(gain < LOOP.hopeless)
 
     def _store_fit(self, terms: Key, linear: LinearErrors) -> None:
-        """Store a fit under `terms`, and under its fitted terms, whose bounds may depend on linear parameters."""
+        """Store a fit under `terms`, and under its fitted terms: their bounds may depend on linear parameters."""
         self._linear[terms] = self._linear[linear.point.terms] = linear
 
     def set_start(self, point: Point, terms: Key | None = None) -> None:
@@ -151,7 +151,7 @@ class RolloutRows:
         return linear.point.terms
 
     def fit_by_profile(self, terms: Terms) -> LikelihoodProfile | None:
-        """Refit some terms by the profile of a parameter with many local minima; None without such a parameter."""
+        """Refit some terms by the profile of a parameter with many local minima; None if no term has one."""
         typical = self.list_typical_sizes(terms)
         profile = scan_profile(self.rollouts, self.linearise_at_fit(terms).point, typical)
         if profile is not None:

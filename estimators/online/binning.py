@@ -192,7 +192,7 @@ class Bins:
 
         phi and y are divided by `scale`; the derivatives need no scale. Columns of links are those of `link_columns`,
         in the order of `terms`. Each term fills only the bins of its joint. y is the torque minus all fixed columns.
-        `count` is the number V of variants, whose nonlinear parameters are stacked in the terms.
+        `count` is the number V of variants; the terms hold their stacked nonlinear parameters.
         """
         shape = len(self.y), count
         phi, slope = np.zeros((2, *shape, sum(len(term.columns) for term in terms)))

@@ -72,7 +72,7 @@ class SquareRootLeastSquares:
         return functools.partial(_multiply_by_transpose, self.root)
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
-        """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones change nothing."""
+        """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones are ignored."""
         given, size = self._machine.given, phi.shape[-1]
         given["phi"].T[:], given["y"].T[:], given["used"].T[:] = phi, y, usable
         if self.forgetting < 1:
@@ -189,7 +189,7 @@ class KalmanLeastSquares:
         return functools.partial(np.asarray, self.P)
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
-        """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones change nothing."""
+        """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones are ignored."""
         theta, P, error = self.theta.copy(), self.P.copy(), np.zeros_like(y)  # copies: returned arrays must not change
         for at in map(tuple, np.argwhere(usable)):
             self._filter.x, self._filter.P, self._filter.H = theta[at][:, None], P[at], phi[at][None]

@@ -1,4 +1,4 @@
-"""Equations of a torque balance whose regressor may depend on the torque."""
+"""Equations of a torque balance with a regressor that may depend on the torque."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Columns(NamedTuple):
 
 @dataclass(frozen=True)
 class Balance:
-    """Equations y = phi theta whose regressor may depend on the torque, for example with load-dependent friction.
+    """Equations y = phi theta with a regressor that may depend on the torque, as with load-dependent friction.
 
     Least squares of y - phi theta would explain torque by torque. The error of an equation is therefore that of the
     torque predicted from the motion. It is minus the perturbation p of the recorded torque that satisfies
@@ -112,7 +112,7 @@ class Balance:
 
     @cached_property
     def of_torque(self) -> Mask:
-        """Mask of the parameters whose columns depend on the torque (P,)."""
+        """Mask of the parameters with columns that depend on the torque (P,)."""
         return np.any(self.by_torque, axis=0)
 
     @property
@@ -372,7 +372,7 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
 
 
 def _condense_linear_rows(balance: Balance) -> Balance:
-    """Return equations with the same solutions, whose linear equations are condensed if more than 2 P."""
+    """Condense the linear equations to as many as needed, if more than 2 P; the solutions stay equal."""
     if balance.is_linear or np.count_nonzero(is_linear := find_linear_rows(balance)) <= 2 * balance.phi.shape[1]:
         return balance
     share = np.broadcast_to(balance.torque_share, is_linear.shape)[is_linear]

@@ -32,7 +32,7 @@ SOLVER = SolverSettings()
 
 
 class IdentificationError(UserError):
-    """Error of data that do not determine the result; the message says why, and how to record or read them.
+    """Error of data that do not determine the result; the message has the cause and the remedy.
 
     Attributes:
         effect: id of the effect that the data do not show, if that is the reason.
@@ -198,7 +198,7 @@ def solve_within_bounds(
 ) -> tuple[Array, Mask]:
     """Solve for parameters (P,) within bounds by an active set; return parameters and mask of the free parameters.
 
-    Free parameters that leave their bounds are held there. If two or more are held, a parameter that moves inside is
+    Free parameters that leave their bounds are held at them. If two or more are held, a parameter that moves inside is
     freed again.
 
     Args:

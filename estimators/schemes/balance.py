@@ -88,7 +88,7 @@ LINK_VIEWS: dict[str, Callable[[Joints, Body], Array]] = {  # regressor of base 
 
 
 def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
-    """Remove the guard of energy schemes for an arm, whose joints together are always near a reversal."""
+    """Remove the guard of energy schemes for an arm: one of its joints is always near a reversal."""
     adapted = []
     for scheme in schemes:
         if not isinstance(scheme, Scheme):

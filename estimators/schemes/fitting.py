@@ -79,7 +79,7 @@ class Identified(Shown):
 
     @property
     def withheld(self) -> frozenset[str]:
-        """Return the names of parameters without an estimate; findings of the identification say why."""
+        """Return the names of parameters without an estimate; findings of the identification have the reasons."""
         return frozenset(name for name, estimate in self.model.estimates.items() if estimate.is_unknown)
 
     def __repr__(self) -> str:

@@ -115,7 +115,7 @@ def find_best_variant(
 
 
 def find_undetermined_parameter(evaluator: ModelEvaluator, step: Step) -> str | None:
-    """Return a parameter of a step's last term whose torque may exceed the applied torque within its standard error."""
+    """Return a parameter of a step's last term with a torque that may, within its error, exceed the applied torque."""
     if not evaluator.train.layout.predicts_torque:
         return None
     term = step.model.terms[-1]

@@ -14,7 +14,7 @@ class Criterion:
         explained_share: least share of the residual structure, or of the motion error, that an added effect explains;
             between `coarse_share` and `needed_share`.
         coarse_share: explained share on a coarse grid of nonlinear parameters below which they are not refined.
-        needed_share: explained share of an effect beside all others above which it is needed.
+        needed_share: least share that a needed effect explains of the residual of all other effects.
         kept_inertia: least share of the inertia that a larger model keeps; see `make_base_gates`.
         noise_ratio: ratio of correlated residual to noise floor below which a correlation does not matter.
         z_score: standard errors from which the correlation of neighbouring windows is significant.

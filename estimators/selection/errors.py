@@ -54,7 +54,7 @@ class Errors:
 
     @property
     def is_in_loop(self) -> bool:
-        """Return whether there are errors of simulations with the controller in the loop."""
+        """Return whether the errors include those of simulations with the controller in the loop."""
         return bool(np.isfinite(self.in_loop))
 
     @property
@@ -164,7 +164,7 @@ class Gate:
     """Comparison of a value with its limit.
 
     Attributes:
-        name: compared quantity, such as `gain` or `holdout_torque`, or a parameter.
+        name: compared quantity, `gain` or `holdout_torque` for example, or a parameter.
         value: value of the candidate.
         limit: bound of the value; `passed` includes the direction.
         passed: whether the value is on the right side of its limit.

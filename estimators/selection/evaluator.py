@@ -243,7 +243,7 @@ class ModelEvaluator:
 
         Windows of torque leave out rest and reversals, where dry friction acts in full. So free motion is simulated if
         the terms that `after` adds are dry friction, and if `before` is a misfit to the motion. Only effects of dry
-        friction are compared there, so the penalty counts them alone.
+        friction are compared in free motion, so the penalty counts them alone.
         """
         by_torque = self.gain(after, before)
         if by_torque.p_value <= self.criterion.p_value or not self._is_seen_at_rest(after, before):
@@ -267,8 +267,8 @@ class ModelEvaluator:
     def is_misfit(self, step: Step) -> bool:
         """Return whether free-running simulation errs by more than `criterion.misfit` noise levels of each segment.
 
-        That must hold from measured and from fitted initial states. It is False for a transmission, whose impacts are
-        too sharp to simulate, and without segments or a known inertia.
+        That must hold from measured and from fitted initial states. It is False for a transmission, with impacts too
+        sharp to simulate, and without segments or a known inertia.
         """
         segments, criterion = self.train.segments, self.criterion
         if has_transmission(step.model.terms) or not (segments and step.model.has_known_inertia):
@@ -365,8 +365,8 @@ class ModelEvaluator:
     def gain_in_motion(self, after: Terms, before: Terms, penalty: float = 0.0) -> tuple[Gain, tuple[float, float]]:
         """Return the gain of one model over another in free motion, and the shares of the power of errors it removes.
 
-        Both are fitted to the motion, so that parameters of the other model imitate what they can. There is no gain
-        without segments, and with a transmission: its segments soon diverge.
+        Both are fitted to the motion, so that parameters of the other model imitate the effect as far as they can. The
+        gain is undefined without segments, and with a transmission, because its segments soon diverge.
         """
         if not self.train.segments or has_transmission(after) or has_transmission(before):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
@@ -424,7 +424,7 @@ class ModelEvaluator:
     def refit_to_motion(self, step: Step) -> Step:
         """Return the step with parameters refitted to free-running simulation, memoised by its terms.
 
-        The step is unchanged for a transmission, whose unknown state diverges, and without segments or known inertia.
+        The step is unchanged for a transmission (its unknown state diverges), and without segments or known inertia.
         """
         if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
             return step

@@ -40,7 +40,7 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
     A model with a link is refitted together with the link's states; others only if their residual is noise.
 
     Args:
-        selection: result whose last step is refitted.
+        selection: result with the step to refit as its last.
         start: initial guess of a model with a link, by default the fit to windows.
     """
     evaluator, (*others, last) = selection.evaluator, selection.steps
@@ -97,7 +97,7 @@ def _has_smaller_std(step: Step, reference: Step) -> bool:
 def _refit_with_link(evaluator: ModelEvaluator, last: Step, start: Model) -> Step:
     """Return the step with parameters and link states refitted, from its model or `start`, or `last`.
 
-    The least held-out cost decides, among steps whose held-out torque error does not grow.
+    The least held-out cost decides among the steps that do not increase the held-out torque error.
     """
     refitted = multiple_shooting.estimate(evaluator.train.data.windows, start)
     models = [refitted, *([start] if start is not last.model else [])]

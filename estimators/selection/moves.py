@@ -57,7 +57,7 @@ class SearchState:
         return replace(self, terms=terms)
 
     def refit(self, terms: Terms) -> SearchState:
-        """Return the state with other terms, whose nonlinear parameters are refitted."""
+        """Return the state with other terms and refitted nonlinear parameters."""
         return self.with_terms(refit_nonlinear(self.evaluator, terms))
 
 
@@ -67,7 +67,7 @@ def remove_term(terms: Terms, term: Term) -> Terms:
 
 
 def add_effect(state: SearchState) -> SearchState | None:
-    """Add one effect, or release a nonlinear parameter of an effect; else add a pair. None if nothing is confirmed.
+    """Add one effect, or release a nonlinear parameter of an effect; else add a pair; None if none is confirmed.
 
     The best `criterion.max_tried` candidates must be supported and confirmed, and keep the base parameters of the
     start. Of those that tie with the best one, the one with the fewest parameters is added. A link that comes before
@@ -179,7 +179,7 @@ def leave_limits(state: SearchState, found: SearchState) -> SearchState:
     """Return `found`, a state with a fitted link, or another fit if parameters of its link may be at lower limits.
 
     A limit is no evidence. A play without a gap is an elastic joint, which replaces it if confirmed. Other parameters
-    start again from their upper limits, such as all of the weight at the link; the lower held-out cost decides.
+    start again from their upper limits, for example all weight at the link; the lower held-out cost decides.
     """
     link, linked = find_link(found.terms), found.evaluator.linked
     estimates = {} if linked is None else linked.model.estimates

@@ -59,7 +59,7 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
 
 
 def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate]:
-    """Return failed gates of inertia and friction of the terms at one joint, whose samples are `x`.
+    """Return failed gates of inertia and friction of the terms at one joint with samples `x`.
 
     Dry friction is too large if it exceeds the largest torque that drives the joint: the recorded torque less that of
     load, potential and time-varying terms. Stops limit the range: one is too soft if the motion presses it in by more
@@ -97,7 +97,7 @@ def _is_friction(term: Term) -> bool:
 
 
 def _drives_joint(term: Term) -> bool:
-    """Return whether a term, such as gravity, can set a joint in motion without the motor."""
+    """Return whether a term, as gravity does, can set a joint in motion without the motor."""
     return term.kind in ("potential", "time-varying") and term.id != "hard_stop" and not _is_friction(term)
 
 
@@ -119,7 +119,7 @@ def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Sa
 
 
 def find_bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
-    """Return the columns whose linear parameter theta (P,) is outside its bounds, with its value."""
+    """Return the columns with a linear parameter, of theta (P,), outside its bounds, and its value."""
     columns = [column for term in terms for column in term.columns]
     return [
         (column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.is_allowed(value)
@@ -129,7 +129,7 @@ def find_bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Col
 def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:
     """Return the continuous nonlinear parameters at the upper limit of their law, with their terms.
 
-    A fit ends there if the data have another law. Limits that a user has set do not count.
+    A fit ends at its limit if the data have another law. Limits that a user has set do not count.
     """
     at_limit = []
     for term in terms:
@@ -142,7 +142,7 @@ def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, Nonlinea
 
 
 def find_driving_friction(model: Model) -> list[Finding]:
-    """Return a finding with the dry and viscous friction parameters that are significantly negative, or nothing.
+    """Return a finding with the dry and viscous friction parameters that are significantly negative, or an empty list.
 
     With a table of friction they may have any sign.
     """
@@ -166,7 +166,7 @@ def compute_significant_sign(model: Model, name: str) -> int:
 
 
 def make_coefficient_gate(terms: Sequence[Term], fit: Fit, known: frozenset[str], p_value: float) -> Gate:
-    """Return the gate of the terms whose ids are not `known`: the p-value of Hotelling's test of their coefficients.
+    """Return the gate of the terms without a `known` id: the p-value of Hotelling's test of their coefficients.
 
     The test is that all coefficients of a term are zero, given its nonlinear parameters; the largest p-value counts.
     Few blocks may be predicted better by chance with an effect that the data do not determine. The degrees of freedom
@@ -200,7 +200,7 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
     It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where the smaller
     model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
     With a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
-    leave it undetermined cancel it, and draw a curve of their own. Models with a link have no gates, as they are
+    leave it undetermined cancel it and imitate another law. Models with a link have no gates, as they are
     uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
     """
     gates: list[Gate] = []

@@ -42,7 +42,7 @@ class Residuals:
         train: data to fit.
         holdout: data to predict.
         criterion: limits of noise.
-        base: terms whose fit gives the inertia.
+        base: terms of the fit that gives the inertia.
     """
 
     train: RegressionData
@@ -115,7 +115,7 @@ class Residuals:
         """Return the gate of a lag or delay that a larger model adds, if the motion may not determine it.
 
         In motion of one frequency it is not determined (`frequencies`). In a closed loop its residual must be noise:
-        the controller answers each torque that the model lacks, and a lag or delay of the torque fits this answer.
+        the controller reacts to each torque that the model lacks, and a lag or delay fits this reaction.
         """
         known = list_ids(before)
         if not any((term.lead or term.delay) and term.id not in known for term in after):
@@ -129,12 +129,12 @@ class Residuals:
 
     @cached_property
     def has_one_frequency(self) -> bool:
-        """Return whether a pendulum moves at one frequency in all recordings; rows of positions need no such test."""
+        """Return whether a pendulum moves at one frequency in all recordings; rows of positions are not tested."""
         return self._is_pendulum and have_one_frequency(self._recordings)
 
     @cached_property
     def has_feedback(self) -> bool:
-        """Return whether the recorded torque of a pendulum answers the motion; simulated rows depend on goals alone."""
+        """Return whether the recorded torque of a pendulum reacts to the motion; simulated rows depend on goals."""
         return self._is_pendulum and bool(find_feedback(self._recordings))
 
     def holdout_residual(self, terms: Terms) -> Array:

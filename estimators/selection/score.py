@@ -1,10 +1,11 @@
 """The one score: log predictive density of blocks of time that a model was not fitted to.
 
 Each tenth of the blocks is predicted by the fit to the others; held-out recordings are predicted by the fit to all
-training data. Residuals are taken as Student's t, since real errors have heavy tails, and the density is that of the
-recorded torque, whatever its path to the joint. The gain of one model over another is the sum of the differences, and
-its significance follows from their scatter: on a real machine no model is complete and residuals are correlated for
-seconds, so only a gain that repeats from block to block and from recording to recording is significant.
+training data. Residuals are taken as Student's t, since real errors have heavy tails. The density is always that of the
+recorded torque, also if a law changes the torque before it reaches the joint. The gain of one model over another is the
+sum of the differences, and its significance follows from their scatter: on a real machine no model is complete and
+residuals are correlated for seconds, so only a gain that repeats from block to block and from recording to recording is
+significant.
 
 The scatter enters by the Bayesian bootstrap: random weights of blocks and of recordings, in many draws. The share of
 draws without a gain is the p-value (`p_value`) of an effect; the mean softmax over competing models is the probability
@@ -136,7 +137,7 @@ def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hid
     """Return the log density of the recorded torque in each block (S,) [nat].
 
     `theta` are the parameters of the fits without each fold (FOLDS, P), or of one fit (1, P). The density of a residual
-    is multiplied by its derivative by the recorded torque, so a law that transmits little torque gains nothing. The
+    is multiplied by its derivative by the recorded torque, so a law that transmits little torque has no gain. The
     derivative is raised to the density of a torque within `Balance.reach`. The scale is that of the other folds of the
     same recording.
     """
@@ -271,8 +272,8 @@ def compute_motion_gain(
     """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
 
     Errors within a segment are fully correlated: its mean square counts as one squared error, over its known noise. The
-    gain is that of Student's t, whose scale in each part is at least the noise. Noise is subtracted from the shares. It
-    has no error of the simulation, which is that of both models. `penalty` is that of `Bootstrap.gain`.
+    gain is that of Student's t, with a scale of at least the noise in each part. Noise is subtracted from the shares.
+    It has no error of the simulation, which is that of both models. `penalty` is that of `Bootstrap.gain`.
     """
     points = [Point.from_model(model) for model in (after, before)]
     owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])

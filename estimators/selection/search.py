@@ -88,7 +88,7 @@ def find_effects(evaluator: ModelEvaluator) -> SearchState:
 def drop_imitations(state: SearchState) -> SearchState:
     """Return the state without its effects if they imitate other values of known parameters, else the state.
 
-    A simpler model with these parameters free must leave only noise in torque and motion, and predict as well.
+    A simpler model with these parameters free must leave only noise in torque and motion, and predict equally.
     The simpler models lack one of the effects, or have one of the best other effects.
     """
     evaluator, freed = state.evaluator, state.evaluator.release_known(state.start)

@@ -18,12 +18,12 @@ from pendulum_env.physics.terms import count_parameters
 def replace_by_table(state: SearchState) -> SearchState:
     """Replace effects that imitate a table; return the state with `table` set, and terms without it, or the state.
 
-    Effects imitate a table in three cases. A simpler model with a table leaves only noise and predicts as well. Or
+    Effects imitate a table in three cases. A simpler model with a table leaves only noise and predicts equally. Or
     structure is left, and the table with the effects still needed predicts significantly better and explains most of
     it; if the table leaves structure, most of all torque above the noise floor. Or two or more effects leave only
     noise, and the table in their place predicts significantly better and explains a share of it. The table with the
     best prediction of held-out data is kept, in the shortest model over which that prediction is not needed: another
-    form of it may include an effect beside it. `add_beside_table` adds effects.
+    form of the table may include an effect. `add_beside_table` adds effects.
     """
     totals = {
         terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
@@ -140,12 +140,12 @@ def remove_table(evaluator: ModelEvaluator, terms: Terms) -> Terms:
 
 
 def get_table(state: SearchState, terms: Terms) -> Table:
-    """Return the table among the terms after those of the start; there must be one."""
+    """Return the table among the terms after those of the start, which must include one."""
     return next(term for term in terms[len(state.start) :] if isinstance(term, Table))
 
 
 def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[type[Term]]) -> str | None:
-    """Return the id of the law with the highest held-out density beside the terms.
+    """Return the id of the law that, added to the terms, has the highest held-out density.
 
     Candidates are laws that are supported and lower the held-out errors of the terms. They explain the share
     `criterion.explained_share` of the residual torque, or are needed, see `ModelEvaluator.is_needed`. Return None

@@ -7,8 +7,8 @@ error of sixth order in its length.
 Command k - 1 acts between samples k - 1 and k. The second difference of the position at k is the average acceleration
 under a triangle over k - 1 to k + 1. The average torque under this triangle is the mean of commands k - 1 and k.
 Central differences average velocity over k - 1 to k + 1 in the same way. A correction by second differences d^2 of
-motion and command removes the second moment of both averages. They then agree with smooth parts of the balance, such
-as sin q, to fourth order.
+motion and command removes the second moment of both averages. They then agree with smooth parts of the balance, as
+sin q, to fourth order.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS under the paper's excitation
 MAX_NOISE = 0.005  # largest noise over RMS acceleration; it biases inertia by 2.5e-5
 WIDTHS = (*HALF_WIDTHS, 0.11)  # candidates of half widths [s]
 MAX_NOISE_ONLINE = 0.01  # the same online, where a longer window delays the estimates
-MAX_NOISE_SWING = 0.03  # the same for a free swing, whose inertia is known
+MAX_NOISE_SWING = 0.03  # the same for a free swing with known inertia
 SIDES = 3  # samples on either side in the kernels below
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
 VALUE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -134,8 +134,8 @@ class Smoothing:
     def from_noise(cls, noise: float, rate: float) -> Smoothing:
         """Choose the smallest half width of at least two samples that keeps noise of the acceleration below a limit.
 
-        The limit is `MAX_NOISE_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. Without such a
-        width, the largest is chosen. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
+        The limit is `MAX_NOISE_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. If no width
+        satisfies this, the largest is chosen. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
         """
         widths = [m for m in range(2, max(3, round(WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
@@ -259,8 +259,8 @@ def add_states(m: Measurements, terms: Sequence[Term]) -> Measurements:
 def choose_smoothing(recording: Recording) -> Smoothing:
     """Choose the shortest window of at least two samples with negligible encoder noise in the acceleration.
 
-    Noise is negligible below `MAX_NOISE` of the RMS acceleration (`MAX_NOISE_SWING` in a free swing). Without such a
-    candidate, the longest is chosen. Short windows keep more samples near reversals, which show friction.
+    Noise is negligible below `MAX_NOISE` of the RMS acceleration (`MAX_NOISE_SWING` in a free swing). If no candidate
+    satisfies this, the longest is chosen. Short windows keep more samples near reversals, which show friction.
     """
     noise, limit = estimate_encoder_noise(recording.position), MAX_NOISE_SWING if recording.known_inertia else MAX_NOISE
     longest = (len(recording) - SPARE_SAMPLES) // 2

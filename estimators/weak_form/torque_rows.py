@@ -39,7 +39,7 @@ from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, SIGNIFICANT, Term
 
-CACHE_SIZE = 4  # number of sets of terms whose equations are cached
+CACHE_SIZE = 4  # number of sets of terms with cached equations
 PERTURBATION = 1e-6  # of the torque for derivatives, share of the largest torque
 PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # the same for nonlinear laws
 

@@ -263,7 +263,7 @@ class TorqueWindows:
     def with_contacts(
         self, terms: Sequence[Term], theta: Array, covariance: Array, inertia: float, free: tuple[float, float]
     ) -> TorqueWindows:
-        """Add contacts with a stop: windows near stick whose residual exceeds dry friction.
+        """Add contacts with a stop: windows near stick with a residual above dry friction.
 
         At a reversal, the residual of a contact exceeds twice the dry friction plus noise. At rest, friction may be
         larger: a contact must also lie outside the range of free motion, with a residual that points outwards.

@@ -53,7 +53,7 @@ class WindowAverages:
         samples: samples at N instants.
         moving: mask of instants with a significant velocity (N,); dry friction counts as zero at others.
         acceleration: acceleration at the instants (N,), see `Windows`.
-        narrow: matrix (R, N) of averages of series that are already averages over the triangle, such as held torque.
+        narrow: matrix (R, N) of averages of series that are already averages over the triangle, as held torque is.
         wider: matrix (R, N) of averages of smooth functions, which includes the triangle.
     """
 
@@ -479,8 +479,8 @@ def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array) 
 def _compute_common_noise(recording: Recording, window: Array, motion: Motion) -> tuple[float, float]:
     """Return the covariances of torque and acceleration by noise of the encoder, see `Windows.common_noise`.
 
-    A controller answers this noise at once. A torque that was moved in time has the answer of the row, but the acting
-    torque between the rows does not.
+    A controller reacts to this noise without delay. A torque that was moved in time includes the reaction to its row;
+    the acting torque between the rows does not.
     """
     if recording.moved is None or recording.moved.answer == 0.0:
         return 0.0, 0.0

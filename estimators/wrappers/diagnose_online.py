@@ -56,8 +56,8 @@ class DiagnoseOnline(MeasurementWrapper):
             env: the environment.
             terms: terms of the model, ids or `Term` objects. By default those of `model`, or the four of the paper, or
                 the links of the arm with viscous and Coulomb friction at each joint.
-            candidates: ids of possible effects, or one id; None for all of the library. For an arm, `stribeck` means
-                each joint, `stribeck@elbow` one joint.
+            candidates: ids of possible effects, or one id; None for all of the library. Of an arm, `stribeck` is
+                possible at each joint, `stribeck@elbow` at one.
             rate: sampling rate [Hz]; None reads it from the environment, as the encoder.
             alarms_per_hour: accepted mean number of false alarms per hour of motion.
             model: identified model, or its file, instead of `terms`. Parameters of the plant that differ

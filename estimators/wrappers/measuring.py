@@ -61,7 +61,7 @@ class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         """
         if "fault" not in info:
             sample = get_measurement(info)
-            if sample[0] < self._clock.time:  # an inner wrapper, such as `Autoreset`, has reset the environment
+            if sample[0] < self._clock.time:  # an inner wrapper, for example `Autoreset`, has reset the environment
                 self._algorithm.reset()
                 self._clock.restart()
             self._clock.tick(sample[0])
