@@ -9,7 +9,7 @@ import numpy as np
 
 
 def make_generator(seed: int, *key: str | int) -> np.random.Generator:
-    """Make the random generator of one subject, such as an effect and a number."""
+    """Make the random generator of one subject, for example an effect and a number."""
     return np.random.default_rng([seed, *" ".join(map(str, key)).encode()])
 
 

@@ -58,7 +58,7 @@ EFFECTS: dict[str, dict[str, float]] = {
     # Motor inertia Jm and link inertia I - Jm, coupled by bl_k, bl_d beyond a play of +-bl_gap; with bl_grip = 0 the
     # damper cannot hold the two together.
     "backlash": {"Jm": 0.0, "bl_gap": 0.0, "bl_k": 0.0, "bl_d": 0.0, "bl_grip": 1.0},
-    # the same without play; bl_b v is friction of the link, beside that of the motor
+    # the same without play; bl_b v is friction of the link, in addition to that of the motor
     "joint_flexibility": {"Jm": 0.0, "bl_k": 0.0, "bl_d": 0.0, "bl_b": 0.0},
     # Friction z' = dahl_sigma v (1 - sgn(v) z/f)^dahl_n with f the dry friction, plus dahl_d z'/dahl_sigma.
     "presliding": {"dahl_sigma": 0.0, "dahl_n": 1.0, "dahl_d": 0.0},
@@ -739,7 +739,7 @@ def random_case(
     known = {name: value for name, value in overrides.items() if name in Experiment.__dataclass_fields__}
     for name in overrides.keys() - known.keys() - fields.keys():
         _require(name, [*Experiment.__dataclass_fields__, *Plant.__dataclass_fields__], "field")
-    # The torque grows with gravity and friction, so that heavy pendulums swing as well.
+    # The torque grows with gravity and friction: heavy pendulums swing, too.
     strength = 1.0 if not wide else max(1.0, (fields["gravity"] + fields["coulomb"]) / 3.2)
     scale = scale * strength if excitation in OPEN_LOOP and excitation != "two_tone" else strength
     train = Experiment(**({"excitation": excitation, "scale": scale, "seed": seeds[0]} | known))

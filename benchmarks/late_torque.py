@@ -114,7 +114,7 @@ def make(hidden: str, seed: int) -> list[Case]:
 
 
 def examine(case: Case, named: bool) -> Found:
-    """Diagnose the timing of one case, and its effects if asked for."""
+    """Diagnose the timing of one case, and on request its effects."""
     diagnosis = diagnose([case.recording]) if named else None
     found = align([case.recording]) if diagnosis is None else diagnosis.alignments[0]
     text = describe(found.finding) if found.finding is not None else ""

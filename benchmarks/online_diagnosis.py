@@ -226,7 +226,7 @@ def print_detection(n: int, seed: int, workers: int, terminal: Terminal) -> None
 
 @dataclass(frozen=True)
 class OutcomeOfTwo:
-    """Verdicts on a plant whose parameters change twice.
+    """Verdicts on a plant with parameters that change twice.
 
     Attributes:
         has_effect: whether an effect was reported (wrongly).

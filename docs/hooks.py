@@ -1,4 +1,4 @@
-"""What MkDocs does besides: pages made from the code, so that they cannot drift, and equations without scripts."""
+"""Hooks of MkDocs: pages generated from the code, and equations as MathML."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</
 
 @dataclass(frozen=True)
 class Reference:
-    """A page on the classes and functions that packages offer, and on further ones that results consist of."""
+    """Page on the public classes and functions of packages, and on further classes of their results."""
 
     title: str
     text: str
@@ -44,7 +44,7 @@ class Reference:
     further: tuple[str, ...] = ()
 
     def markdown(self) -> str:
-        """Return the page, whose directives mkdocstrings replaces by docstrings."""
+        """Return the page with directives, which mkdocstrings replaces by docstrings."""
         modules = [importlib.import_module(package) for package in self.packages]
         offered = [getattr(module, name) for module in modules for name in module.__all__]
         names = [f"{o.__module__}.{o.__name__}" for o in offered if inspect.isclass(o) or inspect.isroutine(o)]
@@ -142,7 +142,7 @@ REFERENCES = {
 
 
 def on_files(files: Files, config: MkDocsConfig) -> None:
-    """Add the pages that are made."""
+    """Add the generated pages."""
     made = {
         "index.md": from_root("README.md"),
         "contributing.md": from_root("CONTRIBUTING.md"),
@@ -164,12 +164,12 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Lead links to notebooks, which stand beside docs/, to the pages made of them."""
+    """Replace links to notebooks by links to their pages."""
     return NOTEBOOK.sub(r"](\1\2.md", markdown)
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Turn LaTeX into MathML, which browsers draw by themselves."""
+    """Convert LaTeX to MathML, which browsers draw without scripts."""
 
     def mathml(found: re.Match[str]) -> str:
         display = "block" if found["tag"] == "div" else "inline"
@@ -179,7 +179,7 @@ def on_page_content(content: str, **_: Any) -> str:
 
 
 def from_root(name: str) -> str:
-    """A file beside docs/ as a page: its links and pictures as seen from there."""
+    """Make a page of a file outside docs/, with its links and pictures relative to docs/."""
     page = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](").replace('src="docs/', 'src="')
     page = page.replace("](README.md", "](index.md")
     return re.sub(r"\]\((CONTRIBUTING|SECURITY|CHANGELOG)\.md", lambda found: found[0].lower(), page)
@@ -209,7 +209,7 @@ def _cell(cell: dict[str, Any]) -> Iterator[str]:
 
 
 def command_line() -> str:
-    """What `--help` prints, for every command."""
+    """Make the page with the output of `--help` of every command."""
     parts = [
         "# Command line",
         "Every command exits with 0 on success, and with 2 and one line of explanation on bad input.",
@@ -224,9 +224,8 @@ def command_line() -> str:
 def _help(*command: str) -> str:
     width = os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = WIDTH
-    out = io.StringIO()
     try:
-        with contextlib.redirect_stdout(out):
+        with contextlib.redirect_stdout(io.StringIO()) as out:
             main([*command, "--help"])
     finally:
         os.environ.pop("COLUMNS") if width is None else os.environ.update(COLUMNS=width)
@@ -234,7 +233,7 @@ def _help(*command: str) -> str:
 
 
 def effects_page() -> str:
-    """The library of effects, one by one."""
+    """Make the page on the library of effects."""
     parts = [
         "# Effects",
         f"The model is torque = {_law(' + '.join(term.law for term in BASE))}, and any of "
@@ -259,7 +258,7 @@ def effects_page() -> str:
 
 
 def which_effect() -> str:
-    """How each effect shows, with what it is confused and what tells it; `make pages` draws the pictures."""
+    """Make the page on the symptoms of each effect and its look-alikes; `make pages` draws the pictures."""
     library = effects()
     texts = {id: find_description(id) for id in library}
     rows = {
@@ -295,7 +294,7 @@ def _link(id: str) -> str:
 
 
 def schemes_page() -> str:
-    """The six schemes, one by one."""
+    """Make the page on the six schemes."""
     parts = [
         "# Schemes",
         "All six are derived on the page on [theory](../theory.md). On the command line and in Python they go by their "
@@ -313,7 +312,7 @@ def _law(text: str) -> str:
 
 
 def _prose(kind: type[Any]) -> str:
-    """Docstring of a class as Markdown; stars and underscores in laws are no emphasis."""
+    """Convert the docstring of a class to Markdown, with stars and underscores of laws escaped."""
     text = (kind.__doc__ or "").strip()
     paragraphs = [" ".join(line.strip() for line in part.splitlines()) for part in text.split("\n\n")]
     return "\n\n".join(re.sub(r"([*_<|])", r"\\\1", paragraph) for paragraph in paragraphs)
