@@ -28,12 +28,8 @@ from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.policy import Policy, State
 
 SECONDS = (2.0, 10.0)  # [s], range of the random duration of an episode
-SHARES = {
-    "angle": (0.2, 1.0),
-    "speed": (0.3, 1.5),
-    "torque": (0.8, 1.2),
-    "acceleration": (0.7, 2.5),
-}  # random factors of the limits
+# Random factors of the limits
+SHARES = {"angle": (0.2, 1.0), "speed": (0.3, 1.5), "torque": (0.8, 1.2), "acceleration": (0.7, 2.5)}
 TORQUE = 12.0  # [N m], default bound of the torque
 N_SAMPLED_MOTIONS = 256  # drawn from a policy; the best is used
 TIME_SCALE = 5.0  # [s], divisor of the time left in the observation

@@ -62,19 +62,12 @@ class PolicyComparison:
         """Return quartiles of all figures, and gains over the baseline with intervals; infinite figures are null."""
         base = self.outcomes[self.baseline]
         policies = {name: _policy_json(outcome, base) for name, outcome in self.outcomes.items()}
-        return {
-            "schema": SCHEMA,
-            **self.settings,
-            "baseline": self.baseline,
-            "policies": policies,
-            "notes": [*self.notes],
-        }
+        results = {"baseline": self.baseline, "policies": policies, "notes": [*self.notes]}
+        return {"schema": SCHEMA, **self.settings, **results}
 
     def __str__(self) -> str:
-        header = [f"error at {moment:g} s [%]" for moment in REPORT_TIMES] + [
-            "1 % after [s]",
-            f"gain over {self.baseline}",
-        ]
+        header = [f"error at {moment:g} s [%]" for moment in REPORT_TIMES]
+        header += ["1 % after [s]", f"gain over {self.baseline}"]
         base = self.outcomes[self.baseline]
         rows = [
             [f"{100 * _median(error):.3f}" for error in outcome.errors]
@@ -107,7 +100,7 @@ def compare_policies(
 
     A policy is one of these:
 
-    - an object with `predict(observation, deterministic=...)`, such as a model of stable-baselines3. It gets the
+    - an object with `predict(observation, deterministic=...)`, as a model of stable-baselines3. It gets the
       observations (B, 20) of `ExcitationDesignVector` and returns shares of the peak torque (B, 1). `state` and
       `episode_start` are passed if `predict` takes them;
     - a class of such objects, created without arguments;

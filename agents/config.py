@@ -33,7 +33,7 @@ class Config:
         batch: decisions in a step of the optimiser.
         learning_rate: initial value; it falls linearly to zero.
         gamma: discount per decision. For pendulums, 0.99 reaches 1 % in all parameters later than 0.97. For arms, only
-            the final information counts, so there is no discount.
+            the final information counts, so rewards are not discounted.
         hidden: width of the two hidden layers.
         rollout: decisions of each pendulum between updates.
         epochs: passes over a rollout.

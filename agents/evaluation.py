@@ -60,7 +60,7 @@ class Outcome:
 
     @cached_property
     def close(self) -> Array:
-        """Find the time after which all parameters stay within `ACCURACIES` (C, N) [s]; inf if there is none."""
+        """Find the time after which all parameters stay within `ACCURACIES` (C, N) [s]; inf without one."""
         worst = np.abs(self.parameter_errors).max(axis=2)
         return np.array([find_settling_time(worst, bound) for bound in ACCURACIES])
 
@@ -69,9 +69,7 @@ class Outcome:
         """Join the outcomes of one policy on several groups of plants."""
         arrays = [field.name for field in fields(Outcome) if field.name != "seconds_per_action"]
         axes = {"parameter_errors": 1}  # axis of the plants; the last one of other arrays
-        joined = {
-            name: np.concatenate([getattr(part, name) for part in parts], axis=axes.get(name, -1)) for name in arrays
-        }
+        joined = {name: np.concatenate([getattr(p, name) for p in parts], axis=axes.get(name, -1)) for name in arrays}
         return Outcome(**joined, seconds_per_action=sum(part.seconds_per_action for part in parts))
 
 
@@ -140,7 +138,7 @@ def compute_cramer_rao_bound(truth: Array, torque: Array) -> Array:
 
 
 def find_settling_time(errors: Array, bound: float) -> Array:
-    """Find the time after which errors (T, N) of each tick stay within a bound (N,) [s]; inf if there is none."""
+    """Find the time after which errors (T, N) of each tick stay within a bound (N,) [s]; inf without one."""
     outside = errors > bound
     last = len(errors) - np.argmax(outside[::-1], axis=0)  # number of ticks up to the last one outside
     last = np.where(outside.any(axis=0), last, 0)

@@ -35,7 +35,7 @@ class DiscreteActions(gym.vector.VectorWrapper):
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, env.num_envs)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Apply levels (B, n); the end of an episode is reported as a termination, since nothing follows it."""
+        """Apply levels (B, n); the end of an episode is reported as a termination, since no reward follows it."""
         observation, reward, _, ends, info = self.env.step(self._levels[actions])
         return observation, reward, ends, np.zeros_like(ends), info
 

@@ -38,7 +38,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
     """Direct-drive pendulum with a torque input and an encoder, without a task.
 
     The reward is always 0. An episode ends at the end of a replayed recording (truncated) or at a fault of the rig's
-    drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`, whose reward is the information of
+    drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`: its reward is the information of
     the motion. Or wrap this environment in `EstimateParameters` and `InformationReward`, or in a custom reward, and
     give `gymnasium.make` a `max_episode_steps`.
 
@@ -78,7 +78,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
 
         Args:
             backend: "pymunk", "mujoco" (extra `export`), "replay" or "dm1015b", the rig.
-            effects: hidden effects of the simulated plant, such as `stribeck=0.4` or `{"stribeck": 0.4}`;
+            effects: hidden effects of the simulated plant, `stribeck=0.4` or `{"stribeck": 0.4}`;
                 `pendulum-ident effects` lists them.
             theta: parameters of the plant that differ from the paper's, by name.
             model: identified model, or its file, to simulate as the plant.

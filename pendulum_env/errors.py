@@ -16,7 +16,7 @@ class RecordingError(UserError):
 
 
 class ColumnError(RecordingError):
-    """Columns whose meaning is unknown or contradicts the data; the user must give it."""
+    """Columns with an unknown meaning, or one that contradicts the data; the user must give it."""
 
 
 def shorten_error(error: BaseException | str) -> str:

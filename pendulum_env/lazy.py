@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 def lazy_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Return `__getattr__` and `__dir__` of a package whose imports are under `if TYPE_CHECKING:`.
+    """Return `__getattr__` and `__dir__` of a package with its imports under `if TYPE_CHECKING:`.
 
     Type checkers read these imports. At run time, the first use of a name imports its module only.
     """

@@ -34,9 +34,7 @@ class PlantParameters:
         self._nonlinear = {
             term.get_full_name(parameter.name): (term.id, parameter) for term in model.terms for parameter in term.free
         }
-        self._start: dict[str, Array] = {
-            name: np.full(batch, estimate.value) for name, estimate in model.estimates.items()
-        }
+        self._start: dict[str, Array] = {name: np.full(batch, e.value) for name, e in model.estimates.items()}
         self.now = dict(self._start)
 
     def reset(self, theta: Values | None = None) -> None:

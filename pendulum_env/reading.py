@@ -86,7 +86,7 @@ def read_json(path: str | os.PathLike[str], hint: str) -> Any:
 
     Args:
         path: path of the file.
-        hint: expected file, for messages, such as `a model is what identify -o writes`.
+        hint: expected file, for messages: `a model is what identify -o writes`.
     """
     data = read_bytes(path)
     try:
@@ -128,7 +128,7 @@ Text = Annotated[str, Meta(min_length=1, max_length=MAX_TEXT)]
 
 
 def convert(content: Any, kind: type[T], key: str = "") -> T:
-    """Convert the content of JSON or TOML to a type of msgspec, such as a struct or a dataclass.
+    """Convert the content of JSON or TOML to a type of msgspec, for example a struct or a dataclass.
 
     Args:
         content: output of the parser.

@@ -20,10 +20,8 @@ WHOLE = ("substeps", "num_envs")  # integer arguments
 def make_spaces(max_torque: float, joints: int = 1) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Box[np.float32]]:
     """Make the spaces of observations, cos q, sin q, q' [rad/s] of all joints, and of actions, torques [N m]."""
     high = np.repeat(np.array([1.0, 1.0, MAX_VELOCITY], dtype=np.float32), joints)
-    return (
-        gym.spaces.Box(-high, high, dtype=np.float32),
-        gym.spaces.Box(-max_torque, max_torque, (joints,), dtype=np.float32),
-    )
+    observations = gym.spaces.Box(-high, high, dtype=np.float32)
+    return observations, gym.spaces.Box(-max_torque, max_torque, (joints,), dtype=np.float32)
 
 
 def is_beyond(torque: Any, most: float) -> Any:
@@ -31,13 +29,13 @@ def is_beyond(torque: Any, most: float) -> Any:
     return np.abs(torque).astype(np.float32) > np.float32(most)
 
 
-def check_positive(of: str, **values: float) -> None:
-    """Refuse numbers that are not positive, or not integer for the names in `WHOLE`; `of` names their owner."""
+def check_positive(owner: str, **values: float) -> None:
+    """Refuse numbers that are not positive, or not integer for the names in `WHOLE`. `owner` is for the message."""
     for what, value in values.items():
         is_number = isinstance(value, Real)
         if not is_number or not 0 < value < np.inf or (what in WHOLE and value != int(value)):
             given = f"{value:g}" if is_number else quote_value(value)
-            raise ValueError(f"{what} of {of} cannot be {given}: give a positive number")
+            raise ValueError(f"{what} of {owner} cannot be {given}: give a positive number")
 
 
 def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array]:

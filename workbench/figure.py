@@ -1,4 +1,4 @@
-"""Plots as plain data for Plotly; colours are CSS variables of the page such as `--measured`."""
+"""Plots as plain data for Plotly; colours are CSS variables of the page, as `--measured`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from pendulum_env._typing import JSON, Array, ArrayLike, Index
 
 DIGITS = 5  # significant digits of plotted numbers
 BROAD = 3.4  # width of a measured curve under those of models [px]
+POINTS = 2400  # most points of a curve, more than the width of a screen
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,14 @@ def numbers(values: Array) -> list[float | None]:
     scale = 10.0 ** (DIGITS - 1 - np.clip(size, -12, 12))
     rounded = np.round(values * scale) / scale  # prints without trailing digits
     return [value if isfinite(value) else None for value in rounded.ravel().tolist()]
+
+
+def thin(series: Array, most: int = POINTS) -> Index:
+    """Return indices of about `most` samples of a series (N,): the minimum and maximum of equal parts."""
+    if len(series) <= most:
+        return np.arange(len(series))
+    parts = np.array_split(np.arange(len(series)), most // 2)
+    return np.unique([(part[np.argmin(series[part])], part[np.argmax(series[part])]) for part in parts])
 
 
 def line(x: Array, y: Array, name: str, color: str, unit: str, **more: object) -> JSON:

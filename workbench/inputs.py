@@ -62,12 +62,12 @@ class Inputs:
     ) -> FitData:
         """Calibrate torque by known loads or known values, and report its timing."""
         known = find_known_values(self.model.terms) | dict(fixed or {})
-        given = FitData.from_recordings(self.recordings, self.holdout, self.model.terms, known=known)
-        for finding in given.conventions:
+        data = FitData.from_recordings(self.recordings, self.holdout, self.model.terms, known=known)
+        for finding in data.conventions:
             terminal.say(describe(finding))
         if not self.body.can_simulate:
             align = align or None  # the test is slow for arms: only with --align
-        return report_timing(given, align, terminal)
+        return report_timing(data, align, terminal)
 
 
 def open_sources(
@@ -91,22 +91,22 @@ def open_sources(
     return Inputs(model, recordings[:n_fitted], recordings[n_fitted:])
 
 
-def report_timing(given: FitData, align: bool | None, terminal: Terminal) -> FitData:
+def report_timing(data: FitData, align: bool | None, terminal: Terminal) -> FitData:
     """Print the torque constant and the timing of the torque; return the data, corrected if `align` is true.
 
     With `align` false, torque that is logged late or filtered is a warning. With None, or without logged torque,
     its timing is not tested.
     """
-    if given.constant is not None:
-        terminal.say(given.constant.text)
-    align = align if all(recording.has_logged_torque for recording in given.recordings) else None
-    timed = given if align is None else given.with_timing()
+    if data.constant is not None:
+        terminal.say(data.constant.text)
+    align = align if all(recording.has_logged_torque for recording in data.recordings) else None
+    timed = data if align is None else data.with_timing()
     if align and not timed.has_moved:
         terminal.say("no torque shows to be logged late: taken as it was logged")
     for finding in timed.find_timing(True):
         text = describe_late(finding, "It is corrected." if align else "Correct it with --align.")
         terminal.say(text if align else f"warning: {text}", style="yellow")
-    return timed if align else given
+    return timed if align else data
 
 
 def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Inputs:

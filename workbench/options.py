@@ -28,7 +28,7 @@ OF_PENDULUMS = ("drive", "theta", "instruments", "fixed", "bounds")  # options t
 
 
 class MergeAction(argparse.Action):
-    """Repeatable option whose NAME=VALUE pairs are merged into one dictionary."""
+    """Repeatable option that merges its NAME=VALUE pairs into one dictionary."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
@@ -244,7 +244,7 @@ SEARCH, PLANT = ("--model", "--only", "--without"), ("--effect", "--theta")
 
 
 def declare(parser: argparse.ArgumentParser, *names: str, **changed: Any) -> None:
-    """Declare options of `SHARED`; `changed` replaces arguments of `add_argument`, such as `help`."""
+    """Declare options of `SHARED`; `changed` replaces arguments of `add_argument`, for example `help`."""
     for name in names:
         parser.add_argument(name, **(SHARED[name] | changed))
 

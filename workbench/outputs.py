@@ -34,7 +34,7 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
 
 
 def write_model(model: Model, path: str | None, terminal: Terminal, findings: Sequence[Finding] = ()) -> str | None:
-    """Write a model to a path, if given; return the path, or None if nothing was written.
+    """Write a model to a path, if given; return the path, or None if no file was written.
 
     A model without positive inertia is not written, unless its inertia is unknown and no finding calls it negative.
     """

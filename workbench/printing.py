@@ -36,36 +36,33 @@ def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
                     terminal.say(f"- {line}")
 
 
-def print_diagnosis(found: Diagnosis, terminal: Terminal, verbose: bool = False, more: str = MORE) -> None:
+def print_diagnosis(diagnosis: Diagnosis, terminal: Terminal, verbose: bool = False, more: str = MORE) -> None:
     """Print a diagnosis; for several joints, only the parameters of added effects.
 
     With `verbose`, tables and all remarks follow; else the line `more`.
     """
-    estimates = found.model.readable
-    if len(found.floors) > 1:
-        added = [term.id for term in found.model.terms if term.id in found.selected]
-        estimates = {name: estimate for id in added for name, estimate in found.model.get_parameters(id).items()}
-    step = describe_next_step(found)
-    lines = [*found.laws, describe_errors(found)]
-    lines += [describe_refit(found.refit)] if found.refit is not None else []
+    estimates = diagnosis.model.readable
+    if len(diagnosis.floors) > 1:
+        added = [term.id for term in diagnosis.model.terms if term.id in diagnosis.selected]
+        estimates = {name: estimate for id in added for name, estimate in diagnosis.model.get_parameters(id).items()}
+    step = describe_next_step(diagnosis)
+    lines = [*diagnosis.laws, describe_errors(diagnosis)]
+    lines += [describe_refit(diagnosis.refit)] if diagnosis.refit is not None else []
     values = ", ".join(f"{shorten_name(name)} {estimate}" for name, estimate in estimates.items())
-    biased = " (biased by the unexplained residual)" if found.unexplained else ""
+    biased = " (biased by the unexplained residual)" if diagnosis.unexplained else ""
     lines += [f"parameters{biased}: {values}"] if values else []
-    first = {region.at: region for region in reversed(found.unexplained)}  # first region of each joint
+    first = {region.at: region for region in reversed(diagnosis.unexplained)}  # first region of each joint
     lines += [
-        f"unexplained: {describe_unexplained(found, region)}"
+        f"unexplained: {describe_unexplained(diagnosis, region)}"
         for region in reversed(first.values())
         if describe_region(region) != step
     ]
-    lines += [
-        f"{describe(disagreement.finding)} It is not fitted: diagnose it on its own."
-        for disagreement in found.disagreements
-    ]
-    lines += [f"note: {remark}" for remark in list_remarks(found)[: None if verbose else 2]]
-    terminal.heading(describe_result(found))
+    lines += [f"{describe(one.finding)} It is not fitted: diagnose it on its own." for one in diagnosis.disagreements]
+    lines += [f"note: {remark}" for remark in list_remarks(diagnosis)[: None if verbose else 2]]
+    terminal.heading(describe_result(diagnosis))
     for line in (*lines, f"next: {step}"):
         terminal.say(line)
     if verbose:
-        print_parts(narrate_diagnosis(found), terminal)
+        print_parts(narrate_diagnosis(diagnosis), terminal)
     elif more:
         terminal.say(more)

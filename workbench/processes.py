@@ -30,7 +30,7 @@ def hold_interrupts() -> Iterator[None]:
     """Delay interrupts until the block ends; processes started inside it keep the signal blocked."""
     if os.name == "posix":
         resource_tracker.ensure_running()  # its start inside the block would unblock the signal
-    in_front = threading.current_thread() is threading.main_thread()  # Python handles signals only there
+    in_front = threading.current_thread() is threading.main_thread()  # Python handles signals only in the main thread
     came: list[int] = []
     before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_front else None
     block = getattr(signal, "pthread_sigmask", None)  # missing on Windows

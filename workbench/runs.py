@@ -136,5 +136,5 @@ def read_suggestion(path: str) -> Suggestion:
         raise InputError(f"{path}: {error}") from None
     if data.forbidden is not None:
         raise InputError(f"{path}: {data.forbidden}")
-    why = f", and no torque tells {' from '.join(data.inseparable[0])}" if data.inseparable else ""
-    raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{why}")
+    reason = f", and no torque tells {' from '.join(data.inseparable[0])}" if data.inseparable else ""
+    raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{reason}")

@@ -13,14 +13,14 @@ from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-PLAIN_WIDTH = 1000  # line width in a pipe [characters]: lines are not wrapped there
+PLAIN_WIDTH = 1000  # line width in a pipe [characters], so long that lines are not wrapped
 
 
 class Terminal:
     """Standard output and standard error of one command."""
 
     def __init__(self, *, quiet: bool = False) -> None:
-        """Open both streams; with `quiet`, nothing is printed."""
+        """Open both streams; `quiet` suppresses all output."""
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors="replace")  # an unencodable character must not raise
@@ -42,7 +42,7 @@ class Terminal:
         If it is wider than the terminal, each row is printed as a block, so that no number is broken.
         """
         flush_left = {0, *(headers.index(header) for header in left)}
-        words = headers.index(left[-1]) if left else None  # column whose text may wrap
+        words = headers.index(left[-1]) if left else None  # column with text that may wrap
         table = Table(box=box.SIMPLE_HEAD if self._out.is_terminal else None, pad_edge=False, header_style="bold")
         for place, header in enumerate(headers):
             justify: JustifyMethod = "left" if place in flush_left else "right"
@@ -104,7 +104,7 @@ class _PatientConsole(Console):
 
 
 def abandon(stream: IO[str]) -> None:
-    """Redirect a broken stream to os.devnull, so that flushing its buffer at exit raises nothing."""
+    """Redirect a broken stream to os.devnull, so that the flush at exit does not fail."""
     with suppress(OSError, ValueError, AttributeError):  # no descriptor in tests; closed streams may be None
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 

@@ -28,18 +28,7 @@ from pendulum_env.arms.robot import BodyError, import_pinocchio, read_robot
 from pendulum_env.formatting import join_words
 from pendulum_env.physics.mechanism import Mechanism
 
-STANDARD = (
-    "m",
-    "mx",
-    "my",
-    "mz",
-    "Ixx",
-    "Ixy",
-    "Iyy",
-    "Ixz",
-    "Iyz",
-    "Izz",
-)  # parameters of a link in its joint's frame
+STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link in its joint's frame
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # others: kg m^2
 LATE = ("rotor", "m")  # last to name a base parameter
 DIFFERENCE = 2e-6  # [s], step of the central difference; truncation and rounding errors are below 1e-9 at a few rad/s
@@ -303,10 +292,7 @@ class Body(Mechanism):
     @property
     def position_limits(self) -> tuple[Array, Array]:
         """Return the least and largest position of each joint (n,) [rad] or [m], infinite by default."""
-        low, high = (
-            self._select_joints(self.model.lowerPositionLimit),
-            self._select_joints(self.model.upperPositionLimit),
-        )
+        low, high = map(self._select_joints, (self.model.lowerPositionLimit, self.model.upperPositionLimit))
         endless = low >= high  # MJCF without a range
         return np.where(endless, -np.inf, low), np.where(endless, np.inf, high)
 

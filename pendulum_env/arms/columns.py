@@ -59,7 +59,7 @@ def find_joint_columns(
 
 
 def _add_unit(name: str, header: str) -> str:
-    """Add the SI unit to a header whose joint name could be read as a unit: `position_rotation`."""
+    """Add the SI unit to a header with a joint name that could be read as a unit: `position_rotation`."""
     quantity = name.partition("_")[0]
     reads_as_unit = header == name and find_trailing_unit(UNITS[quantity] | RAW.get(quantity, {}), header)
     return f"{header}:{SI[quantity]}" if reads_as_unit else header

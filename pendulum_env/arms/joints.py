@@ -58,9 +58,7 @@ def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Te
 
     def name_columns(columns: Sequence[Column]) -> tuple[Column, ...]:
         of_joint = (column for column in columns if column.name not in EXCLUDED_COLUMNS)
-        return tuple(
-            replace(column, name=f"{column.name}@{joint}", unit=units.unit(column.unit)) for column in of_joint
-        )
+        return tuple(replace(c, name=f"{c.name}@{joint}", unit=units.unit(c.unit)) for c in of_joint)
 
     made = derive_kind(
         effect, place_effect, joint, slides,
@@ -96,11 +94,8 @@ class Coupling(Term):
             Column(f"coupling.viscous@{self.at}", "N m s/rad", force=lambda x: x.velocity, least=0.0),
             Column(f"coupling.coulomb@{self.at}", "N m", dry=one, least=0.0),
         )
-        return (
-            (Column(f"coupling.inertia@{self.at}", "kg m^2", mass=one, least=0.0), *friction)
-            if self.is_heavy
-            else friction
-        )
+        inertia = Column(f"coupling.inertia@{self.at}", "kg m^2", mass=one, least=0.0)
+        return (inertia, *friction) if self.is_heavy else friction
 
 
 @cache

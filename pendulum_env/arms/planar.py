@@ -94,11 +94,8 @@ class JointBalances:
 
     def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
         """Return the torque without dry friction and the bound of dry friction, (n,) each [N m]."""
-        samples = self._samples(position, velocity, torque)
-        pairs = [
-            (balance.net(x), max(float(balance.dry(x)), 0.0))
-            for balance, x in zip(self._balances, samples, strict=True)
-        ]
+        each = zip(self._balances, self._samples(position, velocity, torque), strict=True)
+        pairs = [(balance.net(x), max(float(balance.dry(x)), 0.0)) for balance, x in each]
         net, dry = np.array(pairs, dtype=float).T
         return net, dry
 
@@ -163,7 +160,7 @@ class PlanarBodies:
         self._push(self.position, self.velocity, self._command, 0.5 * self.step)
         for body, (place, angle) in zip(self._bodies, kept, strict=True):
             body.position, body.angle = place, angle
-        self._half = self._rates()
+        self._half = self._compute_rates()
 
     def advance(self, torque: Array) -> None:
         """Hold torques (n,) [N m] for one period."""
@@ -178,7 +175,7 @@ class PlanarBodies:
             self._acting.advance(self.position, self._half, now, self._half)
             before, last = self._half, self._save_state()
             dry = self._push(position, expected, command, h)
-            after = self._rates()
+            after = self._compute_rates()
             turned = (before * after < 0) & (np.abs(before) > self.at_rest)
             if turned.any():  # repeat the step with reduced friction
                 slowing = np.where(turned, before - self._before, 1.0)
@@ -186,7 +183,7 @@ class PlanarBodies:
                 for body, state in zip(self._bodies, last, strict=True):
                     body.position, body.angle, body.velocity, body.angular_velocity = state
                 self._push(position, expected, command - 2.0 * share * dry * np.sign(before), h)
-                after = self._rates()
+                after = self._compute_rates()
             self.position, self._before, self._half = position, before, after
         self.velocity = 0.5 * (self._before + self._half)
 
@@ -204,7 +201,7 @@ class PlanarBodies:
     def _save_state(self) -> list[tuple[Any, ...]]:
         return [(body.position, body.angle, body.velocity, body.angular_velocity) for body in self._bodies]
 
-    def _rates(self) -> Array:
+    def _compute_rates(self) -> Array:
         return np.diff([body.angular_velocity for body in self._bodies], prepend=0.0)
 
 

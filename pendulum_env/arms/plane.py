@@ -27,7 +27,7 @@ def find_planar_links(body: Body) -> tuple[Link, ...]:
     Friction comes from the file (`<dynamics damping="..." friction="..."/>` of URDF), by default from the paper.
 
     Raises:
-        BodyError: if the arm is not such a chain, or a link has an impossible inertia.
+        BodyError: if the arm is another mechanism, or a link has an impossible inertia.
     """
     body.refuse_impossible_links()
     model, pin, count = body.model, import_pinocchio(), len(body.joints)

@@ -66,12 +66,8 @@ def read_arm_recording(
     _refuse_other_instants(joints, single)
     first = single[0]
     measured = [recording.temperature for recording in single]
-    warm = np.column_stack(
-        [np.full(len(first), ROOM) if temperature is None else temperature for temperature in measured]
-    )
-    notes = [
-        note_joint(joint, note) for joint, recording in zip(joints, single, strict=True) for note in recording.notes
-    ]
+    warm = np.column_stack([np.full(len(first), ROOM) if one is None else one for one in measured])
+    notes = [note_joint(joint, note) for joint, one in zip(joints, single, strict=True) for note in one.notes]
     columns_of = {joint: named.get(f"position_{joint}", NONE) for joint in held}
     return ArmRecording(
         first.time,

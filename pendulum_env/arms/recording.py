@@ -22,7 +22,7 @@ class ArmRecording(Recording):
     Attributes:
         names: names of the moving joints (n,).
         still: positions (M,) of held joints by name, for those with a column.
-        payload: known body on a link, whose torque is subtracted before a fit; None without one.
+        payload: known body on a link; its torque is subtracted before a fit. None without one.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -52,14 +52,9 @@ class ArmRecording(Recording):
     def joints(self) -> tuple[Recording, ...]:
         """Return the recording of each joint."""
         series: dict[str, Any] = {name: values for name in OF_JOINTS if (values := getattr(self, name)) is not None}
-        of_each: list[dict[str, Any]] = [
-            {name: np.ascontiguousarray(values[:, k]) for name, values in series.items()}
-            for k in range(len(self.names))
-        ]
-        return tuple(
-            Recording(self.time, name=self.name, starts=self.starts, is_checked=True, **quantities)
-            for quantities in of_each
-        )
+        common: dict[str, Any] = {"name": self.name, "starts": self.starts, "is_checked": True}
+        each = [{id: np.ascontiguousarray(x[:, k]) for id, x in series.items()} for k in range(len(self.names))]
+        return tuple(Recording(self.time, **common | columns) for columns in each)
 
     @property
     def is_free(self) -> bool:

@@ -227,9 +227,7 @@ def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Pl
     def find_place(operand: Operand) -> Place:
         return (place[same[operand]], 0.0) if isinstance(operand, Symbol) else (None, operand)
 
-    lines = (
-        (symbol.op, symbol.label if symbol.op == NAME else "", *map(find_place, symbol.inputs)) for symbol in order
-    )
+    lines = ((s.op, s.label if s.op == NAME else "", *map(find_place, s.inputs)) for s in order)
     return tuple(lines), tuple(map(find_place, results))
 
 

@@ -58,7 +58,7 @@ def check_effect(kind: type[Term]) -> None:
     _check_torque(kind())
 
 
-def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> None:
+def check_variants(label: str, variants: Callable[[Samples], Iterable[Term]]) -> None:
     """Evaluate the laws of variants of an effect on synthetic motions; `variants` makes them from the motion."""
 
     def list_variants(x: Samples) -> list[Term]:
@@ -67,7 +67,7 @@ def check_variants(of: str, variants: Callable[[Samples], Iterable[Term]]) -> No
     for samples in (1000, 37):
         time: Array = np.arange(samples) / 100.0
         x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
-        for term in _call_user_function(of, partial(list_variants, x)):
+        for term in _call_user_function(label, partial(list_variants, x)):
             _try_laws(term, x)
 
 
@@ -96,7 +96,7 @@ def _try_laws(term: Term, x: Samples) -> None:
             _check_potential(f"column '{column.name}' of {name}", column, x)
 
 
-def _check_potential(of: str, column: Column, x: Samples) -> None:
+def _check_potential(label: str, column: Column, x: Samples) -> None:
     """Refuse a force that differs from dU/dq + loss."""
     if (potential := column.potential) is not None:
         ahead, behind = (potential(replace(x, position=x.position + step)) for step in (STEP, -STEP))
@@ -104,7 +104,7 @@ def _check_potential(of: str, column: Column, x: Samples) -> None:
         if np.max(np.abs(force - slope)) > CLOSE * max(np.max(np.abs(force)), np.max(np.abs(slope))):
             missing = column.force is zero and column.loss is zero
             wrong = "has a potential U but no force" if missing else "has a force that is not dU/dq + loss"
-            raise UserError(f"{of} {wrong}: give force = dU/dq of its potential, plus its loss if it has one")
+            raise UserError(f"{label} {wrong}: give force = dU/dq of its potential, plus its loss if it has one")
 
 
 def _check_torque(term: Term) -> None:
@@ -136,21 +136,21 @@ def _split_torque(column: Column, x: Samples) -> Array:
     return np.array([np.broadcast_to(getattr(column, law)(x), x.time.shape) for law in LAWS[:3]], dtype=float)
 
 
-def _try_law(of: str, law: Callable[[Samples], Any], x: Samples) -> None:
-    values = _call_user_function(of, lambda: np.broadcast_to(np.asarray(law(x), dtype=float), x.time.shape))
+def _try_law(label: str, law: Callable[[Samples], Any], x: Samples) -> None:
+    values = _call_user_function(label, lambda: np.broadcast_to(np.asarray(law(x), dtype=float), x.time.shape))
     if (count := int(np.sum(~np.isfinite(values)))) > 0:
-        raise UserError(f"{of} is not finite at {count} of {values.size} samples: give a law that is")
+        raise UserError(f"{label} is not finite at {count} of {values.size} samples: give a law that is")
 
 
-def _check_all(values: object, kind: type, of: str) -> None:
+def _check_all(values: object, kind: type, label: str) -> None:
     if not isinstance(values, tuple | list) or not all(isinstance(value, kind) for value in values):
-        raise UserError(f"{of} are {quote_value(values)}: give a tuple of {kind.__name__}")
+        raise UserError(f"{label} are {quote_value(values)}: give a tuple of {kind.__name__}")
 
 
-def _call_user_function(of: str, function: Callable[[], T]) -> T:
+def _call_user_function(label: str, function: Callable[[], T]) -> T:
     """Call a user's function; turn any error into a UserError."""
     try:
         with np.errstate(all="ignore"):
             return function()
     except Exception as error:
-        raise UserError(f"{of}: {format_error(error)}") from error
+        raise UserError(f"{label}: {format_error(error)}") from error

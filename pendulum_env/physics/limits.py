@@ -64,20 +64,17 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
     """
     terms = [kind() for kind in kinds]
     nonlinear = {f"{term.id}.{p.name}": p for term in terms for p in term.nonlinear_parameters}
-    columns = {column.name: column for term in terms for column in term.columns}
+    ranges = {column.name: (column.least, column.most) for term in terms for column in term.columns}
+    ranges |= {name: (p.low, p.high) for name, p in nonlinear.items()}
     for name, (low, high) in limits.items():
-        if name not in {**columns, **nonlinear}:
-            near = difflib.get_close_matches(name, [*columns, *nonlinear], n=1)
+        if name not in ranges:
+            near = difflib.get_close_matches(name, ranges, n=1)
             hint = f"did you mean {near[0]}?" if near else "`effects` lists those of effects, by ID or ID.NAME"
             raise UserError(f"unknown parameter '{name[:60]}': {hint}")
         if name in nonlinear and low == high:
             around = f"{0.99 * low:.4g} and {1.01 * low:.4g}"
             raise UserError(f"{name} is searched for and cannot be fixed: give it bounds, such as {around}")
-        least, most = (
-            (nonlinear[name].low, nonlinear[name].high)
-            if name in nonlinear
-            else (columns[name].least, columns[name].most)
-        )
+        least, most = ranges[name]
         if name in nonlinear and low < high and nonlinear[name].integer:
             low, high = _round_inwards(low, high)
             if low > high:
@@ -157,9 +154,5 @@ def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float],
 def clip_term(term: Term) -> Term:
     """Clip the nonlinear parameters of a term to their bounds, except nominal values."""
     values = term.nonlinear_values
-    inside = {
-        p.name: float(np.clip(values[p.name], p.low, p.high))
-        for p in term.nonlinear_parameters
-        if values[p.name] != p.nominal
-    }
-    return replace(term, **inside)
+    fitted = [p for p in term.nonlinear_parameters if values[p.name] != p.nominal]
+    return replace(term, **{p.name: float(np.clip(values[p.name], p.low, p.high)) for p in fitted})

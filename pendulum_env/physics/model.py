@@ -38,7 +38,7 @@ NO_INERTIA = "the model lacks the term inertia: add it"
 class Model(Mapping[str, Estimate], Shown):
     """Terms and parameters of the torque balance; `model["gravity"]` is an estimate.
 
-    A model is a mapping of its estimates by full name, such as `dead_time.dead_time`. Indexing also accepts the
+    A model is a mapping of its estimates by full name, as `dead_time.dead_time`. Indexing also accepts the
     displayed short name, `dead_time`.
 
     Attributes:
@@ -167,7 +167,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def derived(self) -> dict[str, Estimate]:
-        """Compute derived parameters, such as `backlash.k`, with standard errors to first order."""
+        """Compute derived parameters, as `backlash.k`, with standard errors to first order."""
         return derive_estimates(self.terms, self.estimates, self.assumed_covariance, self.units())
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Self:
@@ -200,16 +200,10 @@ class Model(Mapping[str, Estimate], Shown):
 
     def convert_units(self, units: JointUnits) -> Self:
         """Return the model with other units of torque or joint; the values are unchanged."""
-        unit_of_nonlinear = {
-            term.get_full_name(parameter.name): parameter.get_unit(units)
-            for term in self.terms
-            for parameter in term.nonlinear_parameters
-        }
-        named = {
-            name: replace(e, unit=unit_of_nonlinear.get(name) or units.unit(e.unit))
-            for name, e in self.estimates.items()
-        }
-        return replace(self, estimates=named, torque_unit=units.torque_unit, slides=units.slides)
+        pairs = [(term, p) for term in self.terms for p in term.nonlinear_parameters]
+        special = {term.get_full_name(p.name): p.get_unit(units) for term, p in pairs}
+        converted = {id: replace(e, unit=special.get(id) or units.unit(e.unit)) for id, e in self.estimates.items()}
+        return replace(self, estimates=converted, torque_unit=units.torque_unit, slides=units.slides)
 
     def get_parameters(self, id: str) -> dict[str, Estimate]:
         """Return the parameters of the term `id` by name."""

@@ -106,12 +106,8 @@ class Spring(Term):
             return _make_power("spring.stiffness", "N m/rad", 1), preload
         # negative stiffness and gravity together would fit any curve
         pulls = _make_power("spring.stiffness", "N m/rad", 1, least=0.0)
-        return (
-            pulls,
-            preload,
-            _make_power("spring.quadratic", "N m/rad^2", 2),
-            _make_power("spring.cubic", "N m/rad^3", 3),
-        )
+        quadratic, cubic = _make_power("spring.quadratic", "N m/rad^2", 2), _make_power("spring.cubic", "N m/rad^3", 3)
+        return pulls, preload, quadratic, cubic
 
     @property
     def fault(self) -> str:

@@ -378,9 +378,7 @@ class StepPrograms:
         key = (tuple((type(term), tuple(parameter.name for parameter in term.free)) for term in terms), *others)
         if key not in self._known:
             self._known[key] = prepare(terms, *others).step
-        return PreparedStep(
-            self._known[key], [getattr(term, parameter.name) for term in terms for parameter in term.free]
-        )
+        return PreparedStep(self._known[key], [getattr(term, p.name) for term in terms for p in term.free])
 
 
 def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBalance, Samples, dict[str, ArrayLike]]:

@@ -2,7 +2,7 @@
 
 A table is a term that is fitted, confirmed on held-out data, simulated and exported, but not proposed as a cause. It
 competes with the effects by the same score. If a table predicts significantly better and explains most of the effects'
-residual, the effects are imitations. A table is orthogonal to functions that the model contains, such as gravity, an
+residual, the effects are imitations. A table is orthogonal to functions that the model contains, as gravity, an
 offset or Coulomb friction. It has zero curvature at its ends and is constant beyond them. A function of time differs
 between recordings, so models do not keep it.
 
@@ -38,7 +38,7 @@ OF_ANGLE: dict[str, Callable[[Array], Array]] = {
 class Extent(NamedTuple):
     """Range of a table [rad, rad/s or s] and number of pieces; the range -pi to pi is periodic.
 
-    `beside` names the angle functions that other terms contain, to which a torque by angle is orthogonal.
+    `beside` names the angle functions of other terms; a torque by angle is orthogonal to them.
     """
 
     low: float
@@ -133,7 +133,7 @@ class Table(Term):
     @classmethod
     def basis(cls, argument: ArrayLike) -> list[ArrayLike]:
         """Return the basis functions of the coefficients at an argument."""
-        return [_sum(cls, argument, row) for row in _compute_weights(cls)]  # type: ignore[arg-type]
+        return [_sum_splines(cls, argument, row) for row in _compute_weights(cls)]  # type: ignore[arg-type]
 
     def curve(self, theta: Array, covariance: Array | None = None) -> TableCurve:
         """Evaluate the function for linear parameters (P,), with standard errors from their covariance (P, P)."""
@@ -143,7 +143,7 @@ class Table(Term):
         return TableCurve(x, phi @ theta, np.sqrt(np.maximum(variance, 0.0)))
 
 
-def _sum(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
+def _sum_splines(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
     """Sum cubic B-splines at an argument; `weights` are keyed by the index of the spline's central knot."""
     low, high, pieces, _ = kind.extent
     if kind.extent.is_turn:
@@ -181,7 +181,7 @@ def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     x = low + (high - low) * (np.arange(fine) + 0.5) / fine
 
     def at(x: Array) -> Array:
-        return np.array([_sum(kind, x, {knot: 1.0}) for knot in knots])
+        return np.array([_sum_splines(kind, x, {knot: 1.0}) for knot in knots])
 
     conditions = [at(x) @ law(x) / fine for law in kind.laws()]
     if kind.is_gain:
@@ -204,7 +204,7 @@ def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
 @cache
 def _make_columns(kind: type[Table]) -> tuple[Column, ...]:
     def at(weights: Mapping[int, float], x: Samples) -> ArrayLike:
-        return _sum(kind, kind.argument(x), weights)
+        return _sum_splines(kind, kind.argument(x), weights)
 
     name = kind.id.partition("@")[0]
     return tuple(kind.column(f"{name}.{k}", partial(at, weight)) for k, weight in enumerate(_compute_weights(kind)))  # type: ignore[arg-type]
@@ -338,7 +338,7 @@ class GainByTime(ByTime):
 
 
 def refuse_held(terms: Iterable[Term], new: Term) -> None:
-    """Refuse a new term whose function a table of the model contains, as both would be indistinguishable.
+    """Refuse a new term with a function that a table of the model contains: the two would be indistinguishable.
 
     Raises:
         UserError: with both ids and the order in which they can be added.

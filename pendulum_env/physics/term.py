@@ -1,6 +1,6 @@
 """Physical terms, used by regressors, simulation and report.
 
-The torque balance is linear in the parameters theta for given nonlinear parameters, such as a Stribeck velocity:
+The torque balance is linear in the parameters theta for given nonlinear parameters, as a Stribeck velocity:
 
     torque = sum_k theta_k (mass_k q'' + force_k + dry_k sgn q')
 
@@ -133,8 +133,8 @@ class Column:
         return lossy(x) * x.velocity + self.dry(x) * np.abs(x.velocity)
 
 
-# Torque of a known load, dI q'' + dmgl sin q - tau_load. It belongs to the recording, not to the model, whose
-# parameters are those of the unloaded joint.
+# Torque of a known load, dI q'' + dmgl sin q - tau_load. It belongs to the recording: the parameters of a model are
+# those of the unloaded joint.
 LOAD = Column(
     "load",
     "1",

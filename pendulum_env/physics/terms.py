@@ -65,9 +65,7 @@ def has_bristles(term: Term) -> bool:
 
 def is_dry(term: Term) -> bool:
     """Return whether a term is dry friction without a state."""
-    return (
-        term.kind == "dissipative" and not term.has_state() and any(column.dry is not zero for column in term.columns)
-    )
+    return term.kind == "dissipative" and not term.has_state() and any(c.dry is not zero for c in term.columns)
 
 
 def is_hidden(term: Term) -> bool:

@@ -44,11 +44,11 @@ class PayloadChange(Term):
     @property
     def columns(self) -> tuple[Column, ...]:
         return (
-            Column("payload_change.inertia", "kg m^2", mass=lambda x: self._after(x) * np.ones_like(x.velocity)),
-            Column("payload_change.gravity", "N m", force=lambda x: self._after(x) * np.sin(x.position)),
+            Column("payload_change.inertia", "kg m^2", mass=lambda x: self._has_changed(x) * np.ones_like(x.velocity)),
+            Column("payload_change.gravity", "N m", force=lambda x: self._has_changed(x) * np.sin(x.position)),
         )
 
-    def _after(self, x: Samples) -> Array:
+    def _has_changed(self, x: Samples) -> Array:
         """Return 1 after the change, else 0."""
         return np.where(x.time >= self.moment, 1.0, 0.0)
 

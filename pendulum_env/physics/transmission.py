@@ -4,19 +4,19 @@ The encoder and the friction sit at the motor; the link, of inertia J and weight
 
     (I - J) q'' + friction + T = tau          J ql'' + mgl sin ql + fl sgn ql' + bl ql' = T
 
-so that, beside the rigid model, J (ql'' - q'') + mgl (sin ql - sin q) is part of the torque. A known load counts as
-if it hung on the motor's side. The link may have parts fl and bl of the dry and viscous friction, as of a bearing
-behind the gear. They delay its motion; `coulomb` and `viscous` are those of both sides. The link's own motion follows
-from the measured motion of the motor: with w^2 = k / J, damping c = d / J, g = mgl / J, f = fl / J and b = bl / J,
+The torque is that of the rigid model plus J (ql'' - q'') + mgl (sin ql - sin q). A known load counts as if it hung on
+the motor's side. The link may have parts fl and bl of the dry and viscous friction, as of a bearing behind the gear.
+They delay its motion; `coulomb` and `viscous` are those of both sides. The link's own motion follows from the measured
+motion of the motor: with w^2 = k / J, damping c = d / J, g = mgl / J, f = fl / J and b = bl / J,
 
     ql'' = a(q - ql, q' - ql') - g sin ql - f sgn ql' - b ql',     a = w^2 s + c s'
 
-where s is the extension of the transmission. Of a servo whose encoder is at the output, controller and log read ql and
-ql', and q is simulated: see `read_encoder`. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
+where s is the extension of the transmission. Controller and log of a servo with its encoder at the output read ql
+and ql', and q is simulated: see `read_encoder`. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 
 Behind a play, the damping c s' begins with a jump at each contact. An integrator of fixed steps would err by up to a
-step's impulse, in either direction, and its error would jump with the parameters. Forces are therefore means over a
-short time: c times the change of s over it is the impulse of the damping, wherever in a step the contact begins.
+step's impulse, in either direction, and its error would jump with the parameters. Therefore forces are averaged over a
+short time: c times the change of s is the impulse of the damping, for a contact that begins anywhere in a step.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Sample
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-TOUCH = 5e-4  # [s], over which forces of a contact are means, so that it begins and ends without a jump
+TOUCH = 5e-4  # [s], averaging time of the forces of a contact, which then begins and ends without a jump
 
 
 class Transmission(Term):

@@ -165,7 +165,7 @@ class ServoDrive:
 
     @classmethod
     def from_settings(cls, given: Mapping[str, Any]) -> Self:
-        """Make a drive from the settings of a study, with or without a preset, whose kp is in register units."""
+        """Make a drive from the settings of a study; with a preset, kp is in register units."""
         known = find("preset", str(given["preset"]), PRESETS) if "preset" in given else Preset({})
         values: dict[str, Any] = dict(known.base)
         for name, value in given.items():

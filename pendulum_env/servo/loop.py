@@ -299,14 +299,8 @@ def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
 
 def _flatten_state(x: Samples, state: ControllerState, integrates: bool) -> list[Any]:
     """Flatten samples and controller state to rows."""
-    return [
-        *stack_rows(x),
-        state.held,
-        *state.before,
-        state.speed,
-        state.velocity,
-        *([state.integral] if integrates else []),
-    ]
+    integral = [state.integral] if integrates else []
+    return [*stack_rows(x), state.held, *state.before, state.speed, state.velocity, *integral]
 
 
 def _compute_taps(terms: Sequence[Term], servos: Servos, shape: tuple[int, int]) -> Array:

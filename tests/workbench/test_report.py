@@ -14,11 +14,10 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.signals.residual import Region, compute_profiles, find_regions
 from pendulum_env.formatting import format_number
 from pendulum_env.physics import Samples
-from pendulum_env.thinning import thin
 from tests.cases import diagnosed
 from tests.workbench.app.plants import record_pendulum
 from tests.workbench.pages import Page, values, whole
-from workbench.figure import insert_gaps, numbers
+from workbench.figure import insert_gaps, numbers, thin
 from workbench.narrator.findings import describe_reason
 from workbench.report import SECTIONS, render
 from workbench.report.failures import plot_profile

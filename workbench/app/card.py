@@ -32,7 +32,7 @@ class ColumnChoice:
 
     role: str = ""
     unit: str = ""
-    then: str = ""  # conversion such as `*0.091` or `/6+90`; a number alone is a gain
+    then: str = ""  # conversion, `*0.091` or `/6+90`; a number alone is a gain
 
     def write_expression(self, header: str) -> str:
         """Write the column, unit and conversion as an expression of `--columns`."""
@@ -58,7 +58,7 @@ def write_choice(name: str, value: object) -> str:
 
 
 def _describe_choice(role: str, text: str) -> str:
-    """Describe what to choose for a role: column, unit and conversion."""
+    """Describe the choice for a role: column, unit and conversion."""
     if text == NONE or not (found := WRITTEN.fullmatch(text)):
         return f"no column as {role}"
     unit = f" in {found['unit']}" if found["unit"] else ""

@@ -37,10 +37,8 @@ class SearchChoices:
     @property
     def limits(self) -> dict[str, Any]:
         """Return the arguments `fixed` and `bounds` of `diagnose` and `add`; raises InputError if they are invalid."""
-        return {
-            "fixed": values_of(self.fix) if self.fix else {},
-            "bounds": parse_bounds(self.bound) if self.bound else {},
-        }
+        fixed, bounds = values_of(self.fix) if self.fix else {}, parse_bounds(self.bound) if self.bound else {}
+        return {"fixed": fixed, "bounds": bounds}
 
     def check(self, terms: Sequence[Term]) -> None:
         """Raise ValueError if an effect or parameter does not exist for a model with these terms."""

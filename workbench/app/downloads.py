@@ -39,7 +39,7 @@ def write_commands(state: State) -> str:
     else:
         lines.append(["identify", *train, *scheme, *align, *limits, "-o", MODEL])
     before = len([effect for effect in state.added if effect in list_added(state.started)])
-    # added effects in order; the empty text stands for the diagnosis
+    # added effects in order; an empty text is the diagnosis
     for effect in (*state.added[:before], *[""] * (state.diagnosis is not None), *state.added[before:]):
         if effect:
             lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])

@@ -44,7 +44,7 @@ def fit_pendulum(
 ) -> BaseFit:
     """Fit the base model of a pendulum.
 
-    Raises InputError if no known load determines a gain, and IdentificationError if there is too little motion.
+    Raises InputError if no known load determines a gain, and IdentificationError if the joint moves too little.
     """
     terms = apply_limits(terms, {}, **limits)[0]
     given = FitData.from_recordings(recordings, holdout, terms)
@@ -67,12 +67,12 @@ def fit_pendulum(
 def fit_arm(
     recordings: tuple[Recording, ...], holdout: tuple[Recording, ...], terms: tuple[Term, ...], *_: Any
 ) -> BaseFit:
-    """Fit the base model of an arm; raises IdentificationError if there is too little motion."""
-    found = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)
-    model = found.primary.model
+    """Fit the base model of an arm; raises IdentificationError if a joint moves too little."""
+    identification = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)
+    model = identification.primary.model
     data = FitData.from_recordings(recordings, holdout, model.terms)
     errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
-    return BaseFit(data, Step(None, model, errors), found)
+    return BaseFit(data, Step(None, model, errors), identification)
 
 
 def fit_and_diagnose(

@@ -34,7 +34,7 @@ class Worker(Pool):
 
 
 class Workers:
-    """Supply of workers with one spare worker, whose libraries are loaded."""
+    """Supply of workers with one spare worker, which has loaded its libraries."""
 
     def __init__(self) -> None:
         """Create an empty supply."""
@@ -42,7 +42,7 @@ class Workers:
         self._closed, self._lock = False, threading.Lock()
 
     def warm(self) -> None:
-        """Start the spare worker, if there is none."""
+        """Start the spare worker, unless it exists."""
         with self._lock:
             if self._spare is None and not self._closed:
                 self._spare = Worker()

@@ -26,7 +26,7 @@ def show_state(state: State) -> list[Component]:
 
 
 def show_undo(session: Session) -> list[Component]:
-    """Render the undo button; empty if nothing is loaded and nothing can be undone."""
+    """Render the undo button; empty without recordings and changes."""
     what = session.last_change
     if not (what or session.state.loaded):
         return []

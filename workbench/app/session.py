@@ -42,7 +42,7 @@ class Session:
         self.notice = ""  # error message on the page
         self.version = time.time_ns() // 1_000_000  # grows with each change; unique among sessions
         self.job: Job | None = None
-        self._fitting: State | None = None  # state whose base model is being fitted
+        self._fitting: State | None = None  # state of the running fit
         self._begun = self._over = False
 
     def begin(self, sources: Sequence[Source], robot: RobotFile | None) -> None:
@@ -69,7 +69,7 @@ class Session:
         return self._past[-1][0] if self._past else ""
 
     def undo(self) -> None:
-        """Revert the last change; raises InputError if there is none."""
+        """Revert the last change; raises InputError without one."""
         if not self._past:
             raise InputError("there is nothing to undo")
         _, self.state = self._past.pop()
@@ -212,10 +212,8 @@ class Session:
                 loaded.append(LoadedRecording.read(source, [*self.state.loaded, *loaded], read=self.state.read))
             except ColumnError as error:
                 try:
-                    self.cards = (
-                        *self.cards,
-                        ColumnCard.from_source(source, why=self.describe_mistake(error), joints=self.state.moving),
-                    )
+                    why = self.describe_mistake(error)
+                    self.cards += (ColumnCard.from_source(source, why=why, joints=self.state.moving),)
                 except RecordingError:
                     refused.append(format_mistake(error))
             except USER_ERRORS as mistake:
@@ -288,7 +286,7 @@ class Session:
 
 
 def _refuse(refused: Sequence[str]) -> None:
-    """Raise InputError with all messages, if there are any."""
+    """Raise InputError with all messages, unless the list is empty."""
     if refused:
         raise InputError("; ".join(refused))
 

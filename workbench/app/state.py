@@ -117,10 +117,7 @@ class State:
 
     def make_fit_task(self) -> partial[BaseFit]:
         """Make the task that fits the base model."""
-        train, holdout = (
-            tuple(item.recording for item in self.loaded if item.held_out is is_held_out)
-            for is_held_out in (False, True)
-        )
+        train, holdout = (tuple(one.recording for one in self.loaded if one.held_out is so) for so in (False, True))
         fit = fit_pendulum if self.body.can_simulate else fit_arm
         return partial(fit, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
 
@@ -148,7 +145,7 @@ class State:
             raise InputError(f"what is loaded is not of this robot: {error}") from None
 
     def find(self, id: str) -> LoadedRecording:
-        """Return the recording of an id; raises InputError if there is none."""
+        """Return the recording of an id; raises InputError for another id."""
         for item in self.loaded:
             if item.id == id:
                 return item
@@ -156,7 +153,7 @@ class State:
 
     @property
     def failure_reason(self) -> str:
-        """Return the reason why there is no model; empty if there is one."""
+        """Return the reason for a missing model; empty with a model."""
         if self.fit is not None:
             return ""
         if all(item.held_out for item in self.loaded):
@@ -213,9 +210,9 @@ class State:
         """Return the effects of the diagnosis that are not added yet."""
         return tuple(effect for effect in self.suggested_effects if effect not in self.added)
 
-    def add_diagnosis(self, found: Diagnosis) -> Self:
+    def add_diagnosis(self, diagnosis: Diagnosis) -> Self:
         """Return the state with a diagnosis of its last model."""
-        return replace(self, diagnosis=found, started=self.ladder)
+        return replace(self, diagnosis=diagnosis, started=self.ladder)
 
     def add_step(self, addition: Addition, schemes: Identification | None = None) -> Self:
         """Return the state with one more step; the addition's refit of the last model replaces the last step."""
@@ -235,23 +232,23 @@ class State:
     def result(self) -> Diagnosis:
         """Return the result for the report: the diagnosis if it contains all added effects, else the added steps.
 
-        For an arm, return the diagnosis if there is one.
+        For an arm, return the diagnosis if one was made.
         """
-        found = self.diagnosis
-        if found is not None and not self.body.can_simulate:
-            return found
-        if found is not None and set(self.added) < set(self.suggested_effects):
-            return replace(found, steps=self.suggested_steps)
+        diagnosis = self.diagnosis
+        if diagnosis is not None and not self.body.can_simulate:
+            return diagnosis
+        if diagnosis is not None and set(self.added) < set(self.suggested_effects):
+            return replace(diagnosis, steps=self.suggested_steps)
         data = self.data
         if data.terms and self.added:
             data = replace(data, terms=self.model.terms)
-        if found is not None and self.added == self.suggested_effects:
-            return replace(found, steps=self.ladder)
+        if diagnosis is not None and self.added == self.suggested_effects:
+            return replace(diagnosis, steps=self.ladder)
         fitted = data.parts[0]
         residual = fitted.with_link_states(self.model).residual(self.model.terms, self.model.theta)
         left = tuple(find_failures(fitted, residual))
-        if found is not None:
-            return replace(found, steps=self.ladder, unexplained=left)
+        if diagnosis is not None:
+            return replace(diagnosis, steps=self.ladder, unexplained=left)
         return Diagnosis(self.ladder, (), (), left, fitted.floors, self.doubts, data=data)
 
     @cached_property

@@ -37,11 +37,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect, and print both."""
     inputs = open_sources(arguments, list_sources(arguments, [arguments.output]), terminal)
-    given = inputs.calibrate(terminal, arguments.align, find_scaling_values(inputs.model, arguments.fixed))
+    data = inputs.calibrate(terminal, arguments.align, find_scaling_values(inputs.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         try:
-            added = add(inputs.model, arguments.effect, given.recordings, given.holdout, progress, **limits)
+            added = add(inputs.model, arguments.effect, data.recordings, data.holdout, progress, **limits)
         except IdentificationError as error:
             if not error.effect:
                 raise

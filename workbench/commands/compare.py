@@ -54,17 +54,17 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     outputs = [arguments.json, arguments.report]
     check_outputs(outputs, [arguments.model])
     inputs = open_sources(arguments, list_sources(arguments, outputs), terminal)
-    given, model = inputs.convert(terminal, arguments.align), inputs.model
-    recordings = list(given.all_recordings)
+    data, model = inputs.convert(terminal, arguments.align), inputs.model
+    recordings = list(data.all_recordings)
     with terminal.progress("comparing"):
-        found = compare(model, recordings, horizon=arguments.horizon)
+        comparison = compare(model, recordings, horizon=arguments.horizon)
     payload, is_asked = None, arguments.payload is not None
     if not inputs.body.can_simulate:
         payload = find_carried_load(arguments, inputs, recordings, terminal)
     payload_json = payload.json() if payload is not None and is_asked else None
-    write_json(arguments.json, write_comparison(found) | {"payload": payload_json})
-    write_page(arguments.report, terminal, "workbench.report:render_comparison", found)
-    print_parts(narrate_comparison(found), terminal)
+    write_json(arguments.json, write_comparison(comparison) | {"payload": payload_json})
+    write_page(arguments.report, terminal, "workbench.report:render_comparison", comparison)
+    print_parts(narrate_comparison(comparison), terminal)
     if payload is not None and is_asked:
         print_parts(narrate_payload(payload, find_links(model.terms)), terminal)
     elif payload is not None and payload.is_significant:

@@ -53,11 +53,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             write_recording(record(plant, signal, SECONDS, rng=rng, name=file.stem), file)
     terminal.say(f"recorded twice for {SECONDS:g} s: once to learn from, once to check on")
     with terminal.progress("diagnosing") as progress:
-        found = diagnose(files[0], files[1], progress=progress)
-    print_diagnosis(found, terminal, arguments.verbose, more="")
+        diagnosis = diagnose(files[0], files[1], progress=progress)
+    print_diagnosis(diagnosis, terminal, arguments.verbose, more="")
     line = shlex.join(["pendulum-ident", "diagnose", str(files[0]), "--holdout", str(files[1])])
-    write_page(str(report), terminal, "workbench.report:render", found, line)
-    print_truth(plant, found, terminal)
+    write_page(str(report), terminal, "workbench.report:render", diagnosis, line)
+    print_truth(plant, diagnosis, terminal)
     report_files([report, *files], terminal)
     terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")
 
@@ -67,21 +67,17 @@ def draw_plant(rng: np.random.Generator) -> Model:
     theta = np.array(list(PAPER.values())) * rng.uniform(1 - SPREAD, 1 + SPREAD, len(PAPER))
     kind = BUILT_IN[rng.integers(len(BUILT_IN))]
     parameters = draw_effect(kind, rng)
-    nonlinear = {
-        parameter.name: parameters.pop(parameter.name)
-        for parameter in kind.nonlinear_parameters
-        if parameter.name in parameters
-    }
+    nonlinear = {p.name: parameters.pop(p.name) for p in kind.nonlinear_parameters if p.name in parameters}
     return Model.build(BASE, theta).add(kind(**nonlinear), np.array(list(parameters.values())))
 
 
-def print_truth(plant: Model, found: Diagnosis, terminal: Terminal) -> None:
+def print_truth(plant: Model, diagnosis: Diagnosis, terminal: Terminal) -> None:
     """Print the hidden effect, whether it was found, and true and estimated parameters."""
     hidden = plant.terms[-1]
     terminal.heading("The truth")
     terminal.say(f"hidden was {hidden.id}: {type(hidden)().law}")
-    terminal.say(judge_diagnosis(hidden.id, found.selected, found.ambiguous))
-    truth, estimates = plant.estimates, found.model.estimates
+    terminal.say(judge_diagnosis(hidden.id, diagnosis.selected, diagnosis.ambiguous))
+    truth, estimates = plant.estimates, diagnosis.model.estimates
     rows = [
         (
             name,

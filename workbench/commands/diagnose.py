@@ -64,26 +64,26 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the result, and write the requested files."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     inputs = open_sources(arguments, list_sources(arguments, outputs), terminal)
-    given = inputs.calibrate(terminal, fixed=arguments.fixed)
+    data = inputs.calibrate(terminal, fixed=arguments.fixed)
     with terminal.progress("diagnosing") as progress:
-        found = diagnose(
-            given.recordings,
-            given.holdout,
+        diagnosis = diagnose(
+            data.recordings,
+            data.holdout,
             inputs.model.terms,
             progress,
             criterion=Criterion(p_value=arguments.significance),
             **{name: getattr(arguments, name) for name in ASKED},
         )
-    has_signal = found.suggestion is not None and found.suggestion.signal is not None
-    if arguments.experiment is not None and found.suggestion is not None and has_signal:
-        write_whole(arguments.experiment, found.suggestion.csv())
-    write_json(arguments.json, write_diagnosis(found))
-    write_page(arguments.report, terminal, "workbench.report:render", found, arguments.line)
+    has_signal = diagnosis.suggestion is not None and diagnosis.suggestion.signal is not None
+    if arguments.experiment is not None and diagnosis.suggestion is not None and has_signal:
+        write_whole(arguments.experiment, diagnosis.suggestion.csv())
+    write_json(arguments.json, write_diagnosis(diagnosis))
+    write_page(arguments.report, terminal, "workbench.report:render", diagnosis, arguments.line)
     hint = MORE if arguments.report is None else ""
-    print_diagnosis(found, terminal, arguments.verbose, hint)
+    print_diagnosis(diagnosis, terminal, arguments.verbose, hint)
     if arguments.experiment is not None and not has_signal:
-        why = "there is no experiment" if found.suggestion is None else "the experiment has no torque"
-        terminal.say(f"{arguments.experiment} is not written: {why}")
+        reason = "there is no experiment" if diagnosis.suggestion is None else "the experiment has no torque"
+        terminal.say(f"{arguments.experiment} is not written: {reason}")
         outputs[0] = None
-    outputs[-1] = write_model(found.model, arguments.output, terminal)
+    outputs[-1] = write_model(diagnosis.model, arguments.output, terminal)
     report_files(outputs, terminal)

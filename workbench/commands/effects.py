@@ -32,11 +32,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         return
     rows = [(id, kind.kind, kind.law, list_parameters(kind)) for id, kind in list_nameable().items()]
     terminal.heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")
-    terminal.table(
-        ("effect", "kind", "law", "parameters, of typical size"),
-        rows,
-        left=("kind", "law", "parameters, of typical size"),
-    )
+    flush_left = "kind", "law", "parameters, of typical size"
+    terminal.table(("effect", *flush_left), rows, left=flush_left)
     terminal.say(
         f"what no effect is, `add` keeps as a table: {join_words([f'{id} {kind.law}' for id, kind in TABLES.items()])}"
     )
@@ -62,9 +59,7 @@ def list_parameters(kind: type[Term]) -> str:
     """List the parameters of an effect in order: `stribeck 0.45 N m, stribeck_velocity 0.5 rad/s`."""
     nonlinear = kind.nonlinear_parameters
     units = [column.unit for column in kind().columns] + [parameter.unit for parameter in nonlinear]
-    further = {
-        parameter.name for parameter in nonlinear if parameter.integer and parameter.nominal is not None
-    }  # repeated columns
+    further = {p.name for p in nonlinear if p.integer and p.nominal is not None}  # repeated columns
     pairs = zip(get_typical_values(kind()).items(), units, strict=True)
     return ", ".join(
         f"{name} {value:g} {unit}".removesuffix(" 1") for (name, value), unit in pairs if name not in further

@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:
-    """Return the recordings of the check; for a study, the held-out ones if there are any."""
+    """Return the recordings of the check; for a study, its held-out ones, or all without any."""
     if arguments.check is None:
         return ()
     settings = vars(arguments)

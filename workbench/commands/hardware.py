@@ -23,7 +23,7 @@ MOVED = 0.1  # rotation that counts as motion [rad]
 STEP = 0.005  # time between torque commands without power [s]
 PATIENCE = 3.0  # pause that must trip the watchdog, in watchdog times
 
-Confirm = Callable[[str], bool]  # asks the operator; True: confirmed
+Confirm = Callable[[str], bool]  # puts a question to the operator; True: confirmed
 
 
 class CheckFailed(RuntimeError):

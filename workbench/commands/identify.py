@@ -58,41 +58,42 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Print the estimates of the schemes, and warnings on the data."""
     outputs = [arguments.json, arguments.output]
     inputs = open_sources(arguments, list_sources(arguments, outputs), terminal, holdout=arguments.align)
-    given = inputs.calibrate(terminal, True if arguments.align else None, arguments.fixed)
+    data = inputs.calibrate(terminal, True if arguments.align else None, arguments.fixed)
     terms, body = inputs.model.terms, inputs.body
     with terminal.progress("identifying"):
-        found = identify(given.recordings, terms, arguments.scheme, fixed=arguments.fixed, bounds=arguments.bounds)
+        limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
+        identification = identify(data.recordings, terms, arguments.scheme, **limits)
         if arguments.instruments is not None:  # remedy of this finding
-            others = [finding for finding in found.findings if finding.kind is not Kind.FEEDBACK_WITH_REFERENCE]
-            found = replace(found, findings=tuple(others))
-        one = found.primary
+            others = tuple(one for one in identification.findings if one.kind is not Kind.FEEDBACK_WITH_REFERENCE)
+            identification = replace(identification, findings=others)
+        one = identification.primary
         nearest = nearest_body(one.model) if not body.can_simulate else None
-        model, fit = _choose_model(found, arguments)
+        model, fit = _choose_model(identification, arguments)
     for text in describe_links(body):
         terminal.say(text)
     nearest_json = nearest.json() if nearest is not None else None
-    write_json(arguments.json, write_identification(found) | {"nearest_body": nearest_json})
+    write_json(arguments.json, write_identification(identification) | {"nearest_body": nearest_json})
     terminal.heading("Estimates ± standard errors")
-    estimates = tabulate_schemes(found, model if arguments.instruments else None)
+    estimates = tabulate_schemes(identification, model if arguments.instruments else None)
     terminal.table(*estimates)
     if text := explain_trust(estimates):
         terminal.say(text)
-    for text in list_warnings(found):
+    for text in list_warnings(identification):
         terminal.say(f"warning: {text}", style="yellow")
     if nearest is not None:
         terminal.say(f"{one.scheme}: {describe_nearest_body(nearest)}")
     if model is not None:
-        outputs[1] = write_model(model, arguments.output, terminal, found.findings)
+        outputs[1] = write_model(model, arguments.output, terminal, identification.findings)
     report_files(outputs, terminal)
     if outputs[1] is not None and model is not None:
         terminal.say(f"{outputs[1]} has {fit}")
 
 
-def _choose_model(found: Identification, arguments: argparse.Namespace) -> tuple[Model | None, str]:
+def _choose_model(identification: Identification, arguments: argparse.Namespace) -> tuple[Model | None, str]:
     """Return the model for `-o` and the name of its fit: by instruments, by one scheme, or over windows."""
     if arguments.instruments is not None:
         terms, _ = apply_limits(BASE, {}, arguments.fixed, arguments.bounds)
-        return found.fit_windows(lambda data: fit_by_reference(data, terms)), "the estimates by instruments"
-    if len(found.schemes) == 1 or not found.body.can_simulate:
-        return found.primary.model, f"the estimates of {found.primary.scheme}"
-    return (found.windows if arguments.output is not None else None), OVER_WINDOWS
+        return identification.fit_windows(lambda data: fit_by_reference(data, terms)), "the estimates by instruments"
+    if len(identification.schemes) == 1 or not identification.body.can_simulate:
+        return identification.primary.model, f"the estimates of {identification.primary.scheme}"
+    return (identification.windows if arguments.output is not None else None), OVER_WINDOWS

@@ -64,11 +64,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             rows = run_survey(found, settings, output, start, arguments.workers, show_progress)
         except KeyboardInterrupt:
             raise Interrupted(f"results are kept in {output}: run again to continue") from None
-    known, failed, machines = (
-        counts[0],
-        sum("error" in row for row in rows),
-        len({recording.machine for recording in found}),
-    )
+    known, machines = counts[0], len({recording.machine for recording in found})
+    failed = sum("error" in row for row in rows)
     terminal.say(
         f"{len(found)} recording{'s' * (len(found) != 1)} of {machines} machine{'s' * (machines != 1)}: {known} known "
         f"from before, {len(found) - known - failed} diagnosed, {failed} failed"

@@ -70,9 +70,8 @@ def _check_in_loop(model: Model, exported: Exported, request: Request, recording
     steps = round(GRAIN / request.step)
     if abs(steps * request.step - GRAIN) > 1e-9:
         raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
-    rollouts = Rollouts(
-        tuple(recordings), steps, grain=GRAIN
-    ).without_counts  # MuJoCo's controller reads the exact position
+    # MuJoCo's controller reads the exact position
+    rollouts = Rollouts(tuple(recordings), steps, grain=GRAIN).without_counts
     simulated = rollouts.compute_position_errors([Point(model.terms, model.theta)])
     theirs = rollouts.compare_paths(_simulate_servos(model, request, rollouts.servos, steps))
     errors = {
@@ -115,9 +114,8 @@ def _simulate_servos(model: Model, request: Request, servos: Servos, every: int)
 
 def _compute_rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
     """Compute the root mean square of the differences of paths (N + 1, B) without their start."""
-    return float(
-        np.sqrt(np.mean(np.concatenate([(a - b)[1:].ravel() for a, b in zip(ones, others, strict=True)]) ** 2))
-    )
+    differences = [(a - b)[1:].ravel() for a, b in zip(ones, others, strict=True)]
+    return float(np.sqrt(np.mean(np.concatenate(differences) ** 2)))
 
 
 def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:

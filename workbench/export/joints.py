@@ -18,7 +18,7 @@ from workbench.narrator.findings import describe_nearest_body
 
 
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
-    """Return the terms at one joint as a pendulum model, and the tables there, which are left out."""
+    """Return the terms at one joint as a pendulum model, and the tables at it, which are left out."""
     of_joint = [term for term in model.terms[1:] if term.at == joint]
     tables = tuple(f"{one.id} ({one.law}): it is left out" for one in of_joint if isinstance(one, Table))
     terms = [
@@ -52,10 +52,8 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
         joint.solref_friction = STEPS * request.step, 1.0
         stiffness = get_value(model, f"spring.stiffness@{joint.name}")
         if stiffness > 0 and is_spring_linear(select_joint(model, joint.name)[0]):
-            joint.stiffness, joint.springref = (
-                [stiffness, 0.0, 0.0],
-                -get_value(model, f"spring.preload@{joint.name}") / stiffness,
-            )
+            joint.stiffness = [stiffness, 0.0, 0.0]
+            joint.springref = -get_value(model, f"spring.preload@{joint.name}") / stiffness
     for tie in spec.equalities:
         tie.solref = STEPS * request.step, 1.0
     for term in (one for one in model.terms if isinstance(one, Coupling)):

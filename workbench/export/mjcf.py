@@ -105,9 +105,7 @@ class Friction:
         others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
         folded = [term for term in others if find_description(term.id).fits_friction]
         missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
-        missing += [
-            f"{term.id} ({term.law}): {find_description(term.id).omission}" for term in others if term not in folded
-        ]
+        missing += [f"{one.id} ({one.law}): {find_description(one.id).omission}" for one in others if one not in folded]
         viscous, dry = get_value(model, "viscous") + get_value(model, "back_emf"), get_value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(missing))

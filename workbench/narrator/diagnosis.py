@@ -64,205 +64,204 @@ def _describe_stretch(region: Region) -> str:
     return f"{place} the joint needs {size} {side} {quantity} than the model says {error}."
 
 
-def describe_unexplained(found: Diagnosis, region: Region) -> str:
+def describe_unexplained(diagnosis: Diagnosis, region: Region) -> str:
     """Describe the unexplained residual in a region; for an arm with its size and joint."""
     text = describe_region(region)
-    if region.at not in found.left:
+    if region.at not in diagnosis.left:
         return text
-    left = f"{found.left[region.at]:.2g} {found.model.units(region.at).unit(NEWTON_METRE)} at {region.at}"
+    left = f"{diagnosis.left[region.at]:.2g} {diagnosis.model.units(region.at).unit(NEWTON_METRE)} at {region.at}"
     return f"{left}; {text}" if text else left
 
 
-def describe_suggestion(found: Suggestion, units: JointUnits = TURNING) -> str:
+def describe_suggestion(suggestion: Suggestion, units: JointUnits = TURNING) -> str:
     """Describe a suggested experiment."""
-    aims = describe_aims([(aim.effect, aim.instead) for aim in found.settles])
-    angle, speed = units.unit("rad"), measure(Quantity(found.peak_speed, unit=units.unit("rad/s")), 2)
-    if found.signal is None:
+    aims = describe_aims([(aim.effect, aim.instead) for aim in suggestion.settles])
+    angle, speed = units.unit("rad"), measure(Quantity(suggestion.peak_speed, unit=units.unit("rad/s")), 2)
+    if suggestion.signal is None:
         return (
-            f"To {aims}: let the joint go at rest at {measure(Quantity(found.release or 0.0, unit=angle))} and record "
-            f"{found.seconds:g} s without {units.name('torque')}, with up to {speed} to be expected."
+            f"To {aims}: let the joint go at rest at {measure(Quantity(suggestion.release or 0.0, unit=angle))} and "
+            f"record {suggestion.seconds:g} s without {units.name('torque')}, with up to {speed} to be expected."
         )
-    kind = encode_signal(found.signal)["kind"].replace("_", " ")
+    kind = encode_signal(suggestion.signal)["kind"].replace("_", " ")
     return (
-        f"To {aims}: record {found.seconds:g} s of {kind} {units.name('torque')} up to {found.peak_torque:.2g} "
-        f"{units.unit(NEWTON_METRE)}, with {units.name('angle')}s from {measure_range(*found.reach, angle, 2)} and up "
-        f"to {speed} to be expected "
-        "(`record --excitation suggested` plays it)."
+        f"To {aims}: record {suggestion.seconds:g} s of {kind} {units.name('torque')} up to "
+        f"{suggestion.peak_torque:.2g} {units.unit(NEWTON_METRE)}, with {units.name('angle')}s from "
+        f"{measure_range(*suggestion.reach, angle, 2)} and up to {speed} to be expected (`record --excitation "
+        "suggested` plays it)."
     )
 
 
-def describe_result(found: Diagnosis) -> str:
+def describe_result(diagnosis: Diagnosis) -> str:
     """State the result in a phrase: `Stribeck friction is missing`, `Cogging at elbow is missing`."""
-    where = join_words([at for at in dict.fromkeys(region.at for region in found.unexplained) if at])
+    where = join_words([at for at in dict.fromkeys(region.at for region in diagnosis.unexplained) if at])
     place = f" at {where}" if where else ""
     groups = [
         f"a payload of {measure(Quantity(mass.value, unit=mass.unit))} in {join_words(finding.recordings)}"
-        for finding in found.findings
+        for finding in diagnosis.findings
         if finding.kind is Kind.PAYLOAD
         for mass in [finding.numbers["mass"]]
     ]
-    groups += [join_words([name_effect(id) for id in group], "or") for group in found.effects]
-    if found.searched and found.unexplained and found.is_in_loop:
-        before, after = (found.steps[k].errors["holdout"].loop[0] for k in (0, -1))
-        is_coarse = after > WRONG_DRIVE * max(found.floors.values(), default=0.0)
+    groups += [join_words([name_effect(id) for id in group], "or") for group in diagnosis.effects]
+    if diagnosis.searched and diagnosis.unexplained and diagnosis.is_in_loop:
+        before, after = (diagnosis.steps[k].errors["holdout"].loop[0] for k in (0, -1))
+        is_coarse = after > WRONG_DRIVE * max(diagnosis.floors.values(), default=0.0)
         if is_coarse and after > before / 3:  # effects do not explain wrong settings of the drive
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
             return f"The servo as described does not reproduce the log{part}"
-    if withhold_everything(found.findings):
+    if withhold_everything(diagnosis.findings):
         return "These recordings do not determine the parameters"
-    contacts = [finding for finding in found.findings if finding.kind is Kind.CONTACT]
+    contacts = [finding for finding in diagnosis.findings if finding.kind is Kind.CONTACT]
     places = [f"{''.join(f' by {at}' for at in c.joints)} at {measure(c.numbers['angle'])}" for c in contacts]
     met = [f"a stop or a blow was met{where_met}" for where_met in places]
     if groups:
-        rest = f", and more{place} that no known effect explains" if found.unexplained else ""
+        rest = f", and more{place} that no known effect explains" if diagnosis.unexplained else ""
         rest = rest or "".join(f", and {text}" for text in met)
         return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
     if met:
-        rest = "no known effect explains the rest" if found.unexplained else "nothing else is missing"
+        rest = "no known effect explains the rest" if diagnosis.unexplained else "nothing else is missing"
         return f"{capitalise(join_words(met))}, and {rest}"
-    if not found.unexplained:
-        return "Nothing is missing" if found.searched else "The model explains what was measured"
-    return (
-        f"Something is missing{place}, and no known effect explains it"
-        if found.searched
-        else (f"Something is missing{place or ' in this model'}")
-    )
+    if not diagnosis.unexplained:
+        return "Nothing is missing" if diagnosis.searched else "The model explains what was measured"
+    if diagnosis.searched:
+        return f"Something is missing{place}, and no known effect explains it"
+    return f"Something is missing{place or ' in this model'}"
 
 
-def describe_errors(found: Diagnosis) -> str:
+def describe_errors(diagnosis: Diagnosis) -> str:
     """State the held-out errors before and after with the noise floor, and the part held out by default."""
-    first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
+    first, last = (step.errors["holdout"] for step in (diagnosis.steps[0], diagnosis.steps[-1]))
     what, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
 
     def fall(before: float, after: float, unit: str) -> str:
-        is_new = len(found.steps) > 1 and not (np.isnan(before) and np.isnan(after))
+        is_new = len(diagnosis.steps) > 1 and not (np.isnan(before) and np.isnan(after))
         old, new = Quantity(before, unit=unit), Quantity(after, unit="" if np.isnan(after) else unit)
         return measure_change(old, new, 4) if is_new else measure(new, 4)
 
-    floors = {at: to_shown_unit(floor, found.unit_at(at))[0] for at, floor in found.floors.items()}
-    changes = {at: fall(first.get_joint_error(at), last.get_joint_error(at), found.unit_at(at)) for at in floors}
+    floors = {at: to_shown_unit(floor, diagnosis.unit_at(at))[0] for at, floor in diagnosis.floors.items()}
+    changes = {at: fall(first.get_joint_error(at), last.get_joint_error(at), diagnosis.unit_at(at)) for at in floors}
     falls = [f"{at or what} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
-    if found.body.can_simulate and not last.is_in_loop:
-        angle = found.model.units().unit("rad")
+    if diagnosis.body.can_simulate and not last.is_in_loop:
+        angle = diagnosis.model.units().unit("rad")
         falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")
-    part = " (last 30 %)" if found.data is not None and not found.data.holdout else ""
+    part = " (last 30 %)" if diagnosis.data is not None and not diagnosis.data.holdout else ""
     return f"held-out error{part}: {', '.join(falls)}"
 
 
-def describe_refit(found: HorizonRefit) -> str:
+def describe_refit(refit: HorizonRefit) -> str:
     """Describe a refit to free motion by its held-out errors, and whether it was kept."""
-    unit, over = found.before.model.units().unit("rad"), f"over {found.seconds:g} s"
-    old = Quantity(found.before.errors["holdout"].position_rms, unit=unit)
-    if found.after is None:
+    unit, over = refit.before.model.units().unit("rad"), f"over {refit.seconds:g} s"
+    old = Quantity(refit.before.errors["holdout"].position_rms, unit=unit)
+    if refit.after is None:
         what = f"The held-out error of free motion {over} is {measure(old, 4)}"
         return f"{what}. Noise explains the error of the fitted motion, and the model is not refitted."
-    new = Quantity(found.after.errors["holdout"].position_rms, unit=unit)
-    end = "was interrupted. It " if found.is_interrupted else ""
+    new = Quantity(refit.after.errors["holdout"].position_rms, unit=unit)
+    end = "was interrupted. It " if refit.is_interrupted else ""
     text = f"The refit to free motion {end}changes the held-out position error {over}: {measure_change(old, new, 4)}"
-    if found.is_kept:
+    if refit.is_kept:
         return f"{text}. The final model is the refitted one."
     why = "is not lower" if not new.value < old.value else "is lower, but no body can have the parameters"
     return f"{text}. The error {why}, and the model is not changed."
 
 
-def describe_treatment(found: TriedTreatment) -> str:
+def describe_treatment(treatment: TriedTreatment) -> str:
     """Describe a treatment of the recordings, its held-out error, and whether it was kept."""
     return (
-        f"{describe(found.treatment)} The held-out error is {found.error_ratio:.3g} times that without it, with "
-        f"{found.assumptions} instead of {found.before} assumptions: {'kept' if found.is_kept else 'not kept'}."
+        f"{describe(treatment.treatment)} The held-out error is {treatment.error_ratio:.3g} times that without it, "
+        f"with {treatment.assumptions} instead of {treatment.before} assumptions: "
+        f"{'kept' if treatment.is_kept else 'not kept'}."
     )
 
 
-def describe_detectable(found: Detectable) -> str:
+def describe_detectable(detectable: Detectable) -> str:
     """Return the detectable sizes: `above 0.05 N m`, `from -1.2 to 0.9 rad`, or `not excited`."""
-    if not found.is_excited:
+    if not detectable.is_excited:
         return "not excited"
-    if found.between is not None:
-        return f"from {measure_range(*found.between, found.unit)}"
-    unit = "" if found.unit == "1" else found.unit
-    return f"above {measure(Quantity(found.above or 0.0, unit=unit), 2, is_parameter=True)}"
+    if detectable.between is not None:
+        return f"from {measure_range(*detectable.between, detectable.unit)}"
+    unit = "" if detectable.unit == "1" else detectable.unit
+    return f"above {measure(Quantity(detectable.above or 0.0, unit=unit), 2, is_parameter=True)}"
 
 
-def describe_next_step(found: Diagnosis) -> str:
+def describe_next_step(diagnosis: Diagnosis) -> str:
     """Describe the next experiment, or state why none is suggested."""
-    if contacts := [describe(finding) for finding in found.findings if finding.kind is Kind.CONTACT]:
+    if contacts := [describe(finding) for finding in diagnosis.findings if finding.kind is Kind.CONTACT]:
         return contacts[0]
-    if found.suggestion is not None:
-        return describe_suggestion(found.suggestion, found.model.units())
-    if found.forbidden is not None:
-        return describe(found.forbidden)
-    if found.inseparable:
-        return f"No torque would tell {' from '.join(found.inseparable[0])}."
-    if any(finding.kind is Kind.SMALL_EFFECT for finding in found.findings):
+    if diagnosis.suggestion is not None:
+        return describe_suggestion(diagnosis.suggestion, diagnosis.model.units())
+    if diagnosis.forbidden is not None:
+        return describe(diagnosis.forbidden)
+    if diagnosis.inseparable:
+        return f"No torque would tell {' from '.join(diagnosis.inseparable[0])}."
+    if any(finding.kind is Kind.SMALL_EFFECT for finding in diagnosis.findings):
         return "Record again, and hold the new recording out: it shows whether the small effect repeats."
-    if hidden := [size.effect for size in found.detectable if not size.is_excited]:
+    if hidden := [size.effect for size in diagnosis.detectable if not size.is_excited]:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
         return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
     return "No further experiment is needed."
 
 
-def list_advice(found: Diagnosis) -> list[str]:
+def list_advice(diagnosis: Diagnosis) -> list[str]:
     """List the findings of a diagnosis and the suggested experiment, a text each."""
     texts = []
-    if found.searched and found.data is not None:
-        notes = [note for recording in found.data.recordings for note in recording.notes]
+    if diagnosis.searched and diagnosis.data is not None:
+        notes = [note for recording in diagnosis.data.recordings for note in recording.notes]
         texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
-    texts += [describe(finding) for finding in found.findings]
-    texts += [describe_next_step(found)] if found.suggestion is not None else []
-    texts += [describe(found.forbidden)] if found.forbidden is not None else []
+    texts += [describe(finding) for finding in diagnosis.findings]
+    texts += [describe_next_step(diagnosis)] if diagnosis.suggestion is not None else []
+    texts += [describe(diagnosis.forbidden)] if diagnosis.forbidden is not None else []
     return list(dict.fromkeys(texts))
 
 
-def list_remarks(found: Diagnosis) -> list[str]:
+def list_remarks(diagnosis: Diagnosis) -> list[str]:
     """List the advice without the next step."""
-    step = describe_next_step(found)
-    return [text for text in list_advice(found) if text != step]
+    step = describe_next_step(diagnosis)
+    return [text for text in list_advice(diagnosis) if text != step]
 
 
-def describe_comparison(found: Comparison) -> str:
+def describe_comparison(comparison: Comparison) -> str:
     """State the error of the model in one sentence."""
-    errors = found.joint.errors
-    times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in found.joint.floors.items())
-    units, where = found.model.units(at), f" at {at}" if at else ""
+    errors = comparison.joint.errors
+    times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in comparison.joint.floors.items())
+    units, where = comparison.model.units(at), f" at {at}" if at else ""
     error = f"{errors.joints[at]:.3g} {units.unit(NEWTON_METRE)}{where}"
     text = f"The model is off by {error}, {times:.2g} times the noise floor"
     if np.isnan(errors.position_rms):
         return text
     position = measure(Quantity(errors.position_rms, unit=units.unit("rad")))
-    return f"{text}, and by {position} in free run over {found.horizon:g} s"
+    return f"{text}, and by {position} in free run over {comparison.horizon:g} s"
 
 
-def describe_unstable(found: Comparison) -> str | None:
+def describe_unstable(comparison: Comparison) -> str | None:
     """State which windows are left out of the free-running error, or that it is unknown; None if all count."""
-    if not found.model.has_known_inertia:
+    if not comparison.model.has_known_inertia:
         return f"The free-running position is unknown, as the inertia of the model is. {advise_inertia()}"
-    share = found.joint.unstable
+    share = comparison.joint.unstable
     if share == 0:
         return None
-    windows = f"windows of {found.horizon:g} s"
+    windows = f"windows of {comparison.horizon:g} s"
     text = f"In {format_percent(share)} of the {windows} a small error grows tenfold, as with the arm upright"
     return f"{text}: there are no others." if share == 1 else f"{text}: these are not counted in free run."
 
 
-def describe_loop(found: Comparison) -> str | None:
+def describe_loop(comparison: Comparison) -> str | None:
     """State the error in the loop; None if the loop was not simulated."""
-    error = Quantity(found.joint.errors.total, unit=found.model.units().unit("rad"))
+    error = Quantity(comparison.joint.errors.total, unit=comparison.model.units().unit("rad"))
     text = f"Simulated from its goals alone, the model is off by {measure(error)} on average."
-    return text if found.joint.errors.is_in_loop else None
+    return text if comparison.joint.errors.is_in_loop else None
 
 
-def describe_addition(found: Addition) -> str:
+def describe_addition(addition: Addition) -> str:
     """State whether the effect lowers the held-out errors."""
-    if found.objection is not None:
-        objection = describe(found.objection)
-        return f"{found.after.added} {objection}: these recordings give no reason to keep it."
-    old, new = found.before.errors["holdout"], found.after.errors["holdout"]
-    joint = next(iter(list_loads((found.after.added or "").partition("@")[2])))
+    if addition.objection is not None:
+        objection = describe(addition.objection)
+        return f"{addition.after.added} {objection}: these recordings give no reason to keep it."
+    old, new = addition.before.errors["holdout"], addition.after.errors["holdout"]
+    joint = next(iter(list_loads((addition.after.added or "").partition("@")[2])))
     shares = {kind: getattr(new, kind) / getattr(old, kind) for kind in new.kinds if kind in old.kinds}
     shares[next(iter(shares))] = new.get_joint_error(joint) / old.get_joint_error(joint)
     falls = [f"{ERRORS[kind]}{f' at {joint}' if joint else ''} to {share:.1%}" for kind, share in shares.items()]
-    return f"{found.after.added} lowers the held-out errors: {', '.join(falls)} of before."
+    return f"{addition.after.added} lowers the held-out errors: {', '.join(falls)} of before."
 
 
 def describe_table(step: Step) -> str | None:
@@ -278,44 +277,44 @@ def describe_table(step: Step) -> str | None:
     return f"{step.added} looks like {nearest}."
 
 
-def describe_likeness(found: Likeness, slides: bool = False) -> str:
+def describe_likeness(likeness: Likeness, slides: bool = False) -> str:
     """Return a formula and the explained share of a table's variation: `|q'|^0.4 (99.7 %)`."""
     unit = JointUnits(slides=slides).unit("rad")
-    text = FORMS[found.form].format(*(f"{value:.3g}" for value in found.values), rad=unit)
+    text = FORMS[likeness.form].format(*(f"{value:.3g}" for value in likeness.values), rad=unit)
     text = text.replace("of 1 a turn", "of one a turn")
-    return f"{text} ({100 * found.share:.3g} %)"
+    return f"{text} ({100 * likeness.share:.3g} %)"
 
 
 @show_angles("rad")
-def write_comparison(found: Comparison) -> JSON:
+def write_comparison(comparison: Comparison) -> JSON:
     """Return the content of `compare --json`: results, with texts of regions and disagreements."""
-    data = found.json()
-    for entry, region in zip(data["regions"], found.regions, strict=True):
+    data = comparison.json()
+    for entry, region in zip(data["regions"], comparison.regions, strict=True):
         entry["text"] = describe_region(region)
-    for entry, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
+    for entry, disagreement in zip(data["disagreements"], comparison.disagreements, strict=True):
         entry["text"] = describe(disagreement.finding)
     return data
 
 
 @show_angles("rad")
-def write_diagnosis(found: Diagnosis) -> JSON:
+def write_diagnosis(diagnosis: Diagnosis) -> JSON:
     """Return the content of `diagnose --json`: results and findings with their texts."""
-    data = found.json()
-    for entry, candidate in zip(data["candidates"], found.candidates, strict=True):
+    data = diagnosis.json()
+    for entry, candidate in zip(data["candidates"], diagnosis.candidates, strict=True):
         entry["reason"] = describe_reason(candidate)
-    data["advice"] = list_advice(found)
-    data["forbidden"] = None if found.forbidden is None else describe(found.forbidden)
-    for entry, alignment in zip(data["alignments"], found.alignments, strict=True):
+    data["advice"] = list_advice(diagnosis)
+    data["forbidden"] = None if diagnosis.forbidden is None else describe(diagnosis.forbidden)
+    for entry, alignment in zip(data["alignments"], diagnosis.alignments, strict=True):
         entry["text"] = None if alignment.finding is None else describe(alignment.finding)
-    for entry, region in zip(data["regions"], found.unexplained, strict=True):
+    for entry, region in zip(data["regions"], diagnosis.unexplained, strict=True):
         entry["text"] = describe_region(region)
     data["unexplained"]["where"] = (
-        "; ".join(describe_unexplained(found, region) for region in found.unexplained) or None
+        "; ".join(describe_unexplained(diagnosis, region) for region in diagnosis.unexplained) or None
     )
-    for entry, disagreement in zip(data["disagreements"], found.disagreements, strict=True):
+    for entry, disagreement in zip(data["disagreements"], diagnosis.disagreements, strict=True):
         entry["text"] = describe(disagreement.finding)
-    if found.suggestion is not None:
-        data["suggestion"]["text"] = describe_suggestion(found.suggestion, found.model.units())
-    if found.refit is not None:
-        data["horizon"]["text"] = describe_refit(found.refit)
+    if diagnosis.suggestion is not None:
+        data["suggestion"]["text"] = describe_suggestion(diagnosis.suggestion, diagnosis.model.units())
+    if diagnosis.refit is not None:
+        data["horizon"]["text"] = describe_refit(diagnosis.refit)
     return data

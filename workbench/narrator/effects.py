@@ -16,11 +16,8 @@ def find_description(effect: str) -> Description:
 
 def find_look_alikes(id: str) -> list[str]:
     """List the ids of similar terms, named by this effect or naming it."""
-    known = EFFECTS | DESCRIPTIONS
-    return [
-        *find_description(id).resembles,
-        *(o for o in known if id in known[o].resembles and o not in find_description(id).resembles),
-    ]
+    known, named = EFFECTS | DESCRIPTIONS, find_description(id).resembles
+    return [*named, *(other for other in known if id in known[other].resembles and other not in named)]
 
 
 def name_effect(effect: str) -> str:

@@ -45,7 +45,7 @@ FALLS = ERRORS | {"position_rms": "free-running position"}
 def describe(finding: Finding) -> str:
     """Describe a finding in one to three sentences; a reason for or against an effect is a phrase about it.
 
-    Raises TypeError for other objects, such as a result with findings.
+    Raises TypeError for other objects, for example a result with findings.
     """
     if not isinstance(finding, Finding):
         raise TypeError(f"describe takes one finding, not {type(finding).__name__}: give one of `findings` of a result")
@@ -65,30 +65,30 @@ class _Measured(Quantity):
         return measure(self, int(digits or 3))
 
 
-def _collect_words(found: Finding) -> dict[str, Any]:
+def _collect_words(finding: Finding) -> dict[str, Any]:
     """Return the values of the placeholders in `DESCRIBED`."""
     words: dict[str, Any] = {
-        id: _Measured(quantity.value, quantity.std, quantity.unit) for id, quantity in found.numbers.items()
+        id: _Measured(quantity.value, quantity.std, quantity.unit) for id, quantity in finding.numbers.items()
     }
-    words |= {kind: join_words(getattr(found, kind)) for kind in ("parameters", "effects", "recordings")}
-    words["by_joint"] = f" by {join_words(found.joints)}" if found.joints else ""
+    words |= {kind: join_words(getattr(finding, kind)) for kind in ("parameters", "effects", "recordings")}
+    words["by_joint"] = f" by {join_words(finding.joints)}" if finding.joints else ""
     words["fix_gravity"] = format_setting("fixed", {"gravity": Blank("VALUE")})
-    words |= {"begin": _begin(found), "without_torque": format_setting("columns", {"torque": "none"})}
-    if "torque_constant" in found.numbers:
-        logged = found.numbers["torque_constant"].unit.partition("/")[2]
+    words |= {"begin": _begin(finding), "without_torque": format_setting("columns", {"torque": "none"})}
+    if "torque_constant" in finding.numbers:
+        logged = finding.numbers["torque_constant"].unit.partition("/")[2]
         words["name"] = "torque constant" if logged == "A" else "torque gain"
         words["logged"], words["channel"] = logged, LOGGED.get(logged, logged)
         words["unknown"] = f"The {words['name']} is unknown, and every parameter is per {logged}"
-    if "number" in found.numbers:
-        recording, *others = found.recordings
+    if "number" in finding.numbers:
+        recording, *others = finding.recordings
         than = "the others" if len(others) > 1 else f"'{others[0]}'" if others else "the model"
-        words["disagrees"] = f"Recording {found.numbers['number'].value:g} ({recording}) disagrees with {than}"
+        words["disagrees"] = f"Recording {finding.numbers['number'].value:g} ({recording}) disagrees with {than}"
     return words
 
 
-def _begin(found: Finding) -> str:
+def _begin(finding: Finding) -> str:
     """Return the beginning of a sentence about the recordings of a finding."""
-    return f"{join_words(found.recordings)}: the" if found.recordings else "The"
+    return f"{join_words(finding.recordings)}: the" if finding.recordings else "The"
 
 
 def advise_inertia() -> str:
@@ -123,11 +123,11 @@ def format_milliseconds(quantity: Quantity) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f} ms"
 
 
-def _describe_unidentifiable(found: Finding) -> str:
-    names, first = join_words(found.parameters), found.parameters[0].partition(".")[0]
-    if not found.numbers:
+def _describe_unidentifiable(finding: Finding) -> str:
+    names, first = join_words(finding.parameters), finding.parameters[0].partition(".")[0]
+    if not finding.numbers:
         return f"The data do not determine {names}. Move all joints faster, wider and together."
-    best = ", ".join(measure(found.numbers[name], is_parameter=True) for name in found.parameters)
+    best = ", ".join(measure(finding.numbers[name], is_parameter=True) for name in finding.parameters)
     return (
         f"The data do not determine {names}: the best fit is {best}. "
         f"Record {find_description(first).informative_experiment}, at more frequencies."
@@ -147,30 +147,30 @@ def describe_late(finding: Finding, remedy: str = "") -> str:
     return f"{_begin(finding)} torque is {' and '.join(law)}{_describe_rival(finding)}{how}. {remedy}"
 
 
-def _describe_lag(found: Finding) -> str:
-    delay = found.numbers.get("delay")
-    lag = f"with a lag of {format_milliseconds(found.numbers['lag'])}" if delay is None else ""
+def _describe_lag(finding: Finding) -> str:
+    delay = finding.numbers.get("delay")
+    lag = f"with a lag of {format_milliseconds(finding.numbers['lag'])}" if delay is None else ""
     law = f"{format_milliseconds(delay)} after its time stamp" if delay else lag
     return (
-        f"{_begin(found)} torque acts {law}{_describe_rival(found)}. Possible causes: the drive (dead_time, "
+        f"{_begin(finding)} torque acts {law}{_describe_rival(finding)}. Possible causes: the drive (dead_time, "
         "actuator_lag), early time stamps, or a flexible joint. Log current or torque at the motor to distinguish them."
     )
 
 
-def _describe_rival(found: Finding) -> str:
-    """Describe the alternative law, delay or filter, if it fits equally well; else empty."""
-    lag = "with a lag" if found.kind is Kind.ACTS_LATE else "through a low-pass filter with a time constant"
+def _describe_rival(finding: Finding) -> str:
+    """Describe the alternative law, delay or filter, if it fits equally; else empty."""
+    lag = "with a lag" if finding.kind is Kind.ACTS_LATE else "through a low-pass filter with a time constant"
     for rival, law in (("rival_delay", "by a delay"), ("rival_lag", lag)):
-        if rival in found.numbers:
-            size = f"{1e3 * abs(found.numbers[rival].value):.3g} ms"
+        if rival in finding.numbers:
+            size = f"{1e3 * abs(finding.numbers[rival].value):.3g} ms"
             return f" (or {law} of {size}; more steps of torque would distinguish them)"
     return ""
 
 
-def _describe_differences(found: Finding) -> str:
+def _describe_differences(finding: Finding) -> str:
     parts = []
-    for parameter in found.parameters:
-        value, others = found.numbers[parameter], found.numbers[f"others.{parameter}"]
+    for parameter in finding.parameters:
+        value, others = finding.numbers[parameter], finding.numbers[f"others.{parameter}"]
         share = (value.value - others.value) / max(abs(others.value), 1e-300)
         if abs(share) > 1:  # relative change of a parameter near zero
             plain = replace(value, std=0.0), replace(others, std=0.0)
@@ -178,72 +178,72 @@ def _describe_differences(found: Finding) -> str:
         else:
             percent = float(f"{100 * abs(share):.2g}")
             parts.append(f"{parameter} {percent:g} % {'higher' if share > 0 else 'lower'}")
-    return f"{_collect_words(found)['disagrees']}: {', '.join(parts)}."
+    return f"{_collect_words(finding)['disagrees']}: {', '.join(parts)}."
 
 
 def _make_column_text(text: str, otherwise: str = "") -> Callable[[Finding], str]:
     """Make the function that adds to a text the options that read a column correctly, or `otherwise` without any."""
 
-    def describe_column(found: Finding) -> str:
+    def describe_column(finding: Finding) -> str:
         options = [
-            f"Read {'it' if len(found.remedies) == 1 else join_words(remedy.recordings)} with "
+            f"Read {'it' if len(finding.remedies) == 1 else join_words(remedy.recordings)} with "
             f"{format_setting('columns', remedy.columns)} instead."
-            for remedy in found.remedies
+            for remedy in finding.remedies
         ]
         return " ".join([f"{text}.", *(options or filter(None, [otherwise]))])
 
     return describe_column
 
 
-def _describe_zero(found: Finding) -> str:
-    angle = found.numbers["angle"]
+def _describe_zero(finding: Finding) -> str:
+    angle = finding.numbers["angle"]
     size, error = abs(np.degrees(angle.value)), np.degrees(angle.std)
     digits = int(np.clip(-np.floor(np.log10(max(error, 1e-9))), 0, 3))
     text = (
         f"The zero of the position is {size:.{digits}f} ± {error:.{digits}f} degrees off, or the base is tilted by "
         "that angle (gravity_tilt)"
     )
-    return _make_column_text(text)(found)
+    return _make_column_text(text)(finding)
 
 
-def _describe_incomplete(found: Finding) -> str:
+def _describe_incomplete(finding: Finding) -> str:
     parts = []
-    if "residual" in found.numbers:
-        size = f"{found.numbers['residual'].value:.2g} times the noise floor"
-        where = f" ({join_words(found.joints)})" if found.joints else ""
-        parts.append(f"the residual is {'up to ' * (len(found.joints) > 1)}{size}{where}")
-    if "disagreement" in found.numbers:
-        size = f"{found.numbers['disagreement'].value:.2g} standard errors"
-        several = "up to " * (len(found.parameters) > 1)
-        parts.append(f"the schemes disagree on {join_words(found.parameters)} by {several}{size}")
+    if "residual" in finding.numbers:
+        size = f"{finding.numbers['residual'].value:.2g} times the noise floor"
+        where = f" ({join_words(finding.joints)})" if finding.joints else ""
+        parts.append(f"the residual is {'up to ' * (len(finding.joints) > 1)}{size}{where}")
+    if "disagreement" in finding.numbers:
+        size = f"{finding.numbers['disagreement'].value:.2g} standard errors"
+        several = "up to " * (len(finding.parameters) > 1)
+        parts.append(f"the schemes disagree on {join_words(finding.parameters)} by {several}{size}")
     return f"The model is incomplete: {', and '.join(parts)}."
 
 
-def describe_violations(found: Finding) -> list[str]:
-    """Return a phrase for each violated physical bound, such as "a negative inertia"."""
-    numbers = {name: measure(found.numbers[name], is_parameter=True) for name in found.parameters}
+def describe_violations(finding: Finding) -> list[str]:
+    """Return a phrase for each violated physical bound: "a negative inertia"."""
+    numbers = {name: measure(finding.numbers[name], is_parameter=True) for name in finding.parameters}
     return [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
 
 
-def _describe_servo(found: Finding) -> str:
-    worst = found.numbers.get("worst")
-    most = "" if worst is None else f", most of it in {join_words(found.recordings)} ({measure(worst, 2)})"
+def _describe_servo(finding: Finding) -> str:
+    worst = finding.numbers.get("worst")
+    most = "" if worst is None else f", most of it in {join_words(finding.recordings)} ({measure(worst, 2)})"
     return (
-        f"Simulated from its goal, the servo is off by {measure(found.numbers['error'], 2)}, "
-        f"{found.numbers['times'].value:.2g} times the noise of the encoder{most}."
+        f"Simulated from its goal, the servo is off by {measure(finding.numbers['error'], 2)}, "
+        f"{finding.numbers['times'].value:.2g} times the noise of the encoder{most}."
     )
 
 
-def _describe_tie(found: Finding) -> str:
-    text = f"{join_words(found.effects)} look the same in these data"
-    reveals = find_description(found.effects[-1]).informative_experiment
+def _describe_tie(finding: Finding) -> str:
+    text = f"{join_words(finding.effects)} look the same in these data"
+    reveals = find_description(finding.effects[-1]).informative_experiment
     return f"{text}. To distinguish them, record {reveals}." if reveals else f"{text}."
 
 
-def describe_untested(found: Finding) -> str:
+def describe_untested(finding: Finding) -> str:
     """Return a phrase on the tested range of an effect."""
-    ends = {end: measure(found.numbers[end]) for end in ("low", "high") if end in found.numbers}
-    effect = name_effect(found.effects[0]).removeprefix("a ")
+    ends = {end: measure(finding.numbers[end]) for end in ("low", "high") if end in finding.numbers}
+    effect = name_effect(finding.effects[0]).removeprefix("a ")
     if len(ends) == 2:
         where = f"no {effect} was met from {ends['low']} to {ends['high']}"
     elif "low" in ends:
@@ -253,38 +253,40 @@ def describe_untested(found: Finding) -> str:
     return f"{where}, and contacts beyond cannot be seen"
 
 
-def describe_law(found: Finding) -> str:
+def describe_law(finding: Finding) -> str:
     """Name the law that a table represents."""
-    power = found.numbers.get("power")
-    return name_effect(found.effects[0]) if power is None else f"friction that grows as |q'|^{power.value:.2g}"
+    power = finding.numbers.get("power")
+    return name_effect(finding.effects[0]) if power is None else f"friction that grows as |q'|^{power.value:.2g}"
 
 
-def _describe_table(found: Finding) -> str:
-    first, *others = found.effects
+def _describe_table(finding: Finding) -> str:
+    first, *others = finding.effects
     more = f" Other laws: {join_words(others)}." if others else ""
     command = f"`pendulum-ident add MODEL.json {first} ...`"
     return f"Keep the unknown law as a table, which also shows its shape: {command}.{more}"
 
 
-def _describe_payload(found: Finding) -> str:
-    axes = [f"{axis} = {measure(found.numbers[axis])}" for axis in "xyz" if axis in found.numbers]
+def _describe_payload(finding: Finding) -> str:
+    axes = [f"{axis} = {measure(finding.numbers[axis])}" for axis in "xyz" if axis in finding.numbers]
     center = f" Its centre is at {', '.join(axes)} in the frame of that joint." if axes else ""
-    joints = [name.removesuffix(".before") for name in found.numbers if name.endswith(".before")]
-    pairs = [(at, found.numbers[f"{at}.before"], found.numbers[f"{at}.after"]) for at in joints]
+    joints = [name.removesuffix(".before") for name in finding.numbers if name.endswith(".before")]
+    pairs = [(at, finding.numbers[f"{at}.before"], finding.numbers[f"{at}.after"]) for at in joints]
     errors = [f"{at} {measure_change(before, after)}" for at, before, after in pairs]
     explained = f" Torque error there without and with it: {', '.join(errors)}." if errors else ""
     return (
-        f"The arm carries a payload of {measure(found.numbers['mass'])} in {join_words(found.recordings)}, at the link "
-        f"behind {join_words(found.joints)}.{center}{explained}"
+        f"The arm carries a payload of {measure(finding.numbers['mass'])} in {join_words(finding.recordings)}, at the "
+        f"link behind {join_words(finding.joints)}.{center}{explained}"
     )
 
 
-def _describe_limits(found: Finding) -> str:
-    aims = describe_aims(found.pairs, "or")
-    place = found.numbers.get("place")
+def _describe_limits(finding: Finding) -> str:
+    aims = describe_aims(finding.pairs, "or")
+    place = finding.numbers.get("place")
     there = "" if place is None else f" and go to {measure(place, 2)}, where the residual is largest"
-    options = "--max-angle, --max-speed" + ", --max-torque" * ("torque" in found.numbers)  # a free swing has no torque
-    limits = list_limits(found.numbers)
+    options = "--max-angle, --max-speed" + ", --max-torque" * (
+        "torque" in finding.numbers
+    )  # a free swing has no torque
+    limits = list_limits(finding.numbers)
     return f"No experiment within {limits} would {aims}{there}. Allow more ({options}) if the rig bears it."
 
 
@@ -303,11 +305,12 @@ def describe_aims(pairs: Sequence[tuple[str, str | None]], conjunction: str = "a
     return join_words(aims, conjunction)
 
 
-def describe_nearest_body(found: Nearest) -> str:
+def describe_nearest_body(nearest: Nearest) -> str:
     """State whether a physical body can have the identified parameters."""
-    if found.exists:
-        return f"a body can have these parameters, within {max(found.distance, 0.1):.1f} standard errors"
-    return f"no body has these parameters: the nearest is {found.distance:.1f} standard errors off, in {found.farthest}"
+    if nearest.exists:
+        return f"a body can have these parameters, within {max(nearest.distance, 0.1):.1f} standard errors"
+    off = f"{nearest.distance:.1f} standard errors off"
+    return f"no body has these parameters: the nearest is {off}, in {nearest.farthest}"
 
 
 CORRECT_IT = "Correct it with --align (`FitData.from_recordings(recordings).with_timing()` in Python)."
@@ -322,26 +325,26 @@ GEAR_LOSSES = (
 )
 
 
-def _compare_goals(found: Finding, reading: str, other: str, key: str) -> str:
-    if "gain" not in found.numbers:  # decided by the selected effects
+def _compare_goals(finding: Finding, reading: str, other: str, key: str) -> str:
+    if "gain" not in finding.numbers:  # decided by the selected effects
         return f"Goals are read as {reading}. Goals {other} predict worse."
-    sizes = [f"{quantity.value * 1000:.1f} ms" for id, quantity in found.numbers.items() if id != "gain"]
-    late = f" with {name_effect(found.effects[0])} of {sizes[0]}" if sizes else ""
-    fit = _compare_fits(found.numbers["gain"], f"The other reading, goals {other}{late},")
+    sizes = [f"{quantity.value * 1000:.1f} ms" for id, quantity in finding.numbers.items() if id != "gain"]
+    late = f" with {name_effect(finding.effects[0])} of {sizes[0]}" if sizes else ""
+    fit = _compare_fits(finding.numbers["gain"], f"The other reading, goals {other}{late},")
     return f'Goals are read as {reading}. {fit} If it is right, give `goal = "{key}"` in `[drive]`.'
 
 
-def _compare_controllers(found: Finding) -> str:
-    given = ", ".join(f'`{name} = "{value}"`' for name, value in found.pairs)
-    fit = _compare_fits(found.numbers["gain"], "The likeliest other convention")
+def _compare_controllers(finding: Finding) -> str:
+    given = ", ".join(f'`{name} = "{value}"`' for name, value in finding.pairs)
+    fit = _compare_fits(finding.numbers["gain"], "The likeliest other convention")
     return f"The controller is simulated with {given}. {fit} Give the right one in `[drive]`."
 
 
-def _compare_position_readings(found: Finding) -> str:
+def _compare_position_readings(finding: Finding) -> str:
     taken, other = "whole counts of its encoder", "the exact position"
-    if ("reads", "exact") in found.pairs:
+    if ("reads", "exact") in finding.pairs:
         taken, other = other, taken
-    fit = _compare_fits(found.numbers["gain"], f"The other reading, {other},")
+    fit = _compare_fits(finding.numbers["gain"], f"The other reading, {other},")
     return f"The controller is simulated with {taken}. {fit} Give the right one: `reads` in `[drive]`."
 
 
@@ -361,27 +364,27 @@ def describe_reason(candidate: Candidate) -> str:
     return f"{text}; it needs {needed}" if is_silent and needed else text
 
 
-def _describe_fall(found: Finding) -> str:
-    numbers = found.numbers
+def _describe_fall(finding: Finding) -> str:
+    numbers = finding.numbers
     kinds = [name.removesuffix(".after") for name in numbers if name.endswith(".after")]
     changes = [measure_change(numbers[f"{kind}.before"], numbers[f"{kind}.after"]) for kind in kinds]
     falls = (f"{FALLS[kind]} {change}" for kind, change in zip(kinds, changes, strict=True))
     return f"lowers the held-out errors: {', '.join(falls)}"
 
 
-def _describe_gate(found: Finding) -> str:
+def _describe_gate(finding: Finding) -> str:
     """Describe the gate that an effect failed, as a phrase about the effect."""
-    name, _, at = found.parameters[0].partition("@")
-    value, limit = found.numbers[found.parameters[0]], found.numbers[f"limit.{found.parameters[0]}"]
+    name, _, at = finding.parameters[0].partition("@")
+    value, limit = finding.numbers[finding.parameters[0]], finding.numbers[f"limit.{finding.parameters[0]}"]
     if name in NOT_TRIED:
         return NOT_TRIED[name]
     if name == "residual_over_noise":
         return f"not tried: the residual is {value.value:.2g} times the noise floor, which counts as noise"
     if name in ("gain", "p_value"):
-        gain, p_value = found.numbers["gain"], found.numbers["p_value"]
+        gain, p_value = finding.numbers["gain"], finding.numbers["p_value"]
         std = f" ± {gain.std:.2g}" if gain.std else ""
-        penalty, most = (found.numbers[f"limit.{id}"].value for id in ("gain", "p_value"))
-        compared = "the selected effects" if found.effects else "the base model"
+        penalty, most = (finding.numbers[f"limit.{id}"].value for id in ("gain", "p_value"))
+        compared = "the selected effects" if finding.effects else "the base model"
         limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
     if name == "explained_share":
@@ -404,7 +407,7 @@ def _describe_gate(found: Finding) -> str:
     if name in HELD_OUT:
         where = f" at {at}" if at else ""
         return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){where}"
-    return f"would mean {join_words(describe_violations(found))}, which no body has"
+    return f"would mean {join_words(describe_violations(finding))}, which no body has"
 
 
 DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_collect_words`, or functions
@@ -430,9 +433,9 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
     Kind.NEVER_ACTS: "{parameters} never acts in these recordings. Record motion that reaches it.",
     Kind.INDISTINGUISHABLE: "{parameters} cannot be told apart: they act alike in these recordings.",
     Kind.UNIDENTIFIABLE: _describe_unidentifiable,
-    Kind.RELATIVE_TO_INERTIA: lambda found: (
+    Kind.RELATIVE_TO_INERTIA: lambda finding: (
         "No torque is applied: every parameter is relative to the inertia"
-        f"{' of the joint with its known load' if found.recordings else ''}, which is 1. A known value makes them "
+        f"{' of the joint with its known load' if finding.recordings else ''}, which is 1. A known value makes them "
         f"absolute ({format_setting('fixed', {'inertia': Blank('VALUE')})}). "
         "If a motor drives the joint, name the column of its torque."
     ),
@@ -453,18 +456,18 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "{unknown}: the known loads give its inverse as {inverse.plain} {logged}/(N m). Take loads that differ more, "
         "or move further."
     ),
-    Kind.CONSTANT_NEGATIVE: lambda found: (
+    Kind.CONSTANT_NEGATIVE: lambda finding: (
         "{unknown}: the known loads give {torque_constant.plain} {torque_constant.unit}, which is negative. Turn "
-        f"{'load_torque, ' if found.parameters else ''}torque or position round with a minus sign."
-    ).format(**_collect_words(found)),
+        f"{'load_torque, ' if finding.parameters else ''}torque or position round with a minus sign."
+    ).format(**_collect_words(finding)),
     Kind.INTEGRAL_CONTROLLER: (
         "{unknown}: the controller has an integral, and known loads do not tell its torque. Give the drive a gain."
     ),
     Kind.GEAR_LOSS_UNKNOWN: "The motor pushes along the motion {share.value:.0%} of the time" + GEAR_LOSSES,
     Kind.LOAD_BRAKES: "The load torque nearly always opposes the motion" + GEAR_LOSSES,
-    Kind.BACK_EMF: lambda found: (
-        f"The log has {LOGGED[found.numbers['back_emf'].unit.partition(' ')[0]]}: back-EMF is part of the viscous "
-        f"friction, and its constant k_e is at most {measure(found.numbers['back_emf'])}."
+    Kind.BACK_EMF: lambda finding: (
+        f"The log has {LOGGED[finding.numbers['back_emf'].unit.partition(' ')[0]]}: back-EMF is part of the viscous "
+        f"friction, and its constant k_e is at most {measure(finding.numbers['back_emf'])}."
     ),
     Kind.TORQUE_LATE: describe_late,
     Kind.TORQUE_LATE_CORRECTED: describe_late,
@@ -479,9 +482,11 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
     Kind.TIMED_AS_LOGGED: "Torque keeps its time of the log.",
     Kind.PAYLOAD: _describe_payload,
     Kind.BACK_EMF_INCLUDED: "The base model has back-EMF.",
-    Kind.GOALS_HELD: lambda found: _compare_goals(found, "held from row to row", "that run on between rows", "ramp"),
-    Kind.GOALS_RUN_ON: lambda found: _compare_goals(
-        found, "running on between rows", "that are held from row to row", "held"
+    Kind.GOALS_HELD: lambda finding: _compare_goals(
+        finding, "held from row to row", "that run on between rows", "ramp"
+    ),
+    Kind.GOALS_RUN_ON: lambda finding: _compare_goals(
+        finding, "running on between rows", "that are held from row to row", "held"
     ),
     Kind.STIFF_STOP: (
         "The stop at {angle:3} is pressed in by {depth:2} at most, at too few depths for the error of its end: its "
@@ -497,11 +502,11 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "The log shows no step of an encoder: the controller is simulated with the exact position, though its drive "
         'has `reads = "counts"`. Log the position as the encoder counts it, without a filter.'
     ),
-    Kind.SMALL_EFFECT: lambda found: (
-        f"{capitalise(name_effect(found.effects[0]))} may be missing: it predicts better "
-        f"({format_p_value(found.numbers['p_value'].value)}), but explains only "
-        f"{100 * found.numbers['share'].value:.2g} % of the residual or of the motion error, less than "
-        f"{100 * found.numbers['least'].value:.2g} %."
+    Kind.SMALL_EFFECT: lambda finding: (
+        f"{capitalise(name_effect(finding.effects[0]))} may be missing: it predicts better "
+        f"({format_p_value(finding.numbers['p_value'].value)}), but explains only "
+        f"{100 * finding.numbers['share'].value:.2g} % of the residual or of the motion error, less than "
+        f"{100 * finding.numbers['least'].value:.2g} %."
     ),
     Kind.FEEDBACK: (
         ANSWERS + "Record the reference of the controller as well (column `reference`), or a torque that is planned."
@@ -551,13 +556,13 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "another law of the angle, or a wrong scale of the angle, fits alike. Record a whole turn, or give the value "
         "of gravity ({fix_gravity})."
     ),
-    Kind.UNTESTED_RANGE: lambda found: f"{capitalise(describe_untested(found))}.",
-    Kind.IMPOSSIBLE: lambda found: (
-        f"The best fit is unphysical: it has {join_words(describe_violations(found))}. Check the signs of torque and "
+    Kind.UNTESTED_RANGE: lambda finding: f"{capitalise(describe_untested(finding))}.",
+    Kind.IMPOSSIBLE: lambda finding: (
+        f"The best fit is unphysical: it has {join_words(describe_violations(finding))}. Check the signs of torque and "
         "position, or record a motion of more than one frequency."
     ),
-    Kind.TABLE_EXPLAINS: lambda found: (
-        f"{capitalise(describe_law(found))} would explain most of the residual. No effect of the library "
+    Kind.TABLE_EXPLAINS: lambda finding: (
+        f"{capitalise(describe_law(finding))} would explain most of the residual. No effect of the library "
         "explains it in these data."
     ),
     Kind.NEAR_REVERSALS: (
@@ -580,7 +585,7 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "The model explains the fitted data, but not the held-out data ({recordings}). If both are of one machine, "
         "fit both."
     ),
-    Kind.INERTIA_UNKNOWN: lambda found: (
+    Kind.INERTIA_UNKNOWN: lambda finding: (
         f"The motion of an experiment cannot be predicted without the inertia. {advise_inertia()}"
     ),
     Kind.BEYOND_LIMITS: _describe_limits,
@@ -591,12 +596,12 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
 }
 REASONS: Mapping[Kind, str | Callable[[Finding], str]] = {  # phrases about an effect
     Kind.ERRORS_FALL: _describe_fall,
-    Kind.ERROR_FALLS_AT_JOINT: lambda found: (
-        f"lowers the held-out torque error of {join_words(found.joints)} to {found.numbers['share'].value:.1%}"
+    Kind.ERROR_FALLS_AT_JOINT: lambda finding: (
+        f"lowers the held-out torque error of {join_words(finding.joints)} to {finding.numbers['share'].value:.1%}"
     ),
-    Kind.TIES: lambda found: f"predicts as well as {found.effects[0]}",
-    Kind.IMITATES: lambda found: f"imitates {found.effects[0]} in these data",
-    Kind.IMITATES_TABLE: lambda found: f"explains less than {describe_law(found)} as a table does",
+    Kind.TIES: lambda finding: f"predicts as well as {finding.effects[0]}",
+    Kind.IMITATES: lambda finding: f"imitates {finding.effects[0]} in these data",
+    Kind.IMITATES_TABLE: lambda finding: f"explains less than {describe_law(finding)} as a table does",
     Kind.NOT_TESTED: describe_untested,
     Kind.ONLY_CONTACTS: "may be met at {angle:3}, in contacts that do not determine it",
     Kind.NOT_EXCITED: "these data do not depend on it",

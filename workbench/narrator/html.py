@@ -13,7 +13,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable
 from pendulum_env.notebook import BLUE
-from pendulum_env.thinning import thin
+from workbench.figure import thin
 from workbench.narrator.parts import Part
 
 WIDTH, HEIGHT = 600, 64  # of a plot [SVG units]

@@ -17,35 +17,33 @@ TIMES = "relative error"  # row with the median ratio of standard errors to the 
 TRUST = f"{TIMES}: standard errors of a scheme over the smallest; trust schemes near 1"
 
 
-def tabulate_by_scheme(found: Identification) -> TextTable:
+def tabulate_by_scheme(identification: Identification) -> TextTable:
     """Tabulate the estimates with a row for each parameter and a column for each scheme."""
-    models = [scheme.model.estimates for scheme in found.schemes.values()]
+    models = [scheme.model.estimates for scheme in identification.schemes.values()]
     rows = [(name, *(model[name].shown.text for model in models), one.shown.unit) for name, one in models[0].items()]
-    rows.append(("condition", *(f"{scheme.condition:.3g}" for scheme in found.schemes.values()), ""))
+    rows.append(("condition", *(f"{scheme.condition:.3g}" for scheme in identification.schemes.values()), ""))
     if len(models) > 1:
         errors = np.array([[one.std for one in model.values()] for model in models])
         times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
         rows.append((TIMES, *(f"{seconds:.2g}" for seconds in times.tolist()), ""))
-    return TextTable(("parameter", *found.schemes, "unit"), rows, left=("unit",))
+    return TextTable(("parameter", *identification.schemes, "unit"), rows, left=("unit",))
 
 
-def tabulate_schemes(found: Identification, by_instruments: Model | None = None) -> TextTable:
+def tabulate_schemes(identification: Identification, by_instruments: Model | None = None) -> TextTable:
     """Tabulate the estimates with a row for each scheme and one for instruments; for an arm as `tabulate_by_scheme`."""
-    if isinstance(found.body, Body):
-        return tabulate_by_scheme(found)
-    model = next(iter(found.schemes.values())).model
+    if isinstance(identification.body, Body):
+        return tabulate_by_scheme(identification)
+    model = next(iter(identification.schemes.values())).model
     columns, units = model.columns, model.units()
     names = [column.name for column in columns]
     rows = []
-    for id, result in found.schemes.items():
+    for id, result in identification.schemes.items():
         values = [result.model.estimates[name].text for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
     if by_instruments is not None:
-        shown = by_instruments.withhold({name for finding in found.findings for name in finding.withheld})
+        shown = by_instruments.withhold({name for finding in identification.findings for name in finding.withheld})
         rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
-    return TextTable(
-        ("scheme", *(f"{column.name} [{units.unit(column.unit)}]" for column in columns), "residual"), rows
-    )
+    return TextTable(("scheme", *(f"{c.name} [{units.unit(c.unit)}]" for c in columns), "residual"), rows)
 
 
 def explain_trust(shown: TextTable) -> str:
@@ -53,10 +51,10 @@ def explain_trust(shown: TextTable) -> str:
     return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
 
 
-def list_warnings(found: Identification) -> list[str]:
+def list_warnings(identification: Identification) -> list[str]:
     """List the findings of an identification, each with its next step."""
     texts = []
-    for finding in found.findings:
+    for finding in identification.findings:
         text = describe(finding)
         text += " Run `diagnose`." if finding.kind in FOR_DIAGNOSE else ""
         text += " Leave it out, or find out what was changed." if finding.kind in OUTLIERS else ""
@@ -65,7 +63,7 @@ def list_warnings(found: Identification) -> list[str]:
 
 
 @show_angles("rad")
-def write_identification(found: Identification) -> JSON:
+def write_identification(identification: Identification) -> JSON:
     """Return the content of `identify --json`: results and findings, with their texts as `doubts`."""
-    doubts = zip(list_warnings(found), found.findings, strict=True)
-    return found.json() | {"doubts": [{"text": text, "withheld": [*finding.withheld]} for text, finding in doubts]}
+    doubts = zip(list_warnings(identification), identification.findings, strict=True)
+    return identification.json() | {"doubts": [{"text": text, "withheld": [*one.withheld]} for text, one in doubts]}

@@ -33,25 +33,25 @@ summarise.register(Addition, describe_addition)
 
 
 @summarise.register
-def describe_identification(found: Identification) -> str:
+def describe_identification(identification: Identification) -> str:
     """Return the estimates of the schemes as a plain-text table, and a line for each warning."""
-    header, rows, _ = tabulate_schemes(found)
+    header, rows, _ = tabulate_schemes(identification)
     widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
     lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in (header, *rows)]
-    return "\n".join([*lines, *(f"warning: {text}" for text in list_warnings(found))])
+    return "\n".join([*lines, *(f"warning: {text}" for text in list_warnings(identification))])
 
 
 @render_html.register
-def show_identification(found: Identification) -> str:
+def show_identification(identification: Identification) -> str:
     """Render the estimates of the schemes and warnings as HTML."""
-    estimates = tabulate_schemes(found)
+    estimates = tabulate_schemes(identification)
     return make_card(
-        f"Estimates from {join_words(found.recordings)}",
-        note_constant(found.torque_constant),
+        f"Estimates from {join_words(identification.recordings)}",
+        note_constant(identification.torque_constant),
         estimates,
         "± is one standard error of noise: where schemes differ by more, the model lacks something.",
         explain_trust(estimates),
-        tuple(f"warning: {text}" for text in list_warnings(found)),
+        tuple(f"warning: {text}" for text in list_warnings(identification)),
     )
 
 
@@ -77,14 +77,14 @@ def show_recording(recording: Recording) -> str:
 
 
 @render_html.register
-def show_identified(found: Identified) -> str:
+def show_identified(identified: Identified) -> str:
     """Render the estimates of one scheme as HTML."""
-    rows = [(name, e.shown.text, e.shown.unit) for name, e in found.model.estimates.items()]
-    used, all_of_them = found.used
+    rows = [(name, e.shown.text, e.shown.unit) for name, e in identified.model.estimates.items()]
+    used, all_of_them = identified.used
     return make_card(
-        f"Estimates by the scheme {found.scheme}",
+        f"Estimates by the scheme {identified.scheme}",
         TextTable(("parameter", "estimate", "unit"), rows, left=("unit",)),
-        f"residual {found.residual_rms:.3g} {found.unit}, {used} of {all_of_them} samples used",
+        f"residual {identified.residual_rms:.3g} {identified.unit}, {used} of {all_of_them} samples used",
     )
 
 
@@ -97,9 +97,9 @@ def show_model(model: Model) -> str:
 
 
 @render_html.register
-def show_estimates(found: SchemeEstimates) -> str:
+def show_estimates(estimates: SchemeEstimates) -> str:
     """Render the estimates of several schemes as HTML; for a batch, those of the first plant."""
-    schemes = {id: scheme for id, scheme in found.items() if isinstance(scheme, SchemeEstimate)}
+    schemes = {id: scheme for id, scheme in estimates.items() if isinstance(scheme, SchemeEstimate)}
     units = {name: of for scheme in schemes.values() for name, of in scheme.units.items()}
     values = {id: scheme.format() for id, scheme in schemes.items()}
     rows = [(id, *(known.get(name, "") for name in units)) for id, known in values.items()]
@@ -112,9 +112,9 @@ def show_estimates(found: SchemeEstimates) -> str:
 
 
 @render_html.register
-def show_comparison(found: Comparison) -> str:
+def show_comparison(comparison: Comparison) -> str:
     """Render the errors of a model and the regions of its residual as HTML."""
-    units = found.model.units()
+    units = comparison.model.units()
     torque = f"{units.name('torque')} [{units.unit(NEWTON_METRE)}]"
     plots = [
         make_plot(
@@ -124,33 +124,35 @@ def show_comparison(found: Comparison) -> str:
             [PlotCurve(item.mean, ORANGE)],
             noise=2 * item.error,
         )
-        for item in found.profiles
+        for item in comparison.profiles
     ]
     return make_card(
-        describe_comparison(found),
-        note_constant(found.torque_constant),
-        *narrate_comparison(found, is_drawn=True),
+        describe_comparison(comparison),
+        note_constant(comparison.torque_constant),
+        *narrate_comparison(comparison, is_drawn=True),
         *plots,
         "The band is two standard errors of noise." if plots else "",
     )
 
 
 @render_html.register
-def show_diagnosis(found: Diagnosis) -> str:
+def show_diagnosis(diagnosis: Diagnosis) -> str:
     """Render a diagnosis as HTML: result, errors, parameters, ranking, unexplained residual and next step."""
     parts = [
-        *narrate_disagreements(found.disagreements),
-        *sorted(narrate_diagnosis(found), key=lambda part: not part.brief),
-        *narrate_next_step(found),
+        *narrate_disagreements(diagnosis.disagreements),
+        *sorted(narrate_diagnosis(diagnosis), key=lambda part: not part.brief),
+        *narrate_next_step(diagnosis),
     ]
-    return make_card(describe_result(found), note_constant(found.torque_constant), tuple(found.laws), *parts)
+    return make_card(
+        describe_result(diagnosis), note_constant(diagnosis.torque_constant), tuple(diagnosis.laws), *parts
+    )
 
 
 @render_html.register
-def show_addition(found: Addition) -> str:
+def show_addition(addition: Addition) -> str:
     """Render an addition as HTML: errors before and after, conclusion, and parameters."""
-    noise = describe_noise(found.before, floor) if np.isfinite(floor := get_single(found.floors)) else ""
-    return make_card(f"The model with {found.after.added}", noise, *narrate_addition(found))
+    noise = describe_noise(addition.before, floor) if np.isfinite(floor := get_single(addition.floors)) else ""
+    return make_card(f"The model with {addition.after.added}", noise, *narrate_addition(addition))
 
 
 def note_constant(constant: TorqueConstant | None) -> str:

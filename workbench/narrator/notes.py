@@ -13,11 +13,8 @@ WARNING = "warning: "  # prefix of a note on a likely error
 def describe_note(note: Note) -> str:
     """Describe a note in a phrase."""
     numbers = {name: number.value for name, number in note.numbers.items()}
-    words = {
-        "quantity": join_words(note.quantities),
-        "text": note.text,
-        "columns": format_setting("columns", note.columns),
-    }
+    words = {"quantity": join_words(note.quantities), "text": note.text}
+    words["columns"] = format_setting("columns", note.columns)
     words |= {f"header{k or ''}": name for k, name in enumerate(note.headers)}
     if note.kind in PLACES:
         words["places"] = PLACES[note.kind](note)

@@ -53,54 +53,54 @@ CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # smallest fit of free motion of a good model [%]
 
 
-def narrate_diagnosis(found: Diagnosis) -> list[Part]:
+def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:
     """Make the parts of a diagnosis."""
-    units = found.model.units()
-    if not found.body.can_simulate:
-        table = tabulate_joints(get_end_errors(found.steps), found.floors, found.model)
+    units = diagnosis.model.units()
+    if not diagnosis.body.can_simulate:
+        table = tabulate_joints(get_end_errors(diagnosis.steps), diagnosis.floors, diagnosis.model)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
-        errors = Part("Errors", narrate_errors(found))
+        errors = Part("Errors", narrate_errors(diagnosis))
     parts = [
         errors,
-        Part("Parameters", [tabulate_parameters(found.model), *([BIASED] if found.unexplained else [])]),
-        narrate_candidates(found.candidates),
+        Part("Parameters", [tabulate_parameters(diagnosis.model), *([BIASED] if diagnosis.unexplained else [])]),
+        narrate_candidates(diagnosis.candidates),
     ]
-    if found.refit is not None:
-        parts.insert(1, Part(f"Free motion over {found.refit.seconds:g} s", narrate_refit(found.refit, units)))
-    parts += narrate_detectable(found)
-    if treatments := tuple(describe_treatment(treatment) for treatment in found.treatments):
+    if diagnosis.refit is not None:
+        parts.insert(1, Part(f"Free motion over {diagnosis.refit.seconds:g} s", narrate_refit(diagnosis.refit, units)))
+    parts += narrate_detectable(diagnosis)
+    if treatments := tuple(describe_treatment(treatment) for treatment in diagnosis.treatments):
         parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
-    return [*parts, *narrate_unexplained(found)]
+    return [*parts, *narrate_unexplained(diagnosis)]
 
 
-def narrate_detectable(found: Diagnosis) -> list[Part]:
+def narrate_detectable(diagnosis: Diagnosis) -> list[Part]:
     """Make the part with the detectable sizes of effects; empty if unknown."""
-    if not found.detectable:
-        return []
-    sizes = [
-        (detectable_effect.effect, describe_detectable(detectable_effect)) for detectable_effect in found.detectable
-    ]
+    sizes = [(detectable.effect, describe_detectable(detectable)) for detectable in diagnosis.detectable]
     table = TextTable(("effect", "detectable"), sizes, left=("detectable",))
-    return [Part("Smallest effects that would have shown", [table], brief=False)]
+    return [Part("Smallest effects that would have shown", [table], brief=False)] if sizes else []
 
 
-def narrate_unexplained(found: Diagnosis) -> list[Part]:
+def narrate_unexplained(diagnosis: Diagnosis) -> list[Part]:
     """Make the part on the unexplained residual; empty without one."""
-    left = tuple(describe_unexplained(found, region) for region in found.unexplained)
+    left = tuple(describe_unexplained(diagnosis, region) for region in diagnosis.unexplained)
     return [Part("Left unexplained", [left])] if left else []
 
 
-def narrate_next_step(found: Diagnosis) -> list[Part]:
+def narrate_next_step(diagnosis: Diagnosis) -> list[Part]:
     """Make the part with the next step and all remarks; without a search, with the advice."""
-    texts = (describe_next_step(found), *list_remarks(found)) if found.candidates else tuple(list_advice(found))
+    texts = (
+        (describe_next_step(diagnosis), *list_remarks(diagnosis))
+        if diagnosis.candidates
+        else tuple(list_advice(diagnosis))
+    )
     return [Part(NEXT, [texts])] if texts else []
 
 
-def narrate_errors(found: Diagnosis) -> Content:
+def narrate_errors(diagnosis: Diagnosis) -> Content:
     """Return table, fit and noise floor of the errors of a pendulum or servo after every step."""
-    noise = describe_noise(found.steps[0], found.noise_floor)
-    return [tabulate_errors(found.steps, found.model.units()), describe_fit(found.steps), noise, LEGEND]
+    noise = describe_noise(diagnosis.steps[0], diagnosis.noise_floor)
+    return [tabulate_errors(diagnosis.steps, diagnosis.model.units()), describe_fit(diagnosis.steps), noise, LEGEND]
 
 
 def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
@@ -128,12 +128,7 @@ def narrate_candidates(candidates: Sequence[Candidate], most: int | None = RUNNE
     """
     ranking, more = tabulate_candidates(candidates, most)
     shown = {row[0] for row in ranking.rows}
-    gates = [
-        (candidate.effect, *gate.cells)
-        for candidate in candidates
-        if candidate.effect in shown
-        for gate in candidate.gates
-    ]
+    gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
     table = TextTable(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
     more_text = [f"and {more}: --json and --report list all"] if more else []
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
@@ -144,66 +139,66 @@ def narrate_disagreements(found: Sequence[Disagreement]) -> list[Part]:
     return [Part("Recordings that disagree", [tuple(describe(one.finding) for one in found)])] if found else []
 
 
-def narrate_addition(found: Addition) -> list[Part]:
+def narrate_addition(addition: Addition) -> list[Part]:
     """Make the parts of an addition: errors before and after, conclusion, and parameters."""
-    sentences = [
-        describe_addition(found),
-        *filter(None, [describe_table(found.after) if found.objection is None else None]),
-    ]
-    if found.left > Criterion.misfit:
+    sentences = [describe_addition(addition)]
+    if addition.objection is None and (table := describe_table(addition.after)) is not None:
+        sentences.append(table)
+    if addition.left > Criterion.misfit:
         sentences.append(
-            f"The residual is {found.left:.1f} times the noise floor: another effect is missing. Run `diagnose`."
+            f"The residual is {addition.left:.1f} times the noise floor: another effect is missing. Run `diagnose`."
         )
-    if found.doubt is not None:
-        sentences.append(f"warning: {describe(found.doubt)}")
-    title, steps, parameters = "the model refitted without and with the effect", (found.before, found.after), []
-    parameters = [Part("Parameters", [tabulate_parameters(found.model)])]
-    body = found.model.body
-    if body.can_simulate:
-        return [Part(f"Errors, {title}", [tabulate_errors(steps, found.model.units()), *sentences]), *parameters]
+    if addition.doubt is not None:
+        sentences.append(f"warning: {describe(addition.doubt)}")
+    title, steps = "the model refitted without and with the effect", (addition.before, addition.after)
+    parameters = Part("Parameters", [tabulate_parameters(addition.model)])
+    if addition.model.body.can_simulate:
+        return [Part(f"Errors, {title}", [tabulate_errors(steps, addition.model.units()), *sentences]), parameters]
     fitted, unseen = (
-        tabulate_joints(get_end_errors(steps, part), found.floors, found.model) for part in ("train", "holdout")
+        tabulate_joints(get_end_errors(steps, part), addition.floors, addition.model) for part in ("train", "holdout")
     )
     return [
         Part(f"Torque errors on fitted data, {title}", [fitted]),
         Part(f"Torque errors on held-out data, {title}", [unseen, *sentences]),
-        *parameters,
+        parameters,
     ]
 
 
-def narrate_comparison(found: Comparison, is_drawn: bool = False) -> list[Part]:
+def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[Part]:
     """Make the parts of a comparison: errors and regions, with a profile as a table unless `is_drawn`."""
-    body, several = found.model.body, len(found.distances)
-    regions = [(region.at, describe_region(region)) for region in found.regions]
+    body, several = comparison.model.body, len(comparison.distances)
+    regions = [(region.at, describe_region(region)) for region in comparison.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
     where: list[TextTable | str | tuple[str, ...]] = [tuple(texts)]
-    axes = [region.axis for region in found.regions if region.axis != "frequency"]
-    profile = next((item for axis in axes for item in found.profiles if item.axis == axis), None)
+    axes = [region.axis for region in comparison.regions if region.axis != "frequency"]
+    profile = next((item for axis in axes for item in comparison.profiles if item.axis == axis), None)
     if profile is not None and not is_drawn:
         where.append(tabulate_profile(profile))
-    if len(found.regions) > 1:
+    if len(comparison.regions) > 1:
         where.append("Regions of different quantities may show the same moments.")
-    if found.regions:
+    if comparison.regions:
         where.append("Run `diagnose` to find the missing effect.")
-    elif not found.is_torque_logged:
+    elif not comparison.is_torque_logged:
         where.append("No torque was logged: the error in the loop counts.")
-    elif not found.joint.errors.position_fit < FOLLOWED:  # NaN for an arm
+    elif not comparison.joint.errors.position_fit < FOLLOWED:  # NaN for an arm
         where.append("The residual is within the noise: the model explains these recordings.")
     else:
-        error = measure(Quantity(found.joint.errors.position_rms, unit=found.model.units().unit("rad")))
+        error = measure(Quantity(comparison.joint.errors.position_rms, unit=comparison.model.units().unit("rad")))
         where.append(
             f"The torque residual is within the noise, but free runs err by {error}: an effect acts near reversals or "
             "at rest. Run `diagnose`."
         )
-    in_words = [text for text in (describe_loop(found), describe_unstable(found)) if text]
-    title = f"Errors of the model with {join_words([term.id for term in found.model.terms])}"
-    table = tabulate_recordings(found)
+    in_words = [text for text in (describe_loop(comparison), describe_unstable(comparison)) if text]
+    title = f"Errors of the model with {join_words([term.id for term in comparison.model.terms])}"
+    table = tabulate_recordings(comparison)
     if not body.can_simulate:
         title = f"Torque errors, {CLEAR}"
-        table = tabulate_joints((found.joint.errors,), found.joint.floors, found.model, ("torque error",))
+        table = tabulate_joints(
+            (comparison.joint.errors,), comparison.joint.floors, comparison.model, ("torque error",)
+        )
     return [
         Part(title, [table, *in_words, LEGEND]),
-        *narrate_disagreements(found.disagreements),
+        *narrate_disagreements(comparison.disagreements),
         Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
     ]
 
@@ -228,24 +223,22 @@ def describe_noise(step: Step, floor: float) -> str:
     return f"noise floor, by {FLOOR_SOURCES[kind]}: {noise}"
 
 
-def narrate_payload(found: Payload, body: Body) -> list[Part]:
+def narrate_payload(payload: Payload, body: Body) -> list[Part]:
     """Make the parts on the payload of an arm: estimates, and joint errors without and with it."""
-    rows = [(name, estimate.text, estimate.unit) for name, estimate in found.estimates.items()]
-    rows += [(f"centre {axis}", one.text, one.unit) for axis, one in found.center.items()]
+    rows = [(name, estimate.text, estimate.unit) for name, estimate in payload.estimates.items()]
+    rows += [(f"centre {axis}", one.text, one.unit) for axis, one in payload.center.items()]
     content: list[TextTable | str] = [TextTable(("parameter", "estimate", "unit"), rows, left=("unit",))]
-    if found.hidden:
-        content.append(f"{join_words(found.hidden)}: no motion of the joints shows them")
-    if found.exists is False:
+    if payload.hidden:
+        content.append(f"{join_words(payload.hidden)}: no motion of the joints shows them")
+    if payload.exists is False:
         content.append(
             "No body has the moments of the best fit, so those of the nearest body are shown: something else changed "
             "as well, or the motion says too little."
         )
-    left = [
-        (at, f"{old:.4g}", f"{new:.4g}", body.units(at).unit(NEWTON_METRE))
-        for at, (old, new) in found.torque_rms.items()
-    ]
+    sizes, units = payload.torque_rms.items(), {at: body.units(at).unit(NEWTON_METRE) for at in payload.torque_rms}
+    left = [(at, f"{old:.4g}", f"{new:.4g}", units[at]) for at, (old, new) in sizes]
     explained = TextTable(("joint", "without payload", "with it", "unit"), left, left=("unit",))
     return [
-        Part(f"Payload at the link behind {found.joint}, in that joint's frame", content),
+        Part(f"Payload at the link behind {payload.joint}, in that joint's frame", content),
         Part("Torque errors, friction refitted", [explained]),
     ]

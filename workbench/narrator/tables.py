@@ -83,14 +83,15 @@ def tabulate_candidates(candidates: Sequence[Candidate], most: int | None) -> tu
     return TextTable(("effect", "verdict", "score", "reason"), rows, left=("verdict", "reason")), " and ".join(parts)
 
 
-def tabulate_recordings(found: Comparison) -> TextTable:
-    """Tabulate the errors of a model for each recording, and for all together if there are several."""
-    distances = [*found.distances, found.joint] if len(found.distances) > 1 else found.distances
-    units = found.model.units()
+def tabulate_recordings(comparison: Comparison) -> TextTable:
+    """Tabulate the errors of a model for each recording, and for several also of all together."""
+    distances = [*comparison.distances, comparison.joint] if len(comparison.distances) > 1 else comparison.distances
+    units = comparison.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
-    free = f"free-running position{'' if found.horizon in (None, HORIZON) else f' over {found.horizon:g} s'} [{angle}]"
+    over = "" if comparison.horizon in (None, HORIZON) else f" over {comparison.horizon:g} s"
+    free = f"free-running position{over} [{angle}]"
     headers = ["recording", f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free, "fit [%]"]
-    if found.joint.errors.is_in_loop:
+    if comparison.joint.errors.is_in_loop:
         headers += [f"in the loop, mean [{angle}]", f"RMS [{angle}]"]
     rows = []
     for item in distances:

@@ -60,16 +60,8 @@ def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -
 def render_comparison(compared: Comparison) -> str:
     """Render a comparison as HTML: the page of a diagnosis without a search."""
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
-    found = Diagnosis(
-        (step,),
-        (),
-        (),
-        compared.regions,
-        compared.joint.floors,
-        (),
-        torque_unit=compared.torque_unit,
-        data=compared.data,
-    )
+    regions, floors, unit = compared.regions, compared.joint.floors, compared.torque_unit
+    found = Diagnosis((step,), (), (), regions, floors, (), torque_unit=unit, data=compared.data)
     case = ReportData(found, first="model")
     if not found.body.can_simulate:
         return _render_recordings(case, _make_arm_sections(case), "comparison with")

@@ -8,8 +8,7 @@ import numpy as np
 from estimators.simulation.free_running import HORIZON, Segments, simulate_errors
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable, capitalise, format_number
-from pendulum_env.thinning import POINTS, thin
-from workbench.figure import Figure, axis, band, before_and_after, insert_gaps, join_arrays, line
+from workbench.figure import POINTS, Figure, axis, band, before_and_after, insert_gaps, join_arrays, line, thin
 from workbench.narrator.diagnosis import describe_result
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.results import narrate_next_step, narrate_unexplained
@@ -123,6 +122,6 @@ def make_loop(case: ReportData, headline: str) -> Section:
 
 def make_loop_diagnosis(case: ReportData) -> Section:
     """Make the section on a diagnosis in the loop: simulations, residual and next step."""
-    found = case.diagnosis
-    section = make_loop(case, describe_result(found))
-    return replace(section, content=[*section.content, *narrate_unexplained(found), *narrate_next_step(found)])
+    diagnosis = case.diagnosis
+    section = make_loop(case, describe_result(diagnosis))
+    return replace(section, content=[*section.content, *narrate_unexplained(diagnosis), *narrate_next_step(diagnosis)])

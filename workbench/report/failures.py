@@ -40,9 +40,7 @@ def make_failures(case: ReportData) -> Section:
         maps = [compute_profiles(x, left[rows], noise, axes, units) for left in residuals]
         regions = [find_regions_at(prepared, left, joint, axes) for left in residuals]
         stands_out = [seen or bool(region) for seen, region in zip(stands_out, regions, strict=True)]
-        reach = 1.08 * max(
-            float(np.abs(bin_map.mean).max()) for m in maps for bin_map in m if bin_map.axis != "frequency"
-        )
+        reach = 1.08 * max(float(np.abs(p.mean).max()) for m in maps for p in m if p.axis != "frequency")
         final_regions = regions[-1] if len(regions) > 1 else []
         name = f"joint-{k}" if joint else "profile"
         figures = [

@@ -128,11 +128,11 @@ def choose_stroke(place: int, scheme: str) -> JSON:
     return {"color": color, "width": 1.8, "dash": "dash" if "filtered" in scheme else "solid"}
 
 
-def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
+def plot_convergence(identification: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
     """Plot the estimates of one parameter over time by all schemes; early outliers are cut off."""
-    parameter = next(iter(found.schemes.values())).model.columns[column]
+    parameter = next(iter(identification.schemes.values())).model.columns[column]
     data, late_estimates = [], []
-    for id, result in found.schemes.items():
+    for id, result in identification.schemes.items():
         course = result.convergence
         estimate = course.theta[:, column]
         late = course.time >= course.time[0] + SETTLED * (course.time[-1] - course.time[0])
@@ -151,7 +151,7 @@ def plot_convergence(found: Identification, column: int, strokes: dict[str, JSON
         "margin": {"t": 12},
         "shapes": [
             {"type": "line", "x0": end, "x1": end, "y0": 0, "y1": 1, "line": between, "yref": "paper", "layer": "below"}
-            for end in found.ends[:-1]
+            for end in identification.ends[:-1]
         ],
     }
     return Figure(f"convergence-{column}", f"Estimates of {parameter.name} over time", data, layout, 260)

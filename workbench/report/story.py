@@ -7,7 +7,6 @@ import numpy as np
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, format_number, join_words
-from pendulum_env.physics import Model, Term
 from workbench.figure import Figure, axis, line
 from workbench.narrator.diagnosis import describe_errors, describe_refit, describe_result, describe_suggestion
 from workbench.narrator.effects import name_effect
@@ -49,24 +48,23 @@ def make_story(case: ReportData) -> Section:
 
 def make_joints(case: ReportData) -> Section:
     """Make the section on an arm: added effects, torque errors of joints, unexplained residual and next step."""
-    found = case.diagnosis
-    selected = tuple(_describe_law(found.model, term) for term in found.model.terms if term.id in found.selected)
+    diagnosis = case.diagnosis
+    selected = tuple(
+        f"{term.id}: {term.law}; "
+        + ", ".join(f"{name} {estimate.shown}" for name, estimate in diagnosis.model.get_parameters(term.id).items())
+        for term in diagnosis.model.terms
+        if term.id in diagnosis.selected
+    )
     errors = [step.errors["holdout"] for step in case.ends]
     content: list[Any] = [
         *([Part("Added effects", [selected])] if selected else []),
-        f"Torque errors (RMS) on {'held-out data' if found.searched else 'all data'}, {CLEAR}",
-        tabulate_joints(errors, found.floors, found.model, [label for label, _ in case.model_labels]),
+        f"Torque errors (RMS) on {'held-out data' if diagnosis.searched else 'all data'}, {CLEAR}",
+        tabulate_joints(errors, diagnosis.floors, diagnosis.model, [label for label, _ in case.model_labels]),
         JOINT_LEGEND,
     ]
-    if found.searched:
-        content += [*narrate_unexplained(found), *narrate_next_step(found)]
-    return Section("joints", "Result", describe_result(found), content)
-
-
-def _describe_law(model: Model, term: Term) -> str:
-    """Describe an added effect by its law and its parameters."""
-    values = ", ".join(f"{name} {estimate.shown}" for name, estimate in model.get_parameters(term.id).items())
-    return f"{term.id}: {term.law}; {values}"
+    if diagnosis.searched:
+        content += [*narrate_unexplained(diagnosis), *narrate_next_step(diagnosis)]
+    return Section("joints", "Result", describe_result(diagnosis), content)
 
 
 def list_changes(case: ReportData) -> list[dict[str, Any]]:
@@ -98,7 +96,6 @@ def list_biased_parameters(diagnosis: Diagnosis) -> list[str]:
         if right is None or right.value == 0:
             continue
         share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
-
         if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(wrong.std, right.std)):
             wrong_by.append(
                 f"{name_effect(parameter)} {format_number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}"
@@ -124,11 +121,11 @@ def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
 
 def make_candidates(case: ReportData) -> Section:
     """Make the section with the verdict, score and reason for every effect, and its gates."""
-    found = case.diagnosis
-    content = [*narrate_candidates(found.candidates, most=None).content]
-    if any(candidate.gates for candidate in found.candidates):
+    diagnosis = case.diagnosis
+    content = [*narrate_candidates(diagnosis.candidates, most=None).content]
+    if any(candidate.gates for candidate in diagnosis.candidates):
         content[-1:] = [Part("Gates", content[-1:], brief=False)]
-    return Section("candidates", "Candidates", "What was considered", [*content, *narrate_detectable(found)])
+    return Section("candidates", "Candidates", "What was considered", [*content, *narrate_detectable(diagnosis)])
 
 
 def make_next_experiment(case: ReportData) -> Section | None:

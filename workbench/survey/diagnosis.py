@@ -71,10 +71,10 @@ def hash_content(file: Path) -> str | None:
 
 
 def diagnose_source(source: Source, settings: Settings) -> JSON:
-    """Diagnose one recording, fitted whatever its role in a study.
+    """Diagnose one recording; it is fitted, also if a study holds it out.
 
     The result has `start`, the absolute time of the first sample [s since 1970] or None, and `rows`, see `make_rows`;
-    or only `error`, the reason why there is no diagnosis.
+    or only `error`, the reason for a missing diagnosis.
     """
     try:
         for path in settings.plugins:
@@ -95,23 +95,21 @@ def describe_error(error: Exception, source: Source) -> str:
 def _diagnose(source: Source, options: Namespace) -> JSON:
     terminal = Terminal(quiet=True)
     opened = open_sources(options, (replace(source, role="fit"),), terminal)
-    given = opened.calibrate(terminal)
-    found = diagnose(
-        given.recordings, given.holdout, opened.model.terms, **{name: getattr(options, name) for name in ASKED}
+    data = opened.calibrate(terminal)
+    diagnosis = diagnose(
+        data.recordings, data.holdout, opened.model.terms, **{name: getattr(options, name) for name in ASKED}
     )
     date = opened.recordings[0].start_date
-    return {"start": None if date is None else date.timestamp(), "rows": make_rows(found)}
+    return {"start": None if date is None else date.timestamp(), "rows": make_rows(diagnosis)}
 
 
-def make_rows(found: Diagnosis) -> list[JSON]:
+def make_rows(diagnosis: Diagnosis) -> list[JSON]:
     """Make a row for each joint of a diagnosis; a pendulum has one unnamed joint."""
-    first, last = (step.errors["holdout"] for step in (found.steps[0], found.steps[-1]))
-    joints, rows = tuple(found.floors), []
-    estimates = [(*_split_joint(name, joints), estimate) for name, estimate in found.model.readable.items()]
-    groups = [(_split_joint(group[0], joints)[0], group) for group in found.effects]
-    small = [
-        _split_joint(finding.effects[0], joints) for finding in found.findings if finding.kind is Kind.SMALL_EFFECT
-    ]
+    first, last = (step.errors["holdout"] for step in (diagnosis.steps[0], diagnosis.steps[-1]))
+    joints, rows = tuple(diagnosis.floors), []
+    estimates = [(*_split_joint(name, joints), estimate) for name, estimate in diagnosis.model.readable.items()]
+    groups = [(_split_joint(group[0], joints)[0], group) for group in diagnosis.effects]
+    small = [_split_joint(one.effects[0], joints) for one in diagnosis.findings if one.kind is Kind.SMALL_EFFECT]
     for joint in joints:
         parameters = {name: estimate for at, name, estimate in estimates if at == joint}
         effects = [[_split_joint(effect, (joint,))[1] for effect in group] for at, group in groups if at == joint]
@@ -121,12 +119,12 @@ def make_rows(found: Diagnosis) -> list[JSON]:
                 "effects": ", ".join(" or ".join(group) for group in effects),
                 "selected": sorted(group[0] for group in effects),
                 "small_effects": ", ".join(effect for at, effect in small if at == joint),
-                "unexplained": any(region.at == joint for region in found.unexplained),
+                "unexplained": any(region.at == joint for region in diagnosis.unexplained),
                 "biased": any(parameter.is_biased for parameter in parameters.values()),
                 "error_before": _get_finite(first.get_joint_error(joint)),
                 "error_after": _get_finite(last.get_joint_error(joint)),
-                "noise_floor": _get_finite(found.floors[joint]),
-                "error_unit": found.unit_at(joint),
+                "noise_floor": _get_finite(diagnosis.floors[joint]),
+                "error_unit": diagnosis.unit_at(joint),
                 "position_rms_before": _get_finite(first.position_rms),
                 "position_rms_after": _get_finite(last.position_rms),
                 "parameters": {

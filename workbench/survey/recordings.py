@@ -42,7 +42,7 @@ def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]
     """List the recordings below a folder, sorted by name.
 
     Hidden files, text files and tables of surveys are ignored. `reading` holds the reading options; a `study.toml`
-    sets those of its recordings. Raises InputError if there are no recordings, and StudyError if a study is invalid.
+    sets those of its recordings. Raises InputError without recordings, and StudyError if a study is invalid.
     """
     if folder.is_file():
         raise InputError(f"{folder}: is a file: name a folder, or use diagnose for one recording")
@@ -89,17 +89,17 @@ def is_future(date: datetime) -> bool:
 
 
 def parse_date(text: str) -> datetime | None:
-    """Parse a date such as `2026-03-01`, `20260301T1405` or `2026-03-01_14-05-30` as UTC; None for other texts."""
+    """Parse a date, `2026-03-01`, `20260301T1405` or `2026-03-01_14-05-30` as UTC; None for other texts."""
     if not DATE.fullmatch(text):
         return None
     try:
         return datetime.strptime(re.sub(r"\D", "", text).ljust(14, "0"), "%Y%m%d%H%M%S").replace(tzinfo=UTC)
-    except ValueError:  # such as the 31st of February
+    except ValueError:  # for example the 31st of February
         return None
 
 
 def _read_change_time(file: Path) -> datetime:
-    """Return the time of a file's last change; 1970 if there is no such file."""
+    """Return the time of a file's last change; 1970 for a missing file."""
     try:
         return datetime.fromtimestamp(file.stat().st_mtime, UTC)
     except (OSError, ValueError, OverflowError):

@@ -82,7 +82,7 @@ def emulate(
     """Run an emulated rig until an interrupt or the input `quit`; other input lines turn the arm, see `_turn_arm`.
 
     Args:
-        make: function that connects the motor, such as `make_serial`.
+        make: function that connects the motor, for example `make_serial`.
         plant: model of the arm.
         config: path of the rig.toml to write.
         rate: rate of the loop [Hz].

@@ -170,11 +170,7 @@ class RigConfig(RigFile):
 
 
 def load(path: str | Path) -> RigConfig:
-    """Read and check a configuration.
-
-    Raises:
-        ConfigError: if the file cannot be read or a setting is invalid.
-    """
+    """Read and check a configuration; raises ConfigError if the file cannot be read or a setting is invalid."""
     path = Path(path)
     try:
         data = read_toml(path)

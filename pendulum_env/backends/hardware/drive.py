@@ -89,7 +89,7 @@ class Settings(Protocol):
 
 
 class Adapter(Protocol):
-    """Class of a drive, called with the `RigConfig`, whose `link` has the settings."""
+    """Class of a drive, called with the `RigConfig`; its `link` has the settings."""
 
     settings: type[Settings]
 

@@ -84,11 +84,7 @@ class Guard:
             self.note("fault cleared")
 
     def enable(self) -> None:
-        """Switch the power on, at zero torque.
-
-        Raises:
-            Fault: if a fault is kept or occurs.
-        """
+        """Switch the power on, at zero torque; raises Fault if a fault is kept or occurs."""
         self._raise_kept_fault()
         self._reset_checks()
         self.torque = 0.0
@@ -212,7 +208,7 @@ class Guard:
 
         Args:
             what: text of the fault, with its remedy.
-        braking: whether drive and encoder still work, as braking requires.
+            braking: whether drive and encoder still work, as braking requires.
         """
         self.fault = what
         if self.powered:

@@ -82,7 +82,7 @@ class NiDaq:
             self._fault = DigitalSingleChannelReader(fault.in_stream)
         for task in self._tasks:
             task.start()
-        self._set(0.0)
+        self._set_voltage(0.0)
         self._enable.write_one_sample_one_line(False, self._reply)
         device = link.enable.strip("/").partition("/")[0]
         self._watchdog = WatchdogTask(device, timeout=self._timeout, grpc_options=self._options())
@@ -102,7 +102,7 @@ class NiDaq:
     def enable(self) -> None:
         """Set zero volts, start the watchdog, and set servo-enable."""
         with self._driver_errors():
-            self._set(0.0)
+            self._set_voltage(0.0)
             with suppress(nidaqmx.errors.DaqError):
                 self._watchdog.stop()
             self._watchdog.start()
@@ -115,7 +115,7 @@ class NiDaq:
         """Set the torque [N m]."""
         with self._driver_errors():
             before = time.monotonic()
-            acts = self._set(torque)
+            acts = self._set_voltage(torque)
             now = time.monotonic()
             if now - self._fed > self._timeout / 8:  # not at each command, as the call is slow
                 self._watchdog.reset_timer()
@@ -125,21 +125,21 @@ class NiDaq:
     def read(self) -> Reading:
         """Return the current counts."""
         with self._driver_errors():
-            took, when, counts = self._count()
+            took, when, counts = self._read_counter()
             for _ in range(self.tries - 1):
                 if took <= 2 * self._usual:
                     break
-                took, when, counts = min((took, when, counts), self._count())
+                took, when, counts = min((took, when, counts), self._read_counter())
             self._usual = min(1.01 * self._usual, took)
             level = self._fault.read_one_sample_one_line(self._reply) if self._fault is not None else None
-            why = None
+            fault = None
             if level is not None and level == (self._link.fault_active == "high"):
-                why = f"a fault, on {self._link.fault}: read the code on its front"
+                fault = f"a fault, on {self._link.fault}: read the code on its front"
             elif when - self._fed > self._timeout and self._watchdog.expired:
-                why = "the card's watchdog ran out and took servo-enable away: commands came too late"
-            return Reading(when, counts, why)
+                fault = "the card's watchdog ran out and took servo-enable away: commands came too late"
+            return Reading(when, counts, fault)
 
-    def _count(self) -> tuple[float, float, int]:
+    def _read_counter(self) -> tuple[float, float, int]:
         """Read the counter; return the duration of the call [s], the time of its middle [s], and the counts."""
         before = time.monotonic()
         counts = self._counter.read_one_sample_uint32(self._reply)
@@ -150,7 +150,7 @@ class NiDaq:
         """Set zero volts and clear servo-enable."""
         with self._driver_errors():
             try:
-                self._set(0.0)
+                self._set_voltage(0.0)
             finally:  # even if the voltage cannot be set
                 self._enable.write_one_sample_one_line(False, self._reply)
             self._watchdog.stop()
@@ -168,7 +168,7 @@ class NiDaq:
             with suppress(Exception):
                 channel.close()
 
-    def _set(self, torque: float) -> float:
+    def _set_voltage(self, torque: float) -> float:
         """Set a torque within the range of the voltage; return the torque that acts [N m]."""
         scale, offset = self._link.newton_metres_per_volt, self._link.volts_offset
         volts = min(max(torque / scale + offset, -self.full_scale), self.full_scale)

@@ -83,7 +83,7 @@ class Ownership:
     """
 
     def __init__(self, what: str) -> None:
-        """Set the name of the device, such as `serial /dev/ttyACM0`."""
+        """Set the name of the device, for example `serial /dev/ttyACM0`."""
         self.what = what
         digest = hashlib.sha256(what.encode()).hexdigest()[:16]
         self._path = Path(tempfile.gettempdir()) / f"pendulum-ident-{digest}.lock"
@@ -91,11 +91,7 @@ class Ownership:
         self._lock = FileLock(self._path, timeout=0, mode=0o666, thread_local=False)
 
     def acquire(self) -> None:
-        """Acquire the lock.
-
-        Raises:
-            DriveError: if another process holds the lock, or it cannot be opened.
-        """
+        """Acquire the lock; raises DriveError if another process holds the lock, or it cannot be opened."""
         if self._lock.is_locked:
             return
         try:

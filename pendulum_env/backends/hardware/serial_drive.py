@@ -68,13 +68,13 @@ class SerialDrive:
     def read(self) -> Reading:
         """Return the current counts."""
         state, *between = self._ask(frames.READ)
-        why = _describe_fault(state)
-        if why is None and self._on and not state.flags & frames.POWERED:
-            why = "it has no power any more: check its emergency stop and supply, it may have started anew"
+        fault = _describe_fault(state)
+        if fault is None and self._on and not state.flags & frames.POWERED:
+            fault = "it has no power any more: check its emergency stop and supply, it may have started anew"
         self._refused = self._refused + 1 if self._on and state.torque != self._micro else 0
-        if why is None and self._refused >= self.refusals:
-            why = f"it does not set {frames.MICRO * self._micro:.3g} N m: firmware and limits.torque have to agree"
-        return Reading(self._clock.convert_time(state.microseconds, *between), state.counts, why)
+        if fault is None and self._refused >= self.refusals:
+            fault = f"it does not set {frames.MICRO * self._micro:.3g} N m: firmware and limits.torque have to agree"
+        return Reading(self._clock.convert_time(state.microseconds, *between), state.counts, fault)
 
     def disable(self) -> None:
         """Set zero torque and cut the power."""
@@ -102,8 +102,8 @@ class SerialDrive:
                 if state.sequence in asked:
                     return state, asked[state.sequence], time.monotonic()
         damaged = self._splitter.damaged
-        why = f"{damaged} damaged frames came, check cable and baud rate" if damaged else "check its supply and cable"
-        raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * patience:.0f} ms: {why}")
+        fault = f"{damaged} damaged frames came, check cable and baud rate" if damaged else "check its supply and cable"
+        raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * patience:.0f} ms: {fault}")
 
     def _send(self, kind: int, *values: int) -> int:
         self._sequence = (self._sequence + 1) % 256

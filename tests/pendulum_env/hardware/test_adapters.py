@@ -122,7 +122,7 @@ def test_servo_enable_falls_although_the_voltage_cannot_be_set(make_emulated_rig
     def broken(torque):
         raise ValueError("the output is gone")
 
-    monkeypatch.setattr(drive, "_set", broken)
+    monkeypatch.setattr(drive, "_set_voltage", broken)
     with pytest.raises(DriveError, match="the output is gone"):
         drive.disable()
     assert [value for _, event, value in rig.events() if event == "power"] == [1.0, 0.0]

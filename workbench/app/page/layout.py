@@ -87,7 +87,7 @@ def show_upload() -> Component:
 
 
 def make_navigation(here: Stage, trouble: str) -> list[Component]:
-    """Make the links to the stages; `here`: current stage, `trouble`: why there is no model, or empty."""
+    """Make the links to the stages; `here`: current stage, `trouble`: reason for a missing model, or empty."""
 
     def link(stage: Stage) -> Component:
         now = make_aria(current="page") if stage is here else {}
@@ -101,7 +101,7 @@ def make_navigation(here: Stage, trouble: str) -> list[Component]:
 
 
 def show(session: Session, stage: Stage) -> list[Component]:
-    """Render a stage, or the reason why there is no model if it needs one."""
+    """Render a stage, or the reason for a missing model that it needs."""
     if stage.needs_model and session.state.failure_reason:
         why = html.P(f"{capitalise(session.state.failure_reason)}.")
         return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]

@@ -51,7 +51,7 @@ def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
 def start(session: Session, id: str | None) -> None:
     """Add an effect to the last model in the background.
 
-    Raises UserError if there is no such effect, or the model has it already.
+    Raises UserError if the effect is unknown, or the model has it already.
     """
     if not id:
         raise InputError("choose an effect to add")

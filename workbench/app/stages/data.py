@@ -10,7 +10,6 @@ from pendulum_env.arms.body import Body
 from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
-from pendulum_env.thinning import thin
 from workbench.app import card_form, demo
 from workbench.app.panels import show_findings, show_timing
 from workbench.app.parts import (
@@ -26,7 +25,7 @@ from workbench.app.parts import (
 from workbench.app.session import Session
 from workbench.app.state import LoadedRecording, State
 from workbench.app.uploads import STUDY
-from workbench.figure import Figure, line, make_stacked_layout
+from workbench.figure import Figure, line, make_stacked_layout, thin
 from workbench.narrator.notes import describe_note
 from workbench.robot import describe_held
 

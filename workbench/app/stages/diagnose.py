@@ -20,9 +20,9 @@ from workbench.report.story import make_candidates, make_joints, make_story
 
 
 def show(session: Session) -> list[Component]:
-    """Render the options of the search, and its result if there is one."""
+    """Render the options of the search, and its last result."""
     state, busy = session.state, session.is_busy()
-    found = state.diagnosis
+    diagnosis = state.diagnosis
     search = make_panel(
         "Search for what is missing",
         html.P(
@@ -31,10 +31,10 @@ def show(session: Session) -> list[Component]:
         ),
         show_choices(state, is_open=state.asked != NO_CHOICES or bool(session.notice)),
         make_button(
-            "Diagnose" if found is None else "Diagnose again", "diagnose", primary=found is None, disabled=busy
+            "Diagnose" if diagnosis is None else "Diagnose again", "diagnose", primary=diagnosis is None, disabled=busy
         ),
     )
-    if found is None:
+    if diagnosis is None:
         return [*show_timing(state), search]
     make = make_story if state.robot is None else make_joints
     result = make(ReportData(state.result))
@@ -44,7 +44,7 @@ def show(session: Session) -> list[Component]:
         make_panel(
             "Ranking",
             show_suggestions(state, busy),
-            *show_section(make_candidates(ReportData(found))),
+            *show_section(make_candidates(ReportData(diagnosis))),
             className="ranking",
         ),
         search,

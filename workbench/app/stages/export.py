@@ -25,13 +25,15 @@ STUDY_NOTE = f"The recordings are read as {STUDY} says: save it beside them."
 def show(session: Session) -> list[Component]:
     """Render the downloads and the command lines."""
     state = session.state
-    fits_more = not (state.added or state.holdout or state.model_file)  # `add` would hold the last 30 % out as well
+    fits_more = not (state.added or state.holdout or state.model_file)  # `add` would also hold out the last 30 %
     notes = [STUDY_NOTE] * is_study_needed(state) + [FIT_NOTE] * fits_more
     notes += [f"{state.robot.file.name} lies there, too."] if state.robot is not None else []
     paragraphs = [html.P(text, className="note") for text in notes]
+    copy = dcc.Clipboard(target_id="commands", title="copy", className="copy")
+    code = html.Div([html.Pre(write_commands(state), id="commands", tabIndex=0), copy], className="code")
     return [
         show_downloads(state),
-        make_panel("The same on the command line", *paragraphs, show_code(write_commands(state), "commands")),
+        make_panel("The same on the command line", *paragraphs, code),
     ]
 
 
@@ -46,17 +48,9 @@ def show_downloads(state: State) -> Component:
         saved["diagnosis"] = DIAGNOSIS, "verdicts and reasons, for programs"
     if state.diagnosis is not None and state.diagnosis.suggestion is not None and state.diagnosis.suggestion.signal:
         saved["experiment"] = EXPERIMENT, "torque of the next experiment over time, for your controller or for record"
-    rows = [
-        html.Li([make_save_button(file, id, primary=id == "report"), html.Span(what)])
-        for id, (file, what) in saved.items()
-    ]
+    buttons = {id: make_save_button(file, id, primary=id == "report") for id, (file, _) in saved.items()}
+    rows = [html.Li([buttons[id], html.Span(what)]) for id, (_, what) in saved.items()]
     return make_panel("Save", html.Ul(rows, className="downloads"))
-
-
-def show_code(text: str, id: str) -> Component:
-    """Render lines with a button to copy them."""
-    copy = dcc.Clipboard(target_id=id, title="copy", className="copy")
-    return html.Div([html.Pre(text, id=id, tabIndex=0), copy], className="code")
 
 
 def connect(app: Dash, sessions: Sessions) -> None:

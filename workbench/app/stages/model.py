@@ -57,7 +57,7 @@ def _make_sections(state: State) -> tuple[Section, ...]:
 
 
 def _show_gallery(state: State) -> Component:
-    """Render pictures of the residual of each effect, in the order of the diagnosis if there is one."""
+    """Render pictures of the residual of each effect, in the order of the diagnosis, if one was made."""
     names = list_choices()
     found = [candidate.effect for candidate in state.diagnosis.candidates] if state.diagnosis is not None else []
     rows = []
