@@ -114,11 +114,11 @@ class LookAhead:
         rows = rows * usable[..., None]
         worth = log_det(seen.information[:, None] + np.einsum("tbci,tbcj->bcij", rows, rows))
         if self.constraint.rms is not None and len(self._sequences) > 1:  # at rest, one step is never worth its price
-            worth = worth - self._cost(seen.time_left)
+            worth = worth - self._compute_cost(seen.time_left)
         first = torque[0][np.arange(len(worth)), worth.argmax(axis=1)]
         return (first / self.constraint.peak)[:, None].astype(np.float32), state
 
-    def _cost(self, time_left: Array) -> Array:
+    def _compute_cost(self, time_left: Array) -> Array:
         """Compute the price of the energy of each sequence (B, C) [nat]."""
         step = self.head_start + (1.0 - time_left) * EPISODE / TICK
         energy = self.ticks * (self._sequences**2).sum(axis=0)  # relative to an even step

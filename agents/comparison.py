@@ -193,14 +193,14 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
     gains = {name: _ratio_json(compute_gain, errors, usual) for name, errors, usual in series}
     gains["information"] = _ratio_json(information_ratio, outcome.log_det[-1], base.log_det[-1])
     return {
-        "error": dict(zip(moments, map(_quartiles, outcome.errors), strict=True)),
-        "cramer_rao": dict(zip(moments, map(_quartiles, outcome.bound), strict=True)),
-        "time_to": dict(zip(bounds, map(_quartiles, outcome.close), strict=True)),
+        "error": dict(zip(moments, map(_compute_quartiles, outcome.errors), strict=True)),
+        "cramer_rao": dict(zip(moments, map(_compute_quartiles, outcome.bound), strict=True)),
+        "time_to": dict(zip(bounds, map(_compute_quartiles, outcome.close), strict=True)),
         "gain": gains,
         "torque_peak": float(np.abs(outcome.torque).max()),
-        "torque_rms": _quartiles(np.sqrt((outcome.torque**2).mean(axis=0))),
-        "speed": _quartiles(outcome.speed),
-        "turns": _quartiles(np.ptp(outcome.position, axis=0) / (2 * np.pi)),  # between the outermost angles
+        "torque_rms": _compute_quartiles(np.sqrt((outcome.torque**2).mean(axis=0))),
+        "speed": _compute_quartiles(outcome.speed),
+        "turns": _compute_quartiles(np.ptp(outcome.position, axis=0) / (2 * np.pi)),  # between the outermost angles
         "seconds_per_action": outcome.seconds_per_action,
     }
 
@@ -210,7 +210,7 @@ def _ratio_json(statistic: Statistic, policy: Array, base: Array) -> JSON:
     return dict(zip(("ratio", "low", "high"), map(_finite, values), strict=True))
 
 
-def _quartiles(values: Array) -> list[float | None]:
+def _compute_quartiles(values: Array) -> list[float | None]:
     """Return lower quartile, median and upper quartile."""
     return [_finite(value) for value in np.quantile(values, [0.25, 0.5, 0.75], method="closest_observation")]
 

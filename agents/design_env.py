@@ -95,11 +95,11 @@ class ExcitationDesignVector(TaskVector):
 
     def _apply_actions(self, shares: Array) -> TaskState:
         torque = self.observer.limit_torque(shares[:, 0])
-        positions, torques = self._hold(torque)
+        positions, torques = self._hold_torque(torque)
         self.observer.add_tick(positions, torques)
         return self._task_state(torque, positions, torques)
 
-    def _hold(self, torque: Array) -> tuple[Array, Array]:
+    def _hold_torque(self, torque: Array) -> tuple[Array, Array]:
         """Hold a torque for a tick, and return the measured positions and torques (samples_per_tick, B)."""
         positions, torques = np.empty((2, self.observer.samples_per_tick, self.num_envs))
         action = torque[:, None]

@@ -108,13 +108,13 @@ class Task(gym.Env[Batch, Batch]):
 
     def _show(self, info: dict[str, Any]) -> dict[str, Any]:
         """Return the info without the axis of the batch; render in mode human."""
-        self._last = _first(info)
+        self._last = _select_first(info)
         if self.render_mode == "human":
             self.render()
         return self._last
 
 
-def _first(info: dict[str, Any]) -> dict[str, Any]:
+def _select_first(info: dict[str, Any]) -> dict[str, Any]:
     """Return the info of the first environment, without masks."""
     values = {name: value for name, value in info.items() if not name.startswith("_")}
-    return {name: _first(value) if isinstance(value, dict) else value[0] for name, value in values.items()}
+    return {name: _select_first(value) if isinstance(value, dict) else value[0] for name, value in values.items()}

@@ -16,7 +16,7 @@ from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantParameters, PlantProperties, Values
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin, stack_rows, step, unstack_rows
+from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, begin, stack_rows, step, unstack_rows
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.spaces import (
     MAX_TORQUE,
@@ -126,7 +126,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self.steps = np.zeros(self.num_envs, dtype=np.int64)
         self._ended = self._no_plants
         self.plant.reset(options.get("theta"))
-        self._command = CommandLine(self.plant.terms, 1.0 / self.rate, self.substeps)
+        self._command = CommandDelay(self.plant.terms, 1.0 / self.rate, self.substeps)
         self._update_plant()
         self._x = begin(self._balance, position, velocity)
         self._previous_position = self.sensor.position(position - velocity / self.rate)

@@ -111,13 +111,13 @@ def report_timing(data: FitData, align: bool | None, terminal: Terminal) -> FitD
 
 def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Inputs:
     """Read the model, if given, and the recordings of an arm."""
-    made = ModelOptions.read_from_model(path) if path else ModelOptions()
-    sources = [apply_log_format(source, made.log_format, path) for source in sources]
-    requested = make_robot(arguments, sources, made)
+    saved = ModelOptions.read_from_model(path)
+    sources = [apply_log_format(source, saved.log_format, path) for source in sources]
+    requested = make_robot(arguments, sources, saved)
     robot = requested.keep_logged_joints(sources)
     robot.body()  # report errors in the robot file first
     recordings = read_all(sources, terminal, robot.read)
-    body = robot.body(made.held) if made.held else robot.hold_joints(recordings)
+    body = robot.body(saved.held) if saved.held else robot.hold_joints(recordings)
     if robot is not requested:
         terminal.say("joints without columns of torque in the log are held; --joints names those that move")
     report_held(body, recordings, terminal)
@@ -133,5 +133,5 @@ def make_body(arguments: argparse.Namespace) -> Mechanism:
     """
     if arguments.robot is None:
         return PENDULUM
-    made = ModelOptions.read_from_model(arguments.model) if arguments.model else ModelOptions()
-    return make_robot(arguments, made=made).body(made.held)
+    saved = ModelOptions.read_from_model(arguments.model)
+    return make_robot(arguments, saved=saved).body(saved.held)

@@ -108,7 +108,7 @@ def find_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> st
 
 def parse_values(text: str) -> dict[str, float]:
     """Parse values of parameters, `gravity=2.01,...`; raises ValueError for another form."""
-    return {name: _bound(value) for name, value in _split_pairs(text, "NAME=VALUE, such as gravity=2.01")}
+    return {name: _parse_bound(value) for name, value in _split_pairs(text, "NAME=VALUE, such as gravity=2.01")}
 
 
 def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
@@ -118,7 +118,7 @@ def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
         low, colon, high = (word.strip() for word in both.partition(":"))
         if not colon:
             raise InputError(f"{quote_value(f'{name}={both}')} should be {expected}")
-        bounds[name] = (_bound(low or "-inf"), _bound(high or "inf"))
+        bounds[name] = (_parse_bound(low or "-inf"), _parse_bound(high or "inf"))
     return bounds
 
 
@@ -126,7 +126,7 @@ def parse_drive(text: str) -> ServoDrive:
     """Parse the settings of a drive, `preset=xl330,kp=200`; raises ValueError if they are invalid."""
     pairs = _split_pairs(text, "KEY=VALUE, such as kp=200")
     words = ("preset", *WORDS)
-    return ServoDrive.from_settings({name: value if name in words else _bound(value) for name, value in pairs})
+    return ServoDrive.from_settings({name: value if name in words else _parse_bound(value) for name, value in pairs})
 
 
 def parse_columns(text: str) -> dict[str, str]:
@@ -154,7 +154,7 @@ def _split_pairs(text: str, expected: str) -> Iterator[tuple[str, str]]:
         yield name, value
 
 
-def _bound(text: str) -> float:
+def _parse_bound(text: str) -> float:
     try:
         value = float(text)
     except ValueError:

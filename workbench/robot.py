@@ -20,6 +20,7 @@ from workbench.errors import InputError
 from workbench.terminal import Terminal
 
 FORMATS = (".urdf", ".xml", ".mjcf")
+NOTHING_SAVED = ModelOptions()
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class RobotFile:
     @classmethod
     def of_model(cls, file: Path, model: Path | None, joints: tuple[str, ...] | None) -> "RobotFile":
         """Return a robot with the settings in a model file, if given; `joints` has priority."""
-        made = ModelOptions.read_from_model(model) if model is not None else ModelOptions()
-        return cls(file, joints or made.joints, made.rotors, made.weightless)
+        saved = ModelOptions.read_from_model(model)
+        return cls(file, joints or saved.joints, saved.rotors, saved.weightless)
 
     def body(self, held: Mapping[str, float] | None = None) -> Body:
         """Return the links, with other joints held at the given positions or zero; raises BodyError as `read_body`."""
@@ -99,15 +100,14 @@ def find_straying(body: Body, recordings: Sequence[Recording]) -> list[str]:
 
 
 def make_robot(
-    arguments: argparse.Namespace, sources: Sequence[Source] = (), made: ModelOptions | None = None
+    arguments: argparse.Namespace, sources: Sequence[Source] = (), saved: ModelOptions = NOTHING_SAVED
 ) -> RobotFile:
-    """Make the robot from the arguments, else from the study or from the options `made` of its model."""
-    made = made or ModelOptions()
+    """Make the robot from the arguments, else from the study or from the options `saved` of its model."""
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
         raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
-    joints, rotors = named.pop() if named else made.joints, True if arguments.rotors else made.rotors
-    light = arguments.no_gravity or made.weightless
+    joints, rotors = named.pop() if named else saved.joints, True if arguments.rotors else saved.rotors
+    light = arguments.no_gravity or saved.weightless
     return RobotFile(Path(arguments.robot), joints, rotors, light)
 
 

@@ -103,8 +103,10 @@ class ModelOptions(Struct, frozen=True):
     log_format: dict[str, Any] = {}
 
     @classmethod
-    def read_from_model(cls, path: str | Path) -> ModelOptions:
-        """Read the options from a model file; empty if the file is not a model."""
+    def read_from_model(cls, path: str | Path | None) -> ModelOptions:
+        """Read the options from a model file; empty without one, or if the file is not a model."""
+        if not path:
+            return cls()
         try:
             found = convert(read_json(path, HINT), cls)
         except FileError:

@@ -16,7 +16,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import FRICTION, parse_effect
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin
+from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, begin
 from pendulum_env.plant import PAPER, Effects, hide, list_effects
 from pendulum_env.recording.study import GRAVITY
 
@@ -85,7 +85,7 @@ class JointBalances:
 
     def start(self, position: Array, velocity: Array) -> None:
         """Set the initial positions (n,) [rad] and velocities (n,) [rad/s]."""
-        self._lines = [CommandLine(balance.terms, self._h, 1) for balance in self._balances]
+        self._lines = [CommandDelay(balance.terms, self._h, 1) for balance in self._balances]
         self._now = [begin(*state) for state in zip(self._balances, position, velocity, strict=True)]
 
     def delay_torque(self, torque: Array) -> Array:

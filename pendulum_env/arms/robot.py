@@ -89,7 +89,7 @@ def _parse(path: Path) -> _File:
                 f"has <{passed.tag}>, which is not followed: write all of it into one file, as MuJoCo's compile does"
             )
     ties = _read_mimics(tree)
-    _bound(tree)
+    _replace_continuous_joints(tree)
     try:
         with _silence_output():
             model = (
@@ -163,7 +163,7 @@ def _silence_output() -> Iterator[None]:
         os.close(kept)
 
 
-def _bound(tree: ElementTree.Element) -> None:
+def _replace_continuous_joints(tree: ElementTree.Element) -> None:
     """Turn continuous joints of URDF into unlimited revolute joints, which Pinocchio describes by one angle."""
     for joint in tree.iterfind("joint[@type='continuous']"):
         joint.set("type", "revolute")

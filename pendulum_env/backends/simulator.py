@@ -9,7 +9,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.backends.port import Backend, Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import CommandLine, TorqueBalance, begin, step
+from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, begin, step
 
 
 class Engine(Protocol):
@@ -56,7 +56,7 @@ class Simulator(Backend):
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
         self._balance = TorqueBalance(setup.model.terms, setup.model.theta)
         self._engine = make(self._balance, self.period / self.substeps)
-        self._command = CommandLine(setup.model.terms, self.period, self.substeps)
+        self._command = CommandDelay(setup.model.terms, self.period, self.substeps)
 
     def set_parameters(self, terms: Sequence[Term], theta: Array) -> None:
         """Replace the parameters, with the same terms and linear parameters theta (P,), and keep the state."""
@@ -67,7 +67,7 @@ class Simulator(Backend):
     def enable(self, start: Start) -> Sample:
         """Begin a run in the given state; return the measurement at time 0."""
         self._rng = start.rng
-        self._command = CommandLine(self._balance.terms, self.period, self.substeps)
+        self._command = CommandDelay(self._balance.terms, self.period, self.substeps)
         self._engine.place(begin(self._balance, start.position, start.velocity))
         self._at = start.position, start.velocity
         self._count = 0  # periods since the start

@@ -50,18 +50,18 @@ class Cogging(Term):
     typical_size = "sin=0.15,cos=0.1"
 
     @property
-    def _orders(self) -> list[tuple[str, float]]:
+    def _nonzero_orders(self) -> list[tuple[str, float]]:
         """Return the nonzero orders N with the suffixes of their parameters."""
         more = [(f"_{k}", getattr(self, f"order_{k}")) for k in range(2, 6)]
         return [("", self.order), *((end, n) for end, n in more if not isinstance(n, float | np.ndarray) or np.any(n))]
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return tuple(column for end, n in self._orders for column in _make_wave(end, n))
+        return tuple(column for end, n in self._nonzero_orders for column in _make_wave(end, n))
 
     @property
     def fault(self) -> str:
-        orders = [n for _, n in self._orders]
+        orders = [n for _, n in self._nonzero_orders]
         return "" if len(set(orders)) == len(orders) else "its orders have to differ"
 
 
@@ -158,22 +158,22 @@ class HardStop(Term):
             Column(
                 "hard_stop.stiffness",
                 "N m/rad",
-                force=lambda x: self._depth(x) + self._loss(x),
-                potential=lambda x: 0.5 * self._depth(x) ** 2,
-                loss=self._loss,
+                force=lambda x: self._compute_depth(x) + self._compute_loss(x),
+                potential=lambda x: 0.5 * self._compute_depth(x) ** 2,
+                loss=self._compute_loss,
                 least=0.0,
             ),
         )
 
-    def _loss(self, x: Samples) -> Array:
+    def _compute_loss(self, x: Samples) -> Array:
         """Return the inelastic torque per unit of stiffness [rad], bounded so that the stop does not pull."""
-        depth = self._depth(x)
+        depth = self._compute_depth(x)
         inwards = np.sign(depth) * x.velocity
         lost = (self.hysteresis * np.abs(depth) + self.damping_time * (depth != 0)) * inwards
         pushed: Array = np.sign(depth) * np.maximum(lost, -np.abs(depth))
         return pushed
 
-    def _depth(self, x: Samples) -> Array:
+    def _compute_depth(self, x: Samples) -> Array:
         """Return the penetration of a stop [rad], negative at the lower stop."""
         beyond: Array = np.maximum(x.position - self.upper, 0.0) + np.minimum(x.position - self.lower, 0.0)
         return beyond

@@ -40,11 +40,11 @@ class EncoderEccentricity(Term):
     def columns(self) -> tuple[Column, ...]:
         n = self.order
         return (
-            self._column("sin", lambda q: np.sin(n * q), lambda q: n * np.cos(n * q)),
-            self._column("cos", lambda q: np.cos(n * q), lambda q: -n * np.sin(n * q)),
+            self._make_column("sin", lambda q: np.sin(n * q), lambda q: n * np.cos(n * q)),
+            self._make_column("cos", lambda q: np.cos(n * q), lambda q: -n * np.sin(n * q)),
         )
 
-    def _column(self, name: str, f: Function, slope: Function) -> Column:
+    def _make_column(self, name: str, f: Function, slope: Function) -> Column:
         """Make the column -(I d^2/dt^2 + mgl cos q + b d/dt) f(q), with f'' = -N^2 f."""
 
         def force(x: Samples) -> Array:

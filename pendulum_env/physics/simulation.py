@@ -200,7 +200,7 @@ def delay_torque(torque: Array, before: Array, periods: float) -> Array:
     return (1 - share) * line[first : first + len(torque)] + share * line[first - 1 : first - 1 + len(torque)]
 
 
-class CommandLine:
+class CommandDelay:
     """Delay line of the torque command, by the delays of the terms."""
 
     def __init__(self, terms: Sequence[Term], period: float, substeps: int) -> None:

@@ -59,8 +59,10 @@ class Transmission(Term):
     def columns(self) -> tuple[Column, ...]:
         def force(x: Samples) -> ArrayLike:  # T - mgl sin q, per unit of J
             position, velocity = x.memory[self.id]
-            pull = self._pull(x.position - position, x.velocity - velocity, self.resonance**2, self.damping)
-            return pull - self._resist(x.position, x.velocity)
+            pull = self._compute_acceleration(
+                x.position - position, x.velocity - velocity, self.resonance**2, self.damping
+            )
+            return pull - self._compute_deceleration(x.position, x.velocity)
 
         def dry(x: Samples) -> ArrayLike:  # of the link, which is none of the motor
             return -self.friction
@@ -70,18 +72,23 @@ class Transmission(Term):
             Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, dry=link_dry, least=0.0),
         )
 
-    def _pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
+    def _compute_acceleration(
+        self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike
+    ) -> ArrayLike:
         """Return the acceleration of the link by the transmission [rad/s^2]."""
         if not may_be_true(self.play):
             return stiffness * twist + damping * speed
-        ahead, behind = self._extend(twist + 0.5 * TOUCH * speed), self._extend(twist - 0.5 * TOUCH * speed)
+        ahead, behind = (
+            self._compute_extension(twist + 0.5 * TOUCH * speed),
+            self._compute_extension(twist - 0.5 * TOUCH * speed),
+        )
         return stiffness * (ahead + behind) / 2.0 + damping * (ahead - behind) / TOUCH
 
-    def _extend(self, twist: Any) -> Any:
+    def _compute_extension(self, twist: Any) -> Any:
         """Return the extension of the transmission [rad], which is the twist beyond the play."""
         return twist - np.minimum(np.maximum(twist, -self.play), self.play)
 
-    def _resist(self, position: Array, velocity: Array) -> Array:
+    def _compute_deceleration(self, position: Array, velocity: Array) -> Array:
         """Return the deceleration of the link by its weight and viscous friction [rad/s^2]."""
         weight = self.gravity * np.sin(position)
         return weight + self.viscous * velocity if may_be_true(self.viscous) else weight
@@ -98,7 +105,7 @@ class Transmission(Term):
         }
         return replace(self, **values)
 
-    def _rub(self, velocity: Array, duration: ArrayLike) -> Array:
+    def _apply_dry_friction(self, velocity: Array, duration: ArrayLike) -> Array:
         """Return a velocity of the link after its dry friction has acted, which stops it at most."""
         if not may_be_true(self.friction):
             return velocity
@@ -118,9 +125,9 @@ class Transmission(Term):
         return found
 
     def start(self, x: Samples) -> Memory:
-        return self._hang(x, self.resonance**2)
+        return self._find_rest(x, self.resonance**2)
 
-    def _hang(self, x: Samples, stiffness: ArrayLike) -> Memory:
+    def _find_rest(self, x: Samples, stiffness: ArrayLike) -> Memory:
         """Return the link at the extension that carries its weight, moving with the motor."""
         weight = self.gravity * np.sin(x.position)
         return x.position - weight / stiffness - self.play * np.sign(weight), x.velocity + 0.0 * weight
@@ -136,8 +143,10 @@ class Transmission(Term):
         def accelerate(elapsed: ArrayLike, position: Array, now: Array, duration: ArrayLike) -> Array:
             """Return the velocity after a duration, from `velocity` with the acceleration of a state."""
             twist, speed = x.position + elapsed * x.velocity - position, x.velocity - now
-            pull = self._pull(twist, speed, stiffness, damping) - self._resist(position, now)
-            return self._rub(velocity + duration * pull, duration)
+            pull = self._compute_acceleration(twist, speed, stiffness, damping) - self._compute_deceleration(
+                position, now
+            )
+            return self._apply_dry_friction(velocity + duration * pull, duration)
 
         for k in range(steps):
             middle_q = position + 0.5 * h * velocity
@@ -178,7 +187,7 @@ class JointFlexibility(Transmission):
         resonance, damping, gravity, friction, viscous = values
         stiffness = np.minimum(resonance, 1.5 / period) ** 2
         first = Samples(x.time[0], x.position[0], x.velocity[0], x.torque[0])
-        q0, v0 = cls(*values)._hang(first, stiffness)
+        q0, v0 = cls(*values)._find_rest(first, stiffness)
         constants = np.array([stiffness, damping, gravity, friction, viscous, np.full(len(variants), period)])[
             :, :, None
         ]

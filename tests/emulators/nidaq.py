@@ -10,7 +10,7 @@ from typing import Any
 import grpc
 from nidaqmx._stubs import nidaqmx_pb2 as messages
 
-from pendulum_env.backends.emulators.emulator import Emulated
+from pendulum_env.backends.emulators.emulator import EmulatedRig
 from pendulum_env.backends.emulators.motor import Motor
 
 SERVICE = "nidaqmx_grpc.NiDAQmx"
@@ -131,7 +131,9 @@ class Server:
         return grpc.unary_unary_rpc_method_handler(answer, request.FromString, response.SerializeToString)
 
 
-def make_nidaq(motor: Motor) -> Emulated:
+def make_nidaq(motor: Motor) -> EmulatedRig:
     """Put a motor behind a card, at the end of a network."""
     server = Server(Card(motor))
-    return Emulated(motor, server, "nidaq", {**CHANNELS, "newton_metres_per_volt": Card.scale, "server": server.place})
+    return EmulatedRig(
+        motor, server, "nidaq", {**CHANNELS, "newton_metres_per_volt": Card.scale, "server": server.place}
+    )

@@ -52,7 +52,7 @@ class Workers:
         with self._lock:
             worker, self._spare = self._spare or Worker(), None
         try:
-            return worker, worker.submit(_do, task, list_plugins())
+            return worker, worker.submit(_run_task, task, list_plugins())
         except BrokenExecutor:  # the spare worker died
             return self.start(task)
 
@@ -124,7 +124,7 @@ class Job:
         self.over.set()
 
 
-def _do(task: Task, files: Sequence[Path]) -> Any:
+def _run_task(task: Task, files: Sequence[Path]) -> Any:
     """Load the effect files of the parent process and run a task; users' errors become InputError."""
     try:
         for file in files:

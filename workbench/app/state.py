@@ -246,10 +246,10 @@ class State:
             return replace(diagnosis, steps=self.ladder)
         fitted = data.parts[0]
         residual = fitted.with_link_states(self.model).residual(self.model.terms, self.model.theta)
-        left = tuple(find_failures(fitted, residual))
+        regions = tuple(find_failures(fitted, residual))
         if diagnosis is not None:
-            return replace(diagnosis, steps=self.ladder, unexplained=left)
-        return Diagnosis(self.ladder, (), (), left, fitted.floors, self.doubts, data=data)
+            return replace(diagnosis, steps=self.ladder, unexplained=regions)
+        return Diagnosis(self.ladder, (), (), regions, fitted.floors, self.doubts, data=data)
 
     @cached_property
     def report_data(self) -> ReportData:

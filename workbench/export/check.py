@@ -132,7 +132,9 @@ def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:
     path = np.empty_like(segments.position)
     for k in range(path.shape[1]):
         data = mujoco.MjData(world)
-        _begin(mujoco, world, data, segments, {id: [part[k] for part in parts] for id, parts in memory.items()}, k)
+        _set_initial_state(
+            mujoco, world, data, segments, {id: [part[k] for part in parts] for id, parts in memory.items()}, k
+        )
         path[0, k] = data.qpos[0]
         for n, torque in enumerate(segments.torque[:, k]):
             data.ctrl[0] = torque
@@ -142,7 +144,7 @@ def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:
     return path
 
 
-def _begin(
+def _set_initial_state(
     mujoco: Any, world: Any, data: Any, segments: Segments, memory: Mapping[str, Sequence[float]], k: int
 ) -> None:
     """Set the joint and its internal states to the start of segment `k`."""

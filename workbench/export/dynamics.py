@@ -79,7 +79,7 @@ def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamic
     Raises ExportError if a law of the model cannot be converted to an expression.
     """
     try:
-        parts = _Parts.from_model(model, seconds)
+        parts = _StepBuilder.from_model(model, seconds)
         if isinstance(actuator, Servo):
             parts.take_goal(actuator.controller)
         x = step(parts.balance, parts.x, seconds)
@@ -92,7 +92,7 @@ def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamic
 
 
 @dataclass
-class _Parts:
+class _StepBuilder:
     """Expressions of a step in readable names, during construction."""
 
     seconds: float  # length of a step [s]

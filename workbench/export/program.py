@@ -126,7 +126,7 @@ class ProgramText:
             return write_number(language, x), ATOM if x >= 0 else NEGATIVE
 
         for symbol in order:
-            text = source._text(symbol, [operand(x) for x in symbol.inputs])
+            text = source._write_expression(symbol, [operand(x) for x in symbol.inputs])
             if symbol.op != NAME and (symbol.label or counts[symbol] > 1 or len(text[0]) > 64):
                 name = symbol.label or f"t{len(source.lines) + 1}"
                 source.lines.append((name, text[0]))
@@ -135,7 +135,7 @@ class ProgramText:
         source.results = [operand(x)[0] for x in results]
         return source
 
-    def _text(self, symbol: Symbol, parts: Sequence[tuple[str, int]]) -> tuple[str, int]:
+    def _write_expression(self, symbol: Symbol, parts: Sequence[tuple[str, int]]) -> tuple[str, int]:
         """Return the expression of an operation on operands, and its precedence."""
         if symbol.op == NAME:
             self.names.add(symbol.label)

@@ -73,7 +73,7 @@ def _collect_words(finding: Finding) -> dict[str, Any]:
     words |= {kind: join_words(getattr(finding, kind)) for kind in ("parameters", "effects", "recordings")}
     words["by_joint"] = f" by {join_words(finding.joints)}" if finding.joints else ""
     words["fix_gravity"] = format_setting("fixed", {"gravity": Blank("VALUE")})
-    words |= {"begin": _begin(finding), "without_torque": format_setting("columns", {"torque": "none"})}
+    words |= {"begin": _begin_sentence(finding), "without_torque": format_setting("columns", {"torque": "none"})}
     if "torque_constant" in finding.numbers:
         logged = finding.numbers["torque_constant"].unit.partition("/")[2]
         words["name"] = "torque constant" if logged == "A" else "torque gain"
@@ -86,7 +86,7 @@ def _collect_words(finding: Finding) -> dict[str, Any]:
     return words
 
 
-def _begin(finding: Finding) -> str:
+def _begin_sentence(finding: Finding) -> str:
     """Return the beginning of a sentence about the recordings of a finding."""
     return f"{join_words(finding.recordings)}: the" if finding.recordings else "The"
 
@@ -144,7 +144,7 @@ def describe_late(finding: Finding, remedy: str = "") -> str:
     how = ". It was sampled like the position, and not held until the next sample" if is_sampled else ""
     is_corrected = finding.kind in (Kind.TORQUE_LATE_CORRECTED, Kind.TORQUE_SAMPLED_CORRECTED)
     remedy = remedy or (CORRECTED if is_corrected else CORRECT_IT)
-    return f"{_begin(finding)} torque is {' and '.join(law)}{_describe_rival(finding)}{how}. {remedy}"
+    return f"{_begin_sentence(finding)} torque is {' and '.join(law)}{_describe_rival(finding)}{how}. {remedy}"
 
 
 def _describe_lag(finding: Finding) -> str:
@@ -152,8 +152,9 @@ def _describe_lag(finding: Finding) -> str:
     lag = f"with a lag of {format_milliseconds(finding.numbers['lag'])}" if delay is None else ""
     law = f"{format_milliseconds(delay)} after its time stamp" if delay else lag
     return (
-        f"{_begin(finding)} torque acts {law}{_describe_rival(finding)}. Possible causes: the drive (dead_time, "
-        "actuator_lag), early time stamps, or a flexible joint. Log current or torque at the motor to distinguish them."
+        f"{_begin_sentence(finding)} torque acts {law}{_describe_rival(finding)}. Possible causes: the drive "
+        "(dead_time, actuator_lag), early time stamps, or a flexible joint. Log current or torque at the motor to "
+        "distinguish them."
     )
 
 

@@ -61,16 +61,16 @@ def render_content(content: Iterable[object]) -> Iterator[Html]:
 
 def make_table(content: TextTable) -> Html:
     """Make a table of texts; cells of block characters are coloured as bars."""
-    left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
+    is_left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
 
     def row(tag: str, style: str, cells: Sequence[str]) -> Html:
         return make_element("tr", "background:none", *(cell(tag, style, k, text) for k, text in enumerate(cells)))
 
     def cell(tag: str, style: str, place: int, text: str) -> Html:
         bar = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
-        wrap = "normal" if tag == "th" or (place > 0 and left[place]) else "nowrap"
+        wrap = "normal" if tag == "th" or (place > 0 and is_left[place]) else "nowrap"
         layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};white-space:{wrap}"
-        return make_element(tag, f"{layout};text-align:{'left' if left[place] else 'right'};{bar}{style}", text)
+        return make_element(tag, f"{layout};text-align:{'left' if is_left[place] else 'right'};{bar}{style}", text)
 
     # no line break within a unit
     headers = [re.sub(r"\[.*?\]", lambda unit: unit[0].replace(" ", "\xa0"), text) for text in content.headers]

@@ -16,7 +16,7 @@ class Code(str):
     is_code = True
 
 
-class Key(NamedTuple):
+class Legend(NamedTuple):
     """Legend of several figures: kind, colour and label of each entry."""
 
     entries: tuple[tuple[str, str, str], ...]
@@ -31,7 +31,7 @@ class Part(NamedTuple):
 
 
 Content = Sequence[  # tuple of texts: list; tuple of figures: grid; mapping: head of a report
-    str | tuple[str, ...] | TextTable | Figure | tuple[Figure, ...] | Key | Part | Mapping[str, Any]
+    str | tuple[str, ...] | TextTable | Figure | tuple[Figure, ...] | Legend | Part | Mapping[str, Any]
 ]
 
 

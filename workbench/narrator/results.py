@@ -83,8 +83,8 @@ def narrate_detectable(diagnosis: Diagnosis) -> list[Part]:
 
 def narrate_unexplained(diagnosis: Diagnosis) -> list[Part]:
     """Make the part on the unexplained residual; empty without one."""
-    left = tuple(describe_unexplained(diagnosis, region) for region in diagnosis.unexplained)
-    return [Part("Left unexplained", [left])] if left else []
+    texts = tuple(describe_unexplained(diagnosis, region) for region in diagnosis.unexplained)
+    return [Part("Left unexplained", [texts])] if texts else []
 
 
 def narrate_next_step(diagnosis: Diagnosis) -> list[Part]:
@@ -236,8 +236,8 @@ def narrate_payload(payload: Payload, body: Body) -> list[Part]:
             "as well, or the motion says too little."
         )
     sizes, units = payload.torque_rms.items(), {at: body.units(at).unit(NEWTON_METRE) for at in payload.torque_rms}
-    left = [(at, f"{old:.4g}", f"{new:.4g}", units[at]) for at, (old, new) in sizes]
-    explained = TextTable(("joint", "without payload", "with it", "unit"), left, left=("unit",))
+    errors = [(at, f"{old:.4g}", f"{new:.4g}", units[at]) for at, (old, new) in sizes]
+    explained = TextTable(("joint", "without payload", "with it", "unit"), errors, left=("unit",))
     return [
         Part(f"Payload at the link behind {payload.joint}, in that joint's frame", content),
         Part("Torque errors, friction refitted", [explained]),

@@ -31,9 +31,9 @@ def make_comparison(case: ReportData) -> Section:
     runs: list[Part] = []
     for k in order:
         name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].select_center_samples().time)
-        left = [part[k] for part in split]
+        errors = [part[k] for part in split]
         position = plot_position(case, f"position-{k}", [part.segments[k] for part in case.parts[1]])
-        drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], left, noise)
+        drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], errors, noise)
         runs += [Part(f"Torque, {name}", [drawn]), Part(f"Position in free run, {name}", [position])]
     held_out = "Held-out data. " * (not case.data.is_comparison)
     about = (
@@ -49,11 +49,11 @@ def plot_torque(
     case: ReportData, id: str, of: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
 ) -> Figure:
     """Plot the torque of one recording in its windows (N,) [N m], above the residual (N,) of each model."""
-    x, (measured, *left) = insert_gaps(time, thin(residuals[0]), torque, *residuals)
-    modelled = [measured - residual for residual in left]
+    x, (measured, *differences) = insert_gaps(time, thin(residuals[0]), torque, *residuals)
+    modelled = [measured - difference for difference in differences]
     label = f"Measured and modelled torque over time, and their difference, {of}"
     names = ("torque", "residual", case.units.unit("N m"))
-    figure = before_and_after(id, label, x, measured, case.model_labels, modelled, left, names)
+    figure = before_and_after(id, label, x, measured, case.model_labels, modelled, differences, names)
     figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure
 

@@ -13,7 +13,7 @@ from pendulum_env.formatting import format_percent
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, axis, band, line
 from workbench.narrator.diagnosis import describe_region
-from workbench.narrator.parts import Key, Part
+from workbench.narrator.parts import Legend, Part
 from workbench.report.data import ReportData, Section
 
 TITLES = {  # name and symbol of an axis
@@ -37,8 +37,8 @@ def make_failures(case: ReportData) -> Section:
     for k, joint in enumerate(prepared.floors):
         x, rows = prepared.data.part(joint).samples, prepared.data.locate_rows(joint)
         noise, units = prepared.floors[joint], prepared.units(joint)
-        maps = [compute_profiles(x, left[rows], noise, axes, units) for left in residuals]
-        regions = [find_regions_at(prepared, left, joint, axes) for left in residuals]
+        maps = [compute_profiles(x, residual[rows], noise, axes, units) for residual in residuals]
+        regions = [find_regions_at(prepared, residual, joint, axes) for residual in residuals]
         stands_out = [seen or bool(region) for seen, region in zip(stands_out, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(p.mean).max()) for m in maps for p in m if p.axis != "frequency")
         final_regions = regions[-1] if len(regions) > 1 else []
@@ -54,7 +54,7 @@ def make_failures(case: ReportData) -> Section:
         f"the noise floor ({REGIONS.z_limit:g} standard errors); a shaded stretch is where the residual stands out "
         f"of it{least}. Means share one scale{others}."
     )
-    content: list[Any] = [scales, list_key(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
+    content: list[Any] = [scales, make_legend(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
     content += strips[0].content if body.can_simulate else strips
     return Section("failures", "Where it fails", "Where the model fails", content)
 
@@ -66,7 +66,7 @@ def list_regions(curves: Sequence[Curve], found: Sequence[Sequence[Region]]) -> 
         yield tuple(describe_region(region) for region in regions)
 
 
-def list_key(curves: Sequence[Curve], regions: bool, final_regions: bool) -> Key:
+def make_legend(curves: Sequence[Curve], regions: bool, final_regions: bool) -> Legend:
     """Make the legend of curves, noise band, and stripes of the first (`regions`) and last model (`final_regions`)."""
     entries = [("stroke", color, label) for label, color in curves]
     entries.append(("patch", "--noise", f"noise (±{REGIONS.z_limit:g}σ)"))
@@ -74,7 +74,7 @@ def list_key(curves: Sequence[Curve], regions: bool, final_regions: bool) -> Key
         entries.append(("patch", "--region", f"stands out under the {curves[0][0]}"))
     if final_regions:
         entries.append(("patch", "--open", f"stands out under the {curves[-1][0]}"))
-    return Key(tuple(entries))
+    return Legend(tuple(entries))
 
 
 def plot_profile(

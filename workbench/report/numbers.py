@@ -13,7 +13,7 @@ from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, axis, band, line
 from workbench.narrator.effects import name_effect
 from workbench.narrator.identification import list_warnings, tabulate_schemes
-from workbench.narrator.parts import Content, Key
+from workbench.narrator.parts import Content, Legend
 from workbench.narrator.results import narrate_errors
 from workbench.narrator.tables import tabulate_parameters
 from workbench.report.data import ReportData, Section
@@ -114,7 +114,7 @@ def make_schemes(case: ReportData) -> Section | None:
         "recording goes on; filtered schemes are dashed.",
         tuple(list_warnings(found)),
         tabulate_schemes(found),
-        Key(tuple(("stroke", strokes[id]["color"], name_effect(id)) for id in found.schemes)),
+        Legend(tuple(("stroke", strokes[id]["color"], name_effect(id)) for id in found.schemes)),
         tuple(plot_convergence(found, k, strokes, units(column.unit)) for k, column in enumerate(columns)),
     ]
     return Section("schemes", "Schemes", "The schemes side by side", content)

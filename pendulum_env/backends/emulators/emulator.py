@@ -58,7 +58,7 @@ class Wire:
         self.descriptor = self._slave = -1
 
 
-class Emulated(NamedTuple):
+class EmulatedRig(NamedTuple):
     """Motor with its connection."""
 
     motor: Motor
@@ -68,7 +68,7 @@ class Emulated(NamedTuple):
 
 
 def emulate(
-    make: Callable[[Motor], Emulated],
+    make: Callable[[Motor], EmulatedRig],
     plant: Model,
     config: Path,
     rate: float,
@@ -115,7 +115,7 @@ def emulate(
         rig.wire.pull()
 
 
-def _serve(rig: Emulated, report: Callable[[str], None]) -> None:
+def _serve(rig: EmulatedRig, report: Callable[[str], None]) -> None:
     keyboard = sys.stdin.fileno() if sys.stdin is not None else -1
     while True:
         listening = keyboard if keyboard >= 0 and _is_in_foreground(keyboard) else -1

@@ -1,6 +1,6 @@
 """Emulated microcontroller of the serial rig."""
 
-from pendulum_env.backends.emulators.emulator import Emulated, Wire
+from pendulum_env.backends.emulators.emulator import EmulatedRig, Wire
 from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.hardware import frames
 from pendulum_env.backends.hardware.encoder import subtract_counts
@@ -43,7 +43,7 @@ class Firmware:
         return frames.pack(frames.STATE, sequence, flags, 0, micro, counts, torque)
 
 
-def make_serial(motor: Motor) -> Emulated:
+def make_serial(motor: Motor) -> EmulatedRig:
     """Connect a motor by the firmware and a serial cable."""
     wire = Wire(Firmware(motor).answer)
-    return Emulated(motor, wire, "serial", {"port": wire.place})
+    return EmulatedRig(motor, wire, "serial", {"port": wire.place})

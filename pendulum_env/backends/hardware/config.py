@@ -58,7 +58,7 @@ class GuardLimits:
 
 
 @dataclass(frozen=True)
-class OnFault:
+class FaultReaction:
     """Reaction to a fault while drive and encoder still work."""
 
     action: Literal["zero", "brake"] = "zero"
@@ -133,7 +133,7 @@ class RigFile:
     log: Text | None = None  # file of the rig's log, relative to the configuration
     encoder: EncoderSettings = EncoderSettings()
     limits: GuardLimits = GuardLimits()
-    fault: OnFault = OnFault()
+    fault: FaultReaction = FaultReaction()
     rest: Rest = Rest()
     plant: PlantRanges = PlantRanges()
 

@@ -23,7 +23,7 @@ from typing import NamedTuple
 from pendulum_env.backends.hardware.config import PlantRanges
 
 
-class Mark(NamedTuple):
+class IntegratedReading(NamedTuple):
     """Reading with double integrals up to it, per unit of each parameter [s^2]; of torque in N m s^2."""
 
     position: float  # [rad]
@@ -64,7 +64,7 @@ class PlausibilityCheck:
     def reset(self) -> None:
         """Remove all readings and commands."""
         self._times: list[float] = []
-        self._marks: list[Mark] = []
+        self._marks: list[IntegratedReading] = []
         self._slopes = [0.0] * 6  # first integrals, without that of the angle
         self._torques = [(-math.inf, 0.0, 0.0)]  # time of the previous reading [s], least and largest torque [N m]
         self._direction, self._start, self._wrong = 0, 0.0, 0
@@ -84,7 +84,7 @@ class PlausibilityCheck:
         if not self._times:
             self._start = position
             self._times.append(time)
-            self._marks.append(Mark(position, 2 * self._step, *[0.0] * 7))
+            self._marks.append(IntegratedReading(position, 2 * self._step, *[0.0] * 7))
             return ""
         passed = time - self._times[-1]
         if passed <= 0:
@@ -121,7 +121,7 @@ class PlausibilityCheck:
         angle = last.angle + passed * (middle - self._start)
         doubt = 2 * self._step + speed * (self._noise + 0.5 * took)
         self._times.append(time)
-        self._marks.append(Mark(position, doubt, least, most, gravity, angle, forward, backward, held))
+        self._marks.append(IntegratedReading(position, doubt, least, most, gravity, angle, forward, backward, held))
 
     def _find_acting_torques(self, since: float) -> tuple[float, float]:
         """Return the least and the largest torque that may act after the reading of a time [s]."""

@@ -8,7 +8,7 @@ import pytest
 
 from pendulum_env.backends.hardware import DriveError, Reading, Sent, driver_errors
 from pendulum_env.backends.hardware import guard as guards
-from pendulum_env.backends.hardware.config import GuardLimits, OnFault, PlantRanges, load
+from pendulum_env.backends.hardware.config import FaultReaction, GuardLimits, PlantRanges, load
 from pendulum_env.backends.hardware.guard import Fault, Guard
 
 PER_RADIAN = 1_024_000 / (2 * math.pi)
@@ -79,7 +79,7 @@ def make(clock, tmp_path):
         path.write_text('adapter = "serial"\nrate = 200.0\n[serial]\nport = "/dev/none"\n')
         config = replace(
             load(path), checked=checked, torque_sign=torque_sign, limits=replace(GuardLimits(), **limits),
-            fault=on_fault or OnFault(), plant=plant,
+            fault=on_fault or FaultReaction(), plant=plant,
         )  # fmt: skip
         guard = Guard(FakeDrive(clock), config)
         guard.open()
@@ -237,7 +237,7 @@ def test_there_is_no_torque_without_power(make):
     ],
 )
 def test_braking_pushes_against_the_motion_and_ends(make, clock, checked, gained, braked):
-    guard, drive = make(checked, OnFault("brake", gain=0.1, seconds=2.0), hard_velocity=10.0)
+    guard, drive = make(checked, FaultReaction("brake", gain=0.1, seconds=2.0), hard_velocity=10.0)
     speed, rest = [11.0], [clock.now + 2.0]
 
     def slept(seconds):
