@@ -81,10 +81,10 @@ class TrainingTask(DiscreteActions):
         return mirrored.astype(np.float32)
 
 
-def train(config: Config, tell: Progress | None = None, folder: Path | None = None) -> Network:
+def train(config: Config, progress: Progress | None = None, folder: Path | None = None) -> Network:
     """Train a policy; the same configuration gives the same policy on the same machine.
 
-    `tell` is called with the progress as text and share. A folder gets intermediate policies `steps-N.npz` and, if
+    `progress` is called with the progress as text and share. A folder gets intermediate policies `steps-N.npz` and, if
     TensorBoard is installed, its log. An interrupted training continues from the model in its folder with new plants.
     Raises OSError if the folder is not writable, and UserError if it holds a training with other settings.
     """
@@ -96,7 +96,7 @@ def train(config: Config, tell: Progress | None = None, folder: Path | None = No
             model = _read_checkpoint(folder, config)
         model.tensorboard_log = str(folder / "tensorboard") if find_spec("tensorboard") else None
     if (left := config.steps - model.num_timesteps) > 0:
-        callback = _TrainingCallback(config, tell, folder)
+        callback = _TrainingCallback(config, progress, folder)
         model.learn(left, callback, tb_log_name="training", reset_num_timesteps=model.num_timesteps == 0)
     return export_network(model, config)
 
@@ -153,9 +153,9 @@ def export_network(model: PPO, config: Config) -> Network:
 class _TrainingCallback(BaseCallback):
     """Callback that reports progress and writes intermediate policies."""
 
-    def __init__(self, config: Config, tell: Progress | None, folder: Path | None) -> None:
+    def __init__(self, config: Config, progress: Progress | None, folder: Path | None) -> None:
         super().__init__()
-        self._config, self._tell, self._folder = config, tell, folder
+        self._config, self._progress, self._folder = config, progress, folder
         self._gained: list[float] = []
 
     def _on_training_start(self) -> None:
@@ -176,8 +176,8 @@ class _TrainingCallback(BaseCallback):
         done, config, mean = self.num_timesteps, self._config, float(np.mean(self._gained))
         self._gained = []
         self.logger.record("rollout/reward", mean)
-        if self._tell is not None:
-            self._tell(f"{done:,} decisions, reward {mean:.4f} each", min(1.0, done / config.steps))
+        if self._progress is not None:
+            self._progress(f"{done:,} decisions, reward {mean:.4f} each", min(1.0, done / config.steps))
         if self._folder is not None and (at_end or done // config.checkpoint > self._kept // config.checkpoint):
             assert isinstance(self.model, PPO)
             self._kept = done

@@ -82,9 +82,9 @@ def main(argv: list[str] | None = None) -> int:
         "ticks missed [%]",
     )  # fmt: skip
     table = []
-    with terminal.progress("running") as tell:
+    with terminal.progress("running") as progress:
         for rate in RATES:
-            tell(f"{rate:g} Hz", len(table) / len(RATES))
+            progress(f"{rate:g} Hz", len(table) / len(RATES))
             table.append(row(rate, arguments.seconds, arguments.realtime))
     terminal.table(headers, table)
     return 0

@@ -63,7 +63,7 @@ class Prediction:
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Return time and all quantities by name, (N,) each; those of an arm by joint, as `torque_elbow`."""
+        """Return time and all quantities by name, (N,) each; those of an arm by joint (`torque_elbow`)."""
         named = {"time": self.time}
         for quantity in QUANTITIES:
             for at, values in zip(self.units, getattr(self, quantity).reshape(len(self.time), -1).T, strict=True):

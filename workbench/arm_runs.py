@@ -40,8 +40,8 @@ def record_arm(
             motion = plan_motion(load(arguments.policy or ARM), body, find_limits(body, **limits), seconds)
         else:
             motion = design_excitation(body, seconds, **limits, rng=rng)
-    with terminal.progress("simulating") as tell:
-        recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=tell)
+    with terminal.progress("simulating") as progress:
+        recording = follow(arm, motion, samples, arguments.amplitude, rng=rng, name=arguments.output, progress=progress)
     if not (np.abs(recording.position) <= MAX_NUMBER).all():  # false for NaN, too
         raise InputError(f"the joints turn by more than {MAX_NUMBER:g} rad: hide less, or allow less torque")
     write_recording(recording, arguments.output)

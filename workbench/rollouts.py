@@ -29,13 +29,13 @@ def simulate(plan: Plan, rng: np.random.Generator, terminal: Terminal) -> Record
     env = make_environment(plan)
     rate = env.unwrapped.rate  # type: ignore[attr-defined]
     steps = round(seconds * rate)
-    with terminal.progress("running") as tell:
+    with terminal.progress("running") as progress:
         return rollout(
             env,
             _make_controller(plan, rate),
             steps,
             seed=int(rng.integers(2**31)),
-            watch=lambda info: tell(f"{info['time']:.0f} s", info["time"] / seconds),
+            watch=lambda info: progress(f"{info['time']:.0f} s", info["time"] / seconds),
         )
 
 

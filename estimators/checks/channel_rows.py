@@ -97,7 +97,7 @@ def make_angle_columns(data: TorqueWindows, count: int) -> Array:
 
 
 def list_torque_dependent(terms: Sequence[Term]) -> list[Term]:
-    """List the terms with columns that depend on the torque; terms with fixed columns, as a lag, are left out."""
+    """List the terms with columns that depend on the torque; terms with fixed columns (a lag) are left out."""
     return [term for term in terms if not term.fixed and any(column.of_torque for column in term.columns)]
 
 

@@ -7,8 +7,8 @@ error of sixth order in its length.
 Command k - 1 acts between samples k - 1 and k. The second difference of the position at k is the average acceleration
 under a triangle over k - 1 to k + 1. The average torque under this triangle is the mean of commands k - 1 and k.
 Central differences average velocity over k - 1 to k + 1 in the same way. A correction by second differences d^2 of
-motion and command removes the second moment of both averages. They then agree with smooth parts of the balance, as
-sin q, to fourth order.
+motion and command removes the second moment of both averages. They then agree with smooth parts of the balance
+(sin q) to fourth order.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Physical terms, used by regressors, simulation and report.
 
-The torque balance is linear in the parameters theta for given nonlinear parameters, as a Stribeck velocity:
+The torque balance is linear in the parameters theta for given nonlinear parameters (a Stribeck velocity):
 
     torque = sum_k theta_k (mass_k q'' + force_k + dry_k sgn q')
 

@@ -34,4 +34,6 @@ def start(session: Session) -> None:
     for item in session.state.loaded:
         if item.id in (FITTED, HELD_OUT):
             raise InputError(f"{item.id}: is loaded already: remove it first")
-    session.work("Recording", partial(record_demo, session.place()), lambda loaded: session.keep(*loaded))
+    session.work(
+        "Recording", partial(record_demo, session.make_folder()), lambda loaded: session.add_recordings(*loaded)
+    )

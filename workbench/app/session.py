@@ -159,17 +159,17 @@ class Session:
 
     # ------------------------------------------------------------------------------------------- recordings
 
-    def place(self) -> Path:
+    def make_folder(self) -> Path:
         """Make a new folder for the files of one upload."""
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # it may have been deleted
         return Path(tempfile.mkdtemp(dir=self.folder, prefix="tmp"))
 
-    def receive(self, coming: Sequence[tuple[str, str]], unwrap: bool) -> None:
+    def load_uploads(self, coming: Sequence[tuple[str, str]], unwrap: bool) -> None:
         """Load uploaded recordings, studies, a robot and a model; `coming`: pairs of file name and data URL.
 
         Raises InputError, which names the files that cannot be used.
         """
-        came = uploads.sort_files(self.place(), coming, unwrap)
+        came = uploads.sort_files(self.make_folder(), coming, unwrap)
         if came.robots:
             joints = next((source.joints for source in came.sources), None)
             self.take_robot(RobotFile.of_model(came.robots[-1], came.models[-1] if came.models else None, joints))
@@ -219,10 +219,10 @@ class Session:
             except USER_ERRORS as mistake:
                 refused.append(format_mistake(mistake))
         if loaded:
-            self.keep(*loaded)
+            self.add_recordings(*loaded)
         return refused
 
-    def keep(self, *loaded: LoadedRecording) -> None:
+    def add_recordings(self, *loaded: LoadedRecording) -> None:
         """Add recordings to the state, and remove its fits."""
         names = ", ".join(item.recording.name for item in loaded)
         self.change(f"load {names}", self.state.restart(loaded=(*self.state.loaded, *loaded)))
@@ -242,12 +242,12 @@ class Session:
 
     # ---------------------------------------------------------------------------------------------- columns
 
-    def ask(self, id: str) -> None:
+    def open_card(self, id: str) -> None:
         """Open the card of a loaded recording; raises RecordingError as `ColumnCard.from_source`."""
         card = ColumnCard.from_source(self.state.find(id).source, known=id, joints=self.state.moving)
         self.cards = (card, *(other for other in self.cards if other.known != id))
 
-    def answer(self, card: ColumnCard) -> None:
+    def apply_card(self, card: ColumnCard) -> None:
         """Read the file of the first card with its choices, and other waiting files with the same headers.
 
         After an error the card stays and shows the message.
@@ -268,7 +268,7 @@ class Session:
             return
         same_headers = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
         self.cards = tuple(one for one in rest if one not in same_headers)
-        self.keep(first)
+        self.add_recordings(first)
         self.load(
             [replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in same_headers]
         )

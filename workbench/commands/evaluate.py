@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.workers > 1:
         pool = open_local_workers(arguments.workers)
     try:
-        with pool as executor, terminal.progress("evaluating", lines=True) as tell:
+        with pool as executor, terminal.progress("evaluating", lines=True) as progress:
             comparison = compare_policies(
                 policies,
                 baselines,
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 seed=arguments.seed,
                 effects=arguments.effects,
                 executor=executor,
-                progress=tell,
+                progress=progress,
             )
     except BrokenExecutor:
         raise InputError("a worker process was killed: memory may be too small, give fewer --workers") from None

@@ -49,8 +49,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.say(f"{steps}: under the constraint {config.constraint} it takes {needed:,} (`steps` in --config)")
     training = import_module("agents.training")  # imports torch
     try:
-        with terminal.progress("training", lines=True) as tell:
-            network = training.train(config, tell, folder)
+        with terminal.progress("training", lines=True) as progress:
+            network = training.train(config, progress, folder)
     except KeyboardInterrupt:
         kept = folder is not None and (folder / training.CHECKPOINT).exists()
         raise Interrupted(f"run it again to go on from {folder}" if kept else "nothing was kept") from None

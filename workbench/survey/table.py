@@ -92,7 +92,7 @@ def find_series(rows: Iterable[JSON]) -> list[Series]:
     """Collect the parameters of every joint over time, and find those that change.
 
     A parameter depends on the other effects in the model, so each set of effects has a separate series. Biased
-    estimates and those without a standard error, as known values, are left out. Changes are significant at a
+    estimates and those without a standard error (known values) are left out. Changes are significant at a
     false discovery rate of 1 % for independent tests (Benjamini and Hochberg).
     """
     points: dict[tuple[str, str, str, str, str], list[JSON]] = {}

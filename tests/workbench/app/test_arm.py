@@ -97,7 +97,7 @@ def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
     assert stage_text(session).count("on the side of the joint") == 1
     choices = list(card.choices)
     choices[2], choices[4] = ColumnChoice("position_elbow"), ColumnChoice("torque_elbow", "A", "*0.5")
-    session.act(lambda: session.answer(card.set_choices(choices, False)))
+    session.act(lambda: session.apply_card(card.set_choices(choices, False)))
     assert session.notice == "" and not session.cards and not session.state.failure_reason
     assert session.state.loaded[0].source.columns["torque_elbow"] == "i2:A*0.5"
 

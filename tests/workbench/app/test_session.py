@@ -76,7 +76,7 @@ def test_an_upload_lies_in_its_folder_whatever_its_name(tmp_path, name):
 
 
 def test_an_upload_that_is_damaged_is_refused(session):
-    session.act(lambda: session.receive([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
+    session.act(lambda: session.load_uploads([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
     assert "did not arrive whole" in session.notice and session.state.loaded == ()
 
 
@@ -85,7 +85,7 @@ def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
     files = [
         (name, encode_url(content)) for name, content in (("good.csv", good), ("bad.csv", b"1,2,3"), ("worse.txt", b""))
     ]
-    session.act(lambda: session.receive([*files, files[0]], unwrap=False))
+    session.act(lambda: session.load_uploads([*files, files[0]], unwrap=False))
     assert [one.id for one in session.state.loaded] == ["good.csv"]
     assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
     assert session.notice.count("; ") == 2 and str(session.folder) not in session.notice
@@ -94,7 +94,7 @@ def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
 def test_the_page_says_where_it_undoes_jumps(session, swing, tmp_path):
     content = write_source(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path).file.read_bytes()
     for unwrap in ([], ["unwrap"]):
-        session.act(lambda unwrap=unwrap: session.receive([("swing.csv", encode_url(content))], bool(unwrap)))
+        session.act(lambda unwrap=unwrap: session.load_uploads([("swing.csv", encode_url(content))], bool(unwrap)))
         assert len(session.state.loaded) == len(unwrap) and ("unwrap" in session.notice) != bool(unwrap)
     session.act(lambda: session.hold_out("swing.csv", True))
     assert session.state.ladder == () and "every recording is held out" in session.state.failure_reason
@@ -120,9 +120,9 @@ def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_column
     for name, content in (("a.csv", servo(swing)), ("other.csv", other), ("b.csv", servo(swing))):
         upload(session, name, content)
     wrong = [*SERVO[:3], ColumnChoice("torque")]
-    session.act(lambda: session.answer(session.cards[0].set_choices(wrong, False)))
+    session.act(lambda: session.apply_card(session.cards[0].set_choices(wrong, False)))
     assert "'current' without a gain" in session.cards[0].why and len(session.cards) == 3 and not session.state.loaded
-    session.act(lambda: session.answer(session.cards[0].set_choices(SERVO, False)))
+    session.act(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
     assert [one.id for one in session.state.loaded] == ["a.csv", "b.csv"]
     assert [card.source.file.name for card in session.cards] == ["other.csv"]
 
@@ -130,13 +130,13 @@ def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_column
 def test_columns_of_a_loaded_recording_can_be_named_anew(session, swing, tmp_path):
     file = write_source(replace(swing, velocity=np.gradient(swing.position, swing.time)), tmp_path).file
     upload(session, "swing.csv", file.read_bytes())
-    session.act(lambda: session.ask("swing.csv"))
+    session.act(lambda: session.open_card("swing.csv"))
     (card,) = session.cards
     roles = dict(zip(card.preview.headers, card.choices, strict=True))
     assert {name: choice.role for name, choice in roles.items()} == {name: name for name in roles} and card.why == ""
     roles |= {"velocity": ColumnChoice(), "torque": ColumnChoice("torque", "", "*2")}
     asked = card.set_choices([roles[name] for name in card.preview.headers], False)
-    session.act(lambda: session.answer(asked))
+    session.act(lambda: session.apply_card(asked))
     (one,) = session.state.loaded
     assert one.recording.velocity is None
     np.testing.assert_allclose(one.recording.torque, 2 * swing.torque, atol=1e-9)
@@ -174,7 +174,7 @@ def test_an_end_waits_for_no_answer_that_takes_long():
 
 def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_saved(session, swing, tmp_path):
     upload(session, "run.csv", servo(swing))
-    session.act(lambda: session.answer(session.cards[0].set_choices(SERVO, False)))
+    session.act(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
     turned = replace(swing, name="check", position=np.mod(swing.position, 2 * np.pi))
     held_out = replace(write_source(turned, tmp_path, held_out=True), unwrap=True)
     session.act(lambda: session.load([held_out]))
@@ -200,7 +200,7 @@ def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
     parts = (("fit", 0, 6), ("holdout", 6, 9))
     text = "".join(f'[[recording]]\nfile="runs/swing.csv"\nrole="{role}"\nrange=[{a},{b}]\n' for role, a, b in parts)
     contents = {"swing.csv": write_source(swing, tmp_path).file.read_bytes(), "study.toml": text.encode()}
-    session.act(lambda: session.receive([(name, encode_url(one)) for name, one in contents.items()], unwrap=False))
+    session.act(lambda: session.load_uploads([(name, encode_url(one)) for name, one in contents.items()], unwrap=False))
     assert session.notice == "" and [one.held_out for one in session.state.loaded] == [False, True]
     assert [one.id for one in session.state.loaded] == ["swing.csv", "swing.csv (2)"]
     assert sum(one.recording.duration for one in session.state.loaded) == pytest.approx(9.0, abs=0.01)
@@ -243,7 +243,7 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
     assert "corrected in all that follows" in str(data.show(session))
     errors = [one.ladder[-1].errors["holdout"].torque_rms for one in (before, after)]
     assert errors[1] < 1.15 * after.result.noise_floor < 0.5 * errors[0]
-    session.act(lambda: session.keep(loaded(replace(late, name="again"), held_out=True)))
+    session.act(lambda: session.add_recordings(loaded(replace(late, name="again"), held_out=True)))
     assert session.state.is_aligned and all("aligned: " in list_notes(one)[-1] for one in session.state.recordings)
 
 
@@ -342,7 +342,7 @@ def test_where_identify_fits_more_than_the_workbench_the_page_says_so(session, s
 def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(session, late, tmp_path, monkeypatch):
     for file, part in zip(("run.csv", "check.csv"), late.split(0.6), strict=True):
         upload(session, file, servo(part))
-        session.act(lambda: session.answer(session.cards[0].set_choices(SERVO, False)))
+        session.act(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
         (tmp_path / file).write_bytes(servo(part))
     session.act(lambda: session.hold_out("check.csv", True))
     session.act(lambda: data.ACTIONS["align"](session, "", {}))
@@ -387,7 +387,7 @@ def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_driv
     session.load([Source(plain), Source(asked)])
     (loaded,), (card,) = session.state.loaded, session.cards
     assert any("free swing" in note for note in list_notes(loaded.recording)) and "torque=none" in card.why
-    session.answer(card.fill_form({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
+    session.apply_card(card.fill_form({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
     assert not session.cards and not session.state.loaded[1].recording.torque.any()
 
 
@@ -423,10 +423,10 @@ def test_a_card_knows_the_units_that_the_command_line_knows_and_speaks_of_its_ow
             ColumnChoice("velocity"),
             ColumnChoice("torque", "A", "1"),
         ]
-        session.act(lambda: session.answer(session.cards[0].set_choices(choices, False)))
+        session.act(lambda: session.apply_card(session.cards[0].set_choices(choices, False)))
         assert "column vel_estimate as velocity in rev/s with /8" in session.cards[0].why
         choices[2] = ColumnChoice("velocity", "rev/s", "/8")
-        session.act(lambda: session.answer(session.cards[0].set_choices(choices, False)))
+        session.act(lambda: session.apply_card(session.cards[0].set_choices(choices, False)))
     finally:
         use_writer(before)
     np.testing.assert_allclose(session.state.loaded[0].recording.position, swing.position, atol=1e-6)

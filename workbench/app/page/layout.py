@@ -202,7 +202,7 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
             raise PreventUpdate
         session, files = sessions.find_session(id), list(zip(names, contents, strict=True))
         # None: the same file can be uploaded again
-        return act(session, lambda: session.receive(files, bool(unwrap))), None
+        return act(session, lambda: session.load_uploads(files, bool(unwrap))), None
 
     @app.callback(
         VERSION,

@@ -122,8 +122,8 @@ def _show_row(one: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
 
 ACTIONS: dict[str, Action] = {
     "demo": lambda session, *_: demo.start(session),
-    "columns": lambda session, id, _: session.ask(id),
-    "card-load": lambda session, _, form: session.answer(session.cards[0].fill_form(form)),
+    "columns": lambda session, id, _: session.open_card(id),
+    "card-load": lambda session, _, form: session.apply_card(session.cards[0].fill_form(form)),
     "card-close": lambda session, *_: setattr(session, "cards", session.cards[1:]),
     "fit": lambda session, id, _: session.hold_out(id, False),
     "check": lambda session, id, _: session.hold_out(id, True),
