@@ -139,14 +139,13 @@ def restore_known(model: Model, terms: Sequence[Term], recordings: Sequence[Reco
     covariance[k], covariance[:, k] = 0.0, 0.0
     values = np.where(is_scaled, factor * with_load - offset, with_load)
     values[k] = known[name]
-    errors = np.sqrt(np.diag(covariance))
     estimates = {
-        key: replace(estimate, value=float(value), std=float(error))
-        for key, estimate, value, error in zip(names, old_estimates, values, errors, strict=True)
+        key: replace(estimate, value=float(value))
+        for key, estimate, value in zip(names, old_estimates, values, strict=True)
     }
     original = {term.id: term for term in terms if term.id in ("inertia", name)}
     restored = tuple(original.get(term.id, term) for term in model.terms)
-    return replace(model, terms=restored, estimates=estimates).with_covariance(names, covariance)
+    return replace(model, terms=restored, estimates=estimates).with_errors(names, covariance)
 
 
 def remove_unit_inertia(model: Model) -> Model:

@@ -25,6 +25,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import NO_LOAD, remove_unit_inertia
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.torque_windows import TorqueWindows
+from pendulum_env._typing import Array
 from pendulum_env.physics import Estimate, Model
 from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant
 from pendulum_env.units import is_of_torque
@@ -59,24 +60,22 @@ def add_torque_constant(
     if constant is None:
         return remove_unit_inertia(model.convert_units(recording.units))
     fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
-    return widen_by_constant(model, constant, fit(data), fit(data.with_torque(1 + constant.std / constant.value)))
+    changed = fit(data.with_torque(1 + constant.std / constant.value))
+    return widen_by_constant(model, constant, changed.theta - fit(data).theta)
 
 
-def widen_by_constant(model: Model, constant: TorqueConstant, nominal: Model, changed: Model) -> Model:
-    """Add the error of the torque constant to the variances of a model, and set the constant.
+def widen_by_constant(model: Model, constant: TorqueConstant, change: Array | None = None) -> Model:
+    """Add the error of the torque constant to standard errors and correlations of a model, and set the constant.
 
-    `nominal` and `changed` are fits with the constant, and with the constant plus one standard error. A nonlinear
-    parameter in a unit of torque changes by the relative error of the constant.
+    `change` (P,) is that of the linear parameters by one standard error of the constant. By default they change as the
+    nonlinear ones: those in a unit of torque by the relative error of the constant.
     """
-    estimates = {}
-    for name, estimate in model.estimates.items():
-        if "." in name and name not in {column.name for column in model.columns}:  # a nonlinear parameter
-            change = estimate.value * constant.std / constant.value if is_of_torque(estimate.unit) else 0.0
-        else:
-            change = changed.estimates[name].value - nominal.estimates[name].value
-        estimates[name] = replace(estimate, std=float(np.hypot(estimate.std, change)))
+    share = constant.std / constant.value
+    changes = {name: share * e.value for name, e in model.estimates.items() if is_of_torque(e.unit)}
+    if change is not None:
+        changes |= dict(zip((column.name for column in model.columns), change.tolist(), strict=True))
     known = Estimate(constant.value, constant.std, constant.unit)
-    return replace(model, estimates=estimates, torque_constant=known)
+    return replace(model.add_errors(changes), torque_constant=known)
 
 
 def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding:

@@ -32,21 +32,13 @@ def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model
     if has_link(model.terms) and find_link(model.terms).id not in train.data.link_states:
         return model
     laws = dict.fromkeys(law for law in data.alignments[: len(data.recordings)] if law.is_late)
-    changes = [
+    changes = (
         compute_parameter_changes(train, model, _change_torque(train, _list_torques(data, law, later, slower)))
         for law in laws
         for later, slower in ((law.delay_std, 0.0), (0.0, law.lag_std if law.lag > 0 else 0.0))
         if np.isfinite(later + slower) and later + slower > 0
-    ]
-    if not changes:
-        return model
-    names, covariance = list(model.estimates), model.assumed_covariance
-    for change in changes:
-        step = np.array([change.get(name, 0.0) for name in names])
-        covariance = covariance + np.outer(step, step)
-    std = np.sqrt(np.diag(covariance)).tolist()
-    estimates = {name: replace(model.estimates[name], std=std[k]) for k, name in enumerate(names)}
-    return replace(model, estimates=estimates).with_covariance(names, covariance)
+    )
+    return model.add_errors(*changes)
 
 
 def _list_torques(data: FitData, law: Alignment, later: float, slower: float) -> list[Array]:

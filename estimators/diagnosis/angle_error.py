@@ -1,7 +1,6 @@
 """Standard errors of gravity in a model with an effect of the angle: within part of a turn, other laws fit equally."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -45,14 +44,10 @@ def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
     added = max(variances, default=0.0) - gravity.std**2
     if added <= 0:
         return model
-    names, covariance = list(model.estimates), model.assumed_covariance
-    competing = {Gravity.id, *(column.name for effect in effects for column in effect.columns)}
-    step = covariance[names.index(Gravity.id)] * (np.sqrt(added) / estimate.std**2)
-    step[[name not in competing for name in names]] = 0.0
-    covariance = covariance + np.outer(step, step)
-    std = np.sqrt(np.diag(covariance)).tolist()
-    estimates = {name: replace(model.estimates[name], std=std[k]) for k, name in enumerate(names)}
-    return replace(model, estimates=estimates).with_covariance(names, covariance)
+    names = list(model.estimates)
+    slopes = model.assumed_covariance[names.index(Gravity.id)] / estimate.std**2  # of all parameters by gravity
+    competing = (Gravity.id, *(column.name for effect in effects for column in effect.columns))
+    return model.add_errors({name: slopes[names.index(name)] * np.sqrt(added) for name in competing})
 
 
 def _list_rivals(evaluator: ModelEvaluator, terms: Terms, effect: Term) -> Iterator[Estimate]:

@@ -18,7 +18,6 @@ from estimators.selection.search import SearchResult
 from estimators.weak_form.point import Point
 from pendulum_env.physics import SIGNIFICANT, Model, Term, list_ids
 from pendulum_env.recording import Recording
-from pendulum_env.units import is_of_torque
 
 
 def refit(result: SearchResult, start: Model | None = None) -> SearchResult:
@@ -107,14 +106,7 @@ def fit_step(evaluator: ModelEvaluator, added: str | None, terms: Sequence[Term]
 def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
     """Return a model in the unit of the torque; with a torque constant, its error widens all standard errors."""
     constant = recording.torque_constant
-    if constant is None:
-        return model.convert_units(recording.units)
-    factor = 1.0 + constant.std / constant.value
-    changed = {
-        name: replace(estimate, value=factor * estimate.value) if is_of_torque(estimate.unit) else estimate
-        for name, estimate in model.estimates.items()
-    }
-    return widen_by_constant(model, constant, model, replace(model, estimates=changed))
+    return model.convert_units(recording.units) if constant is None else widen_by_constant(model, constant)
 
 
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:
@@ -140,8 +132,4 @@ def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | N
     if "coulomb" in names and covariance[names.index("coulomb"), names.index("coulomb")] > 0:
         by_friction = covariance[names.index("coulomb")] / covariance[names.index("coulomb"), names.index("coulomb")]
         covariance += np.outer(by_friction, by_friction) * rollouts.creep_torque**2
-    wider = {
-        name: replace(model.estimates[name], std=float(std))
-        for name, std in zip(names, np.sqrt(np.diag(covariance)), strict=True)
-    }
-    return replace(model, estimates={**model.estimates, **wider}).with_covariance(names, covariance)
+    return model.with_errors(names, covariance)

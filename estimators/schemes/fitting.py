@@ -101,7 +101,7 @@ class Identified(Shown):
 
         `changed` is the model fitted with the constant plus one standard error.
         """
-        model = widen_by_constant(self.model, constant, self.model, changed)
+        model = widen_by_constant(self.model, constant, changed.theta - self.model.theta)
         old, new = (np.array([e.std for e in m.estimates.values()])[: len(m.theta)] for m in (self.model, model))
         convergence = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
         return replace(self, model=model, convergence=convergence)

@@ -324,10 +324,10 @@ class ModelEvaluator:
             gates.append(Gate("known_parameters", chance, criterion.p_value, chance <= criterion.p_value))
         if gates[-1].passed:
             if is_rest_explained or not self.is_significant(after, before):
-                share = self.explained_share(after, before, least_share)
+                name, share = "explained_share", self.explained_share(after, before, least_share)
             else:
-                share = self.residuals.explained_share(after, before, above_floor=True)
-            gates.append(Gate("explained_share", share, least_share, share > least_share))
+                name, share = "share_above_floor", self.residuals.explained_share(after, before, above_floor=True)
+            gates.append(Gate(name, share, least_share, share > least_share))
         if not gates[-1].passed:
             return gates
         return [*gates, *self.make_coefficient_gates(after, before), *self.make_base_gates(after, before)]

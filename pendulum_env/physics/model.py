@@ -165,6 +165,18 @@ class Model(Mapping[str, Estimate], Shown):
         np.fill_diagonal(full, 1.0)
         return replace(self, correlation=tuple(tuple(row) for row in full.tolist()))
 
+    def with_errors(self, names: Sequence[str], covariance: Array) -> Self:
+        """Return the model with the standard errors and correlations of a covariance (Q, Q) of the named parameters."""
+        errors = zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=True)
+        wider = {name: replace(self.estimates[name], std=std) for name, std in errors}
+        return replace(self, estimates={**self.estimates, **wider}).with_covariance(names, covariance)
+
+    def add_errors(self, *changes: Mapping[str, float]) -> Self:
+        """Return the model with d d' added to its covariance for each independent change d of parameters, by name."""
+        names = list(self.estimates)
+        steps = np.array([[change.get(name, 0.0) for name in names] for change in changes])
+        return self.with_errors(names, self.assumed_covariance + steps.T @ steps) if steps.any() else self
+
     @property
     def derived(self) -> dict[str, Estimate]:
         """Compute derived parameters (`backlash.k`) with standard errors to first order."""

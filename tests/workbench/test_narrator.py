@@ -116,7 +116,7 @@ SAID = [  # numbers as they are shown: their unit, sign and digits
     (describe_region, Region("frequency", 2.9, 3.1, 0.2, 9.0, "Hz", units=CURRENT), r"Around 3 Hz .* by 0\.2 A"),
     (describe, limits("holdout_torque", 0.2, 0.1, "A"), r"0\.1 -> 0\.2 A"),
     (describe, limits("explained_share", 0.1, Criterion.explained_share), r"10 % of the residual .* 20 %"),
-    (describe, limits("explained_share", 0.3, Criterion.needed_share), r"30 % of the torque above .* 50 %"),
+    (describe, limits("share_above_floor", 0.3, Criterion.needed_share), r"30 % of the torque above .* 50 %"),
     (describe_detectable, Detectable("stribeck", 0.05, "A"), r"above 0\.05 A"),
     (
         partial(describe_suggestion, units=CURRENT),

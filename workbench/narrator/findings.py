@@ -9,7 +9,6 @@ import numpy as np
 from estimators.arms.standard import Nearest
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.criterion import Criterion
 from pendulum_env.formatting import capitalise, format_estimate, format_p_value, format_quantity, join_words
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import to_shown_unit
@@ -31,6 +30,10 @@ NOT_TRIED = {
     "earlier_effects": "not tried: a transmission is tried only as the first effect",
     "transmissions": "not tried: the model has a transmission already",
     "variants": "not tried: these data offer no variant of it",
+}
+SHARES = {
+    "explained_share": "the residual or of the motion error",
+    "share_above_floor": "the torque above the noise floor",
 }
 HELD_OUT = {
     "holdout_in_loop": "error in the loop",
@@ -388,11 +391,8 @@ def _describe_gate(finding: Finding) -> str:
         compared = "the selected effects" if finding.effects else "the base model"
         limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
-    if name == "explained_share":
-        explained = "the residual or of the motion error"
-        if limit.value == Criterion.needed_share:  # of an effect that leaves structure
-            explained = "the torque above the noise floor, or of the motion error if torque does not show it"
-        return f"explains {100 * value.value:.3g} % of {explained}, less than {100 * limit.value:.3g} %"
+    if name in SHARES:
+        return f"explains {100 * value.value:.3g} % of {SHARES[name]}, less than {100 * limit.value:.3g} %"
     if name == "known_parameters":
         return f"predicts no better than other values of the parameters that were given: {format_p_value(value.value)}"
     if name == "coefficients":
