@@ -33,8 +33,14 @@ def test_a_model():
 
 def test_a_model_of_an_arm():
     pytest.importorskip("pinocchio")
-    model = ArmModel.load(STORED / "arm-model.json", body())
-    assert model.json() == stored_json("arm-model.json")
+    model, old = (ArmModel.load(STORED / name, body()) for name in ("arm-model-2.json", "arm-model.json"))
+    assert model.json() == stored_json("arm-model-2.json")
+    assert (old.terms[1:], old.estimates, old.log_format) == (model.terms[1:], model.estimates, model.log_format)
+    content = stored_json("arm-model.json")
+    assert {name: estimate.json() for name, estimate in old.estimates.items()} == content["theta"]
+    assert [(term.id, term.nonlinear_values) for term in old.terms[1:]] == [
+        (f"{term['id']}@{term['joint']}", term["shape"]) for term in content["terms"]
+    ]
     assert ModelOptions.read_from_model(STORED / "arm-model.json").log_format == model.log_format != {}
 
 

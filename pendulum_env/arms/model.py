@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import FRICTION, Links, find_kind, find_links, joint_effects
 from pendulum_env.errors import FileError, UserError
-from pendulum_env.physics import Model, ModelError, Term
+from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.mechanism import Mechanism
-from pendulum_env.physics.model_file import ARM_SCHEMA, check_value, read_estimate
-from pendulum_env.physics.table import TABLES, Table, read_table
+from pendulum_env.physics.model_file import ARM_SCHEMA, OLD_ARM_SCHEMA, ModelFile, build_terms
+from pendulum_env.physics.table import TABLES
 from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import format_setting
 
@@ -36,22 +36,17 @@ class ArmModel(Model):
         return find_links(self.terms)
 
     def json(self) -> JSON:
-        """Return a dictionary for JSON, with the combinations of base parameters."""
-        return {
+        """Return a dictionary for JSON: that of a model, with the robot and the combinations of base parameters."""
+        content = super().json()
+        return content | {
             "schema": ARM_SCHEMA,
+            "terms": [id for id in content["terms"] if id != Links.id],
             "robot": self.body.name,
             "joints": list(self.body.joints),
             "held": dict(self.body.held),
             "rotors": self.body.rotors,
             "weightless": not self.body.model.gravity.linear.any(),
             "base": {parameter.name: parameter.text for parameter in self.body.base},
-            "terms": [
-                {"id": term.id.partition("@")[0], "joint": term.at, "shape": term.nonlinear_values}
-                | ({"extent": term.extent._asdict()} if isinstance(term, Table) else {})
-                for term in self.terms[1:]
-            ],
-            "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
-            **({"log_format": dict(self.log_format)} if self.log_format else {}),
         }
 
     @classmethod
@@ -69,28 +64,21 @@ class ArmModel(Model):
     @classmethod
     def from_json_of_body(cls, content: JSON, body: Body) -> ArmModel:
         """Make a model of a body from a dictionary of `json`; raises a UserError as `load`."""
-        if not isinstance(content, dict) or content.get("schema") != ARM_SCHEMA:
+        schema = content.get("schema") if isinstance(content, dict) else None
+        if schema not in (ARM_SCHEMA, OLD_ARM_SCHEMA):
             raise ModelError(f"is no model of an arm; {HINT}")
-        data = convert(content, _ArmModelFile)
-        if data.joints != body.joints:
-            raise ModelError(f"is of an arm with joints {', '.join(data.joints or ())}, not {', '.join(body.joints)}")
-        if data.base != {parameter.name: parameter.text for parameter in body.base}:
+        arm = convert(content, _ArmFile)
+        if arm.joints != body.joints:
+            raise ModelError(f"is of an arm with joints {', '.join(arm.joints or ())}, not {', '.join(body.joints)}")
+        if arm.base != {parameter.name: parameter.text for parameter in body.base}:
             raise ModelError(
                 "is of other links than this robot has: give the file that it was made with, and "
                 f"{format_setting('rotors', True)} as then"
             )
-        terms = [_build_term(k, data, body) for k in range(len(data.terms))]
-        for k, term in enumerate(terms):
-            if term.id in {other.id for other in terms[:k]}:
-                raise ModelError(f"'terms[{k}]' is {term.id} again: each term may appear once")
-        model = cls.build((Links(body), *terms), 0.0)
-        return replace(
-            model,
-            estimates={
-                name: read_estimate(data.theta, name, estimate.unit) for name, estimate in model.estimates.items()
-            },
-            log_format=data.log_format,
-        )
+        data = convert(content if schema == ARM_SCHEMA else _convert_old_terms(content), ModelFile)
+        known = joint_effects() | TABLES | {term.id: type(term) for term in FRICTION}
+        terms = build_terms(data, lambda id: find_kind(id, body, known))
+        return cls.from_content(data, (Links(body), *terms))
 
 
 class ModelOptions(Struct, frozen=True):
@@ -114,8 +102,14 @@ class ModelOptions(Struct, frozen=True):
         return found if found.held else structs.replace(found, joints=None)
 
 
-class _ArmTerm(Struct):
-    """Term at a joint in the model file of an arm."""
+class _ArmFile(ModelOptions, frozen=True, kw_only=True):
+    """Content of the model file of an arm beside that of each model."""
+
+    base: dict[str, Any]
+
+
+class _OldTerm(Struct):
+    """Term at a joint in a model file of version 1.0."""
 
     id: Text
     joint: Text
@@ -123,13 +117,20 @@ class _ArmTerm(Struct):
     extent: dict[str, Any] | None = None
 
 
-class _ArmModelFile(ModelOptions, frozen=True, kw_only=True):
-    """Content of the model file of an arm."""
+class _OldTerms(Struct):
+    """Terms and parameters in a model file of version 1.0."""
 
-    robot: Text | None = None
-    base: dict[str, Any]
-    terms: list[_ArmTerm]
+    terms: list[_OldTerm]
     theta: dict[str, Any]
+
+
+def _convert_old_terms(content: JSON) -> JSON:
+    """Return the content of a model file of version 1.0 in the present form."""
+    old = convert(content, _OldTerms)
+    shapes = {f"{term.id}.{name}@{term.joint}": {"value": x} for term in old.terms for name, x in term.shape.items()}
+    tables = {f"{term.id}@{term.joint}": term.extent for term in old.terms if term.extent is not None}
+    terms = [f"{term.id}@{term.joint}" for term in old.terms]
+    return content | {"terms": terms, "theta": shapes | old.theta, "tables": tables}
 
 
 def make_arm_model(model: Model) -> Model:
@@ -142,25 +143,3 @@ def make_arm_model(model: Model) -> Model:
 def load_model(path: str | Path, body: Mechanism) -> Model:
     """Read the model of a pendulum or of an arm; raises ModelError as `Model.load` and `ArmModel.load`."""
     return ArmModel.load(path, body) if isinstance(body, Body) else Model.load(path)
-
-
-def _build_term(k: int, data: _ArmModelFile, body: Body) -> Term:
-    """Build term k of a model file, counted from 0."""
-    item, place = data.terms[k], f"terms[{k}]"
-    known = joint_effects() | TABLES | {term.id: type(term) for term in FRICTION}
-    try:
-        kind = find_kind(f"{item.id}@{item.joint}", body, known)
-    except UserError as error:
-        raise ModelError(f"'{place}': {error}") from None
-    if issubclass(kind, Table):
-        return read_table(kind, item.extent, f"{place}.extent")
-    values = {}
-    for parameter in kind.nonlinear_parameters:
-        if parameter.name not in item.shape:
-            raise ModelError(f"'{place}.shape' lacks '{parameter.name}'")
-        at = f"{place}.shape.{parameter.name}"
-        values[parameter.name] = check_value(parameter, convert(item.shape[parameter.name], float, at), at)
-    term = kind(**values)
-    if term.fault:
-        raise ModelError(f"'{place}' makes no sense: {term.fault}")
-    return term

@@ -16,6 +16,7 @@ from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.model_file import (
     SCHEMA,
     ModelError,
+    ModelFile,
     build_terms,
     describe_terms,
     parse_model,
@@ -299,22 +300,25 @@ class Model(Mapping[str, Estimate], Shown):
         """
         try:
             content = parse_model(data)
-            model = cls.build(build_terms(content), 0.0)
-            estimates = read_estimates(content, {name: estimate.unit for name, estimate in model.estimates.items()})
-            refuse_excess_friction(model.terms, estimates)
-            constant, covariance = content.torque_constant, content.covariance
-            model = replace(
-                replace(model, estimates=estimates).convert_units(
-                    JointUnits(content.torque_unit or "N m", content.slides)
-                ),
-                torque_constant=None if constant is None else constant.estimate(constant.unit or "N m/A"),
-                log_format=content.log_format or {},
-            )
-            if covariance is None:
-                return model
-            return model.with_covariance(list(estimates), covariance.read(list(estimates)))
+            return cls.from_content(content, build_terms(content))
         except ValueError as error:
             raise ModelError(str(error)) from None
+
+    @classmethod
+    def from_content(cls, content: ModelFile, terms: Sequence[Term]) -> Self:
+        """Make a model of some terms from the content of a model file; raises a ValueError as `from_json`."""
+        model = cls.build(terms, 0.0)
+        estimates = read_estimates(content, {name: estimate.unit for name, estimate in model.estimates.items()})
+        refuse_excess_friction(model.terms, estimates)
+        constant, covariance = content.torque_constant, content.covariance
+        model = replace(
+            replace(model, estimates=estimates).convert_units(JointUnits(content.torque_unit or "N m", content.slides)),
+            torque_constant=None if constant is None else constant.estimate(constant.unit or "N m/A"),
+            log_format=content.log_format or {},
+        )
+        if covariance is None:
+            return model
+        return model.with_covariance(list(estimates), covariance.read(list(estimates)))
 
     def save(self, path: str | Path) -> None:
         """Write the model as a JSON file."""

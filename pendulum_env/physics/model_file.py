@@ -1,7 +1,7 @@
 """Content of model files, and its checks."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,7 +21,8 @@ from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import format_setting
 
 SCHEMA = "pendulum-ident/model@1"
-ARM_SCHEMA = "pendulum-ident/arm-model@1"  # model of an arm, read by `pendulum_env.arms`
+ARM_SCHEMA = "pendulum-ident/arm-model@2"  # model of an arm, read by `pendulum_env.arms`
+OLD_ARM_SCHEMA = "pendulum-ident/arm-model@1"  # the same of version 1.0, with terms as mappings
 
 
 class ModelError(UserError):
@@ -82,7 +83,7 @@ def read_estimate(theta: Mapping[str, Any], name: str, unit: str) -> Estimate:
 def parse_model(content: Any) -> ModelFile:
     """Parse the content of a model file; raise a ModelError for other content."""
     schema = content.get("schema") if isinstance(content, dict) else None
-    if schema == ARM_SCHEMA:
+    if schema in (ARM_SCHEMA, OLD_ARM_SCHEMA):
         raise ModelError(
             f"this is a model of an arm, not of a pendulum: give the arm, {format_setting('robot', 'ARM.urdf')}"
         )
@@ -91,10 +92,10 @@ def parse_model(content: Any) -> ModelFile:
     return convert(content, ModelFile)
 
 
-def build_terms(data: ModelFile) -> tuple[Term, ...]:
-    """Build the terms of a model file, with their nonlinear parameters and limits."""
+def build_terms(data: ModelFile, find: Callable[[str], type[Term]] = library.find_term) -> tuple[Term, ...]:
+    """Build the terms of a model file, whose kinds `find` finds by id, with their nonlinear parameters and limits."""
     limits = make_limits({}, data.limits or {})
-    terms = tuple(limit_term(_build_term(id, data), limits) for id in data.terms)
+    terms = tuple(limit_term(_build_term(id, data, find), limits) for id in data.terms)
     if len({term.id for term in terms}) != len(terms):
         raise ModelError("the model names a term twice: each may appear once")
     return terms
@@ -128,10 +129,10 @@ def write_model(path: str | Path, content: JSON) -> None:
     write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
-def _build_term(id: str, data: ModelFile) -> Term:
+def _build_term(id: str, data: ModelFile, find: Callable[[str], type[Term]]) -> Term:
     """Build a term of a model file with its nonlinear parameters, or a table with its extent."""
     try:
-        kind = library.find_term(id)
+        kind = find(id)
     except UnknownName as error:
         raise ModelError(f"{error}. An effect of your own needs its file: --plugin FILE.py, or `load_plugin`") from None
     if issubclass(kind, Table):
