@@ -20,8 +20,8 @@ from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import HorizonRefit
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.selection.errors import Step
+from estimators.selection.motion_score import exceeds_noise
 from estimators.selection.physical import find_violations
-from estimators.selection.score import exceeds_noise
 from estimators.simulation import output_error
 from estimators.simulation.free_running import HORIZON
 from estimators.simulation.output_error import ErrorsOf

@@ -14,7 +14,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import output_error
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
-from pendulum_env.physics import Samples, Term, is_dry, list_ids
+from pendulum_env.physics import Model, Samples, Term, is_dry, list_ids
 
 SHARES = (0.1, 0.3, 1.0, -0.1, -0.3)  # of the dry friction of the model, sizes of an effect in the best start
 
@@ -34,7 +34,7 @@ def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
         x = evaluator.train.motions[kind.at]
         starts = list_starts(evaluator, terms, make_grid(kind, x, np.zeros_like(x.torque)), x)
         if starts:
-            models.append(evaluator.fit_to_motion(choose_start(evaluator, starts), id).model.terms)
+            models.append(evaluator.fit_to_motion(Model.build(*choose_start(evaluator, starts)), id).model.terms)
     possible = [longer for longer in models if is_possible(longer[-1], evaluator.train.motions[longer[-1].at])]
     return sorted(possible, key=lambda longer: -evaluator.gain_in_motion(longer, terms)[0].total)
 

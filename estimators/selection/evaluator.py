@@ -14,6 +14,7 @@ from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Step, Terms, compute_held_out_cost
+from estimators.selection.motion_score import compute_motion_gain, fit_to_motion, is_misfit
 from estimators.selection.physical import (
     find_violations,
     make_base_gates,
@@ -24,21 +25,17 @@ from estimators.selection.residuals import Residuals, set_grid
 from estimators.selection.score import (
     Bootstrap,
     Gain,
-    compute_motion_gain,
-    compute_motion_noise,
     cross_validate_density,
-    exceeds_noise,
     make_blocks,
     predict_density,
 )
-from estimators.simulation import output_error
-from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import make_arm_model
 from pendulum_env.physics import (
     BASE,
     COMPETING,
     Model,
+    Table,
     Term,
     effects,
     has_link,
@@ -48,7 +45,6 @@ from pendulum_env.physics import (
     list_loads,
     release_term,
 )
-from pendulum_env.physics.table import ByAngle
 
 
 @dataclass
@@ -195,7 +191,7 @@ class ModelEvaluator:
         If they differ in a table by angle that covers the held-out angles, only held-out data count. Folds of the
         training data may lack the angles of the part that they predict, and this part alone would decide.
         """
-        has_table = any(isinstance(term, ByAngle) for term in set(one) ^ set(other))
+        has_table = any(isinstance(term, Table) and term.axis == "position" for term in set(one) ^ set(other))
         is_covered = not any(map(self.residuals.are_refitted, (one, other)))
         return (self._draw_held_out(), self.held_out) if has_table and is_covered else (self.bootstrap, slice(None))
 
@@ -261,23 +257,12 @@ class ModelEvaluator:
 
     @memoized
     def has_misfit(self, terms: Terms) -> bool:
-        """Return whether the fit of some terms is a misfit to the motion; see `is_misfit`."""
+        """Return whether the fit of some terms is a misfit to the motion."""
         return bool(self.train.segments) and self.is_misfit(self.fit(terms))
 
     def is_misfit(self, step: Step) -> bool:
-        """Return whether free-running simulation errs by more than `criterion.misfit` noise levels of each segment.
-
-        That must hold from measured and from fitted initial states. It is False for a transmission, with impacts too
-        sharp to simulate, and without segments or a known inertia.
-        """
-        segments, criterion = self.train.segments, self.criterion
-        if has_transmission(step.model.terms) or not (segments and step.model.has_known_inertia):
-            return False
-        if not exceeds_noise(segments, step.model, criterion):
-            return False
-        point = Point.from_model(step.model)
-        noise = compute_motion_noise(segments, point, criterion.accuracy)
-        return bool(np.mean(output_error.compute_segment_rms(segments, point) ** 2 / noise) > criterion.misfit**2)
+        """Return whether a step is a misfit to the motion of the training data, see `motion_score.is_misfit`."""
+        return is_misfit(self.train.segments, step.model, self.criterion)
 
     def is_supported(self, after: Terms, before: Terms) -> bool:
         """Return whether the larger model `after` passes all gates over `before`."""
@@ -429,16 +414,15 @@ class ModelEvaluator:
         if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
             return step
         if step.model.terms not in self._in_motion:
-            self._in_motion[step.model.terms] = self.fit_to_motion(Point.from_model(step.model))
+            self._in_motion[step.model.terms] = self.fit_to_motion(step.model)
         return replace(self._in_motion[step.model.terms], added=step.added)
 
-    def fit_to_motion(self, start: Point, added: str | None = None) -> Step:
-        """Return the step of adding the effect `added`, fitted to free-running simulation from a point.
+    def fit_to_motion(self, start: Model, added: str | None = None) -> Step:
+        """Return the step of adding the effect `added`, fitted to free-running simulation from a first model.
 
         It is stored for `refit_to_motion` of the fitted terms.
         """
-        point = output_error.fit_segments(self.train.segments, start)
-        step = self.make_step(output_error.make_model(self.train.segments, point), added=added)
+        step = self.make_step(fit_to_motion(self.train.segments, start), added=added)
         return self._in_motion.setdefault(step.model.terms, step)
 
     def find_violations(self, terms: Terms) -> list[Gate]:

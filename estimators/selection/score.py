@@ -28,13 +28,7 @@ from scipy.special import gammaln
 from estimators.data.rows import BLOCK, FOLDS, RowLayout
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
-from estimators.selection.criterion import Criterion
-from estimators.signals.differentiation import estimate_encoder_noise
-from estimators.simulation import output_error
-from estimators.simulation.free_running import Segments, simulate_errors
-from estimators.weak_form.point import Point
 from pendulum_env._typing import JSON, Array, Index
-from pendulum_env.physics import Model
 
 NU = 4.0  # degrees of freedom of Student's t
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # its density at zero
@@ -237,62 +231,3 @@ class Bootstrap:
         totals = self.weights @ np.column_stack(densities)
         odds = np.exp(totals - totals.max(axis=1, keepdims=True))
         return np.asarray(np.mean(odds / odds.sum(axis=1, keepdims=True), axis=0))
-
-
-def compute_floor(segments: Sequence[Segments], accuracy: float) -> Array:
-    """Return the mean square error of each segment by encoder noise and simulation (B,) [rad^2].
-
-    `accuracy` is the error of a simulation, as a share of the standard deviation of the motion.
-    """
-    of_simulation = accuracy * float(np.std(np.concatenate([segment.position.ravel() for segment in segments])))
-    of_encoder = [estimate_encoder_noise(segment.windows.recording.position) for segment in segments]
-    return of_simulation**2 + np.repeat(np.square(of_encoder), [len(segment.first) for segment in segments])
-
-
-def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
-    """Return whether the position errors of a model exceed `criterion.misfit` times those by noise, RMS of the ratios.
-
-    Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
-    """
-    point = Point.from_model(model)
-    noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
-    errors = [simulate_errors(segment, model.terms, point.theta)[1:] for segment in segments]
-    squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
-    return bool(np.mean(squares / noise) > criterion.misfit**2)
-
-
-def compute_motion_noise(segments: Sequence[Segments], point: Point, accuracy: float) -> Array:
-    """Return the mean square error of each segment by torque noise and its floor (B,) [rad^2], see `compute_floor`."""
-    return output_error.compute_torque_noise(segments, point) + compute_floor(segments, accuracy)
-
-
-def compute_motion_gain(
-    parts: tuple[Sequence[Segments], Sequence[Segments]], after: Model, before: Model, penalty: float = 0.0
-) -> tuple[Gain, tuple[float, float]]:
-    """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
-
-    Errors within a segment are fully correlated: its mean square counts as one squared error, over its known noise. The
-    gain is that of Student's t, with a scale of at least the noise in each part. Noise is subtracted from the shares.
-    It has no error of the simulation, which is that of both models. `penalty` is that of `Bootstrap.gain`.
-    """
-    points = [Point.from_model(model) for model in (after, before)]
-    owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
-    noise = np.concatenate([compute_motion_noise(part, points[1], 0.0) for part in parts])
-    new, old = (
-        np.concatenate([output_error.compute_segment_rms(part, point) ** 2 for part in parts]) / noise
-        for point in points
-    )
-    densities = [_compute_density_of_ratios(ratios, owner) for ratios in (new, old)]
-    gain = Bootstrap(owner, np.random.default_rng(0)).gain(densities[0], densities[1], penalty)
-    old_excess, new_excess = (np.bincount(owner, ratios - 1.0).tolist() for ratios in (old, new))
-    first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(old_excess, new_excess, strict=True))
-    return gain, (first, second)
-
-
-def _compute_density_of_ratios(ratios: Array, owner: Index) -> Array:
-    """Return the log density of squared errors over noise (B,) by Student's t; its scale in each part is at least 1."""
-    scale = np.ones(int(owner.max()) + 1)
-    for _ in range(MAX_ITERATIONS):
-        weighted = np.bincount(owner, weigh_squares(ratios, scale[owner])) / np.bincount(owner)
-        scale = np.maximum(weighted, 1.0)
-    return compute_log_student(ratios, scale[owner])

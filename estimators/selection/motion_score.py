@@ -1,0 +1,95 @@
+"""Evidence of free motion: errors of simulated segments over their noise, for models that torque does not decide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.selection.criterion import Criterion
+from estimators.selection.score import MAX_ITERATIONS, Bootstrap, Gain, compute_log_student, weigh_squares
+from estimators.signals.differentiation import estimate_encoder_noise
+from estimators.simulation import output_error
+from estimators.simulation.free_running import Segments, simulate_errors
+from estimators.weak_form.point import Point
+from pendulum_env._typing import Array, Index
+from pendulum_env.physics import Model, has_transmission
+
+
+def fit_to_motion(segments: Sequence[Segments], start: Model) -> Model:
+    """Return the model with the parameters that minimise the errors of simulated segments, from those of `start`."""
+    return output_error.make_model(segments, output_error.fit_segments(segments, Point.from_model(start)))
+
+
+def compute_floor(segments: Sequence[Segments], accuracy: float) -> Array:
+    """Return the mean square error of each segment by encoder noise and simulation (B,) [rad^2].
+
+    `accuracy` is the error of a simulation, as a share of the standard deviation of the motion.
+    """
+    of_simulation = accuracy * float(np.std(np.concatenate([segment.position.ravel() for segment in segments])))
+    of_encoder = [estimate_encoder_noise(segment.windows.recording.position) for segment in segments]
+    return of_simulation**2 + np.repeat(np.square(of_encoder), [len(segment.first) for segment in segments])
+
+
+def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
+    """Return whether the position errors of a model exceed `criterion.misfit` times those by noise, RMS of the ratios.
+
+    Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
+    """
+    point = Point.from_model(model)
+    noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
+    errors = [simulate_errors(segment, model.terms, point.theta)[1:] for segment in segments]
+    squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
+    return bool(np.mean(squares / noise) > criterion.misfit**2)
+
+
+def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
+    """Return whether free-running simulation errs by more than `criterion.misfit` noise levels of each segment.
+
+    That must hold from measured and from fitted initial states. It is False for a transmission, with impacts too sharp
+    to simulate, and without segments or a known inertia.
+    """
+    if has_transmission(model.terms) or not (segments and model.has_known_inertia):
+        return False
+    if not exceeds_noise(segments, model, criterion):
+        return False
+    point = Point.from_model(model)
+    noise = compute_motion_noise(segments, point, criterion.accuracy)
+    return bool(np.mean(output_error.compute_segment_rms(segments, point) ** 2 / noise) > criterion.misfit**2)
+
+
+def compute_motion_noise(segments: Sequence[Segments], point: Point, accuracy: float) -> Array:
+    """Return the mean square error of each segment by torque noise and its floor (B,) [rad^2], see `compute_floor`."""
+    return output_error.compute_torque_noise(segments, point) + compute_floor(segments, accuracy)
+
+
+def compute_motion_gain(
+    parts: tuple[Sequence[Segments], Sequence[Segments]], after: Model, before: Model, penalty: float = 0.0
+) -> tuple[Gain, tuple[float, float]]:
+    """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
+
+    Errors within a segment are fully correlated: its mean square counts as one squared error, over its known noise. The
+    gain is that of Student's t, with a scale of at least the noise in each part. Noise is subtracted from the shares.
+    It has no error of the simulation, which is that of both models. `penalty` is that of `Bootstrap.gain`.
+    """
+    points = [Point.from_model(model) for model in (after, before)]
+    owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
+    noise = np.concatenate([compute_motion_noise(part, points[1], 0.0) for part in parts])
+    new, old = (
+        np.concatenate([output_error.compute_segment_rms(part, point) ** 2 for part in parts]) / noise
+        for point in points
+    )
+    densities = [_compute_density_of_ratios(ratios, owner) for ratios in (new, old)]
+    gain = Bootstrap(owner, np.random.default_rng(0)).gain(densities[0], densities[1], penalty)
+    old_excess, new_excess = (np.bincount(owner, ratios - 1.0).tolist() for ratios in (old, new))
+    first, second = ((a - b) / a if a > 0 else 0.0 for a, b in zip(old_excess, new_excess, strict=True))
+    return gain, (first, second)
+
+
+def _compute_density_of_ratios(ratios: Array, owner: Index) -> Array:
+    """Return the log density of squared errors over noise (B,) by Student's t; its scale in each part is at least 1."""
+    scale = np.ones(int(owner.max()) + 1)
+    for _ in range(MAX_ITERATIONS):
+        weighted = np.bincount(owner, weigh_squares(ratios, scale[owner])) / np.bincount(owner)
+        scale = np.maximum(weighted, 1.0)
+    return compute_log_student(ratios, scale[owner])
