@@ -9,10 +9,10 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import find
-from pendulum_env.recording.columns import NONE, find_trailing_unit, parse_column
+from pendulum_env.recording.columns import NONE, add_si_unit, find_labelled_columns, parse_column, strip_units
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.preview import Preview
-from pendulum_env.recording.vocabulary import RAW, SI, UNITS
+from pendulum_env.recording.vocabulary import find_label
 from pendulum_env.settings import Blank, format_setting
 
 QUANTITIES = ("position", "torque")
@@ -29,16 +29,13 @@ def find_joint_columns(
             find("column of the arm", name, dict.fromkeys(["time", *wanted]))
         except ValueError as error:
             raise ColumnError(f"{label}: {error}") from None
-    plain = strip_units(headers)
-    found = {name: _add_unit(name, plain[name]) for name in wanted if name in plain} | given
+    plain, found = strip_units(headers), match_joints(headers, (*joints, *held)) | given
     for quantity in OF_JOINTS:
-        numbered = sorted(
-            (header for header in plain if re.fullmatch(rf"{quantity}_?\d+", header)),
-            key=lambda header: int(re.sub(r"\D", "", header)),
-        )
+        labelled = find_labelled_columns(quantity, headers)
+        numbered = sorted((int(*label), text) for label, text in labelled.items() if "".join(label).isdecimal())
         missing = [joint for joint in joints if f"{quantity}_{joint}" not in found]
         if len(missing) == len(joints) == len(numbered):
-            found |= {f"{quantity}_{joint}": plain[name] for joint, name in zip(joints, numbered, strict=True)}
+            found |= {f"{quantity}_{joint}": text for joint, (_, text) in zip(joints, numbered, strict=True)}
         elif missing and quantity in QUANTITIES:
             need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
             first = f"{quantity}_{missing[0]}"
@@ -58,16 +55,16 @@ def find_joint_columns(
     return found
 
 
-def _add_unit(name: str, header: str) -> str:
-    """Add the SI unit to a header with a joint name that could be read as a unit: `position_rotation`."""
-    quantity = name.partition("_")[0]
-    reads_as_unit = header == name and find_trailing_unit(UNITS[quantity] | RAW.get(quantity, {}), header)
-    return f"{header}:{SI[quantity]}" if reads_as_unit else header
-
-
-def strip_units(headers: Sequence[str]) -> dict[str, str]:
-    """Return the headers by their names without units: `position_lift` of `position_lift [mm]`."""
-    return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}
+def match_joints(headers: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
+    """Find the columns of joints by quantity, `position_<joint>`, of this name or labelled: `q_elbow`, `elbow/tau`."""
+    plain, found = strip_units(headers), dict[str, str]()
+    for quantity in OF_JOINTS:
+        exact = {name: plain[name] for joint in joints if (name := f"{quantity}_{joint}") in plain}
+        found |= {name: add_si_unit(quantity, header) if header == name else header for name, header in exact.items()}
+        labelled = find_labelled_columns(quantity, [header for header in headers if header not in exact.values()])
+        by_label = {f"{quantity}_{joint}": labelled.get(find_label(joint)) for joint in joints}
+        found |= {name: text for name, text in by_label.items() if text is not None and name not in exact}
+    return found
 
 
 def read_held_position(label: str, look: Preview, text: str) -> Array:

@@ -10,10 +10,10 @@ from pendulum_env.arms.columns import (
     OF_JOINTS,
     QUANTITIES,
     find_joint_columns,
+    match_joints,
     name_joint,
     note_joint,
     read_held_position,
-    strip_units,
 )
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.errors import ColumnError
@@ -42,8 +42,8 @@ def read_arm_recording(
 ) -> ArmRecording:
     """Read a file or table with columns `time` and, per joint, `position_<joint>` and `torque_<joint>`.
 
-    Columns may also have the numbers of the joints: `position_1`, ... Columns `temperature_<joint>` [deg C] are
-    optional; joints without one get 25 deg C.
+    Other spellings are found with the joint's name, `q_elbow` or `elbow/effort`, or with numbers, `position_1`, ...
+    Columns `temperature_<joint>` [deg C] are optional; joints without one get 25 deg C.
 
     Args:
         source: file or table in memory, as for `read_recording`.
@@ -107,7 +107,7 @@ def find_logged_joints(
     """
     look = read_preview(source, most=500)
     named = {name: text for name, text in (columns or {}).items() if text.strip() != NONE}
-    named = strip_units(look.headers) | named
+    named = match_joints(look.headers, joints) | named
 
     def is_logged(joint: str) -> bool:
         position = named.get(f"position_{joint}")

@@ -347,6 +347,23 @@ def _read_all(quantity: str, headers: Sequence[str], unread: Collection[int]) ->
     ]
 
 
+def find_labelled_columns(quantity: str, headers: Sequence[str]) -> dict[frozenset[str], str]:
+    """Find the columns of a quantity, as expressions, by the label of their joint; without ambiguous ones."""
+    columns = _prefer_measured(_read_all(quantity, headers, ()))
+    labels = [read_words(column.header).label for column in columns]
+    return {
+        label: column.header if column.unit else add_si_unit(quantity, column.header)
+        for label, column in zip(labels, columns, strict=True)
+        if labels.count(label) == 1
+    }
+
+
+def add_si_unit(quantity: str, header: str) -> str:
+    """Add the SI unit to a header without unit whose joint could be read as one: `position_rotation`, `tau_a`."""
+    reads_as_unit = find_trailing_unit(UNITS[quantity] | RAW.get(quantity, {}), header)
+    return f"{header}:{SI[quantity]}" if reads_as_unit else header
+
+
 def _find_positions(headers: Sequence[str], partner: FileColumn | None, unread: Collection[int]) -> list[FileColumn]:
     """Find positions of joints by labels that torques or currents have, too; without those by numbers alone."""
     read = [read_words(header.strip()) for header in ([partner.header] if partner else headers)]
@@ -460,9 +477,14 @@ def _list_spellings(header: str) -> tuple[str, ...]:
     return header, bare, leaf, above, plain
 
 
+def strip_units(headers: Sequence[str]) -> dict[str, str]:
+    """Return the headers by their names without units: `position_lift` of `position_lift [mm]`."""
+    return {re.split(r"[\[(]", header)[0].strip(): header for header in headers}
+
+
 def _find_joints(headers: Sequence[str]) -> list[str]:
     """List the joints with columns of position and torque: `elbow` of `position_elbow` and `torque_elbow`."""
-    plain = dict.fromkeys(re.split(r"[\[(]", header)[0].strip() for header in headers)  # without units
+    plain = strip_units(headers)
     joints = (header.removeprefix("position_") for header in plain if header.startswith("position_"))
     return [joint for joint in joints if f"torque_{joint}" in plain]
 

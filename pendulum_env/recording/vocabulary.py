@@ -236,6 +236,11 @@ def split_words(name: str) -> list[str]:
     return [word.lower().replace("°", "deg") for word in BOUNDARY.split(name) if word]
 
 
+def find_label(joint: str) -> frozenset[str]:
+    """Return the words of a joint's name that label its columns: `shoulder` and `pan` of `shoulder_pan_joint`."""
+    return frozenset(split_words(joint)) - OF_ANY_JOINT
+
+
 @cache
 def read_words(name: str) -> Reading:
     """Read the longest run of words with a meaning; numbers belong to the label, wherever they stand.

@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pendulum_env.arms.columns import strip_units
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import NONE, guess_columns, is_told, parse_column, write_unit
+from pendulum_env.recording.columns import NONE, guess_columns, is_told, parse_column, strip_units, write_unit
 from pendulum_env.recording.expression import NUMBER, Expression, parse_expression
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS

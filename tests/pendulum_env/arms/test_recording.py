@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pendulum_env.arms import ArmRecording, read_arm_recording
+from pendulum_env.arms import ArmRecording, find_logged_joints, read_arm_recording
 from pendulum_env.recording import RecordingError, write_recording
 from tests.notes import list_notes
 from tests.pendulum_env.recording.test_files import moved
@@ -50,6 +50,30 @@ def test_columns_of_an_arm_may_stand_behind_many_others_and_end_with_a_gap_of_al
     recording = read_arm_recording(table(tmp_path / "run.csv", **columns), JOINTS)
     assert [len(segment) for segment in recording.segments] == [150, 150]
     assert np.allclose(recording.torque, TORQUE[kept])
+
+
+@pytest.mark.parametrize(
+    ("names", "joints"),
+    [
+        (("q_{}", "tau_{}"), ("shoulder_pan_joint", "elbow_joint")),
+        (("{}/position", "{}/effort [Nm]"), JOINTS),
+        (("{}_angle_deg", "measured torque {}"), JOINTS),
+        (("position[{}]", "effort[{}]"), ("0", "1")),
+        (("q{}", "tau{}"), ("a_1", "a_2")),  # numbers alone
+        (("q_{}", "tau_{}"), ("lift", "A")),
+    ],
+    ids=str,
+)
+def test_spellings_of_a_pendulum_are_found_with_a_joint(tmp_path, names, joints):
+    labels = [joint.removesuffix("_joint").removeprefix("a_") for joint in joints]
+    unit = 180 / np.pi if "deg" in names[0] else 1.0
+    columns = {names[0].format(label): unit * q for label, q in zip(labels, POSITION.T, strict=True)}
+    columns |= {names[1].format(label): tau for label, tau in zip(labels, TORQUE.T, strict=True)}
+    others = {"q_ref_x": TIME, "motor_current": TIME}
+    path = table(tmp_path / "run.csv", time=TIME, **columns, **others)
+    assert find_logged_joints(path, joints) == joints
+    recording = read_arm_recording(path, joints)
+    assert np.allclose(recording.position, POSITION) and np.allclose(recording.torque, TORQUE)
 
 
 OFF = np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])
