@@ -21,6 +21,7 @@ from estimators.regression.least_squares import (
     Equations,
     Fit,
     IdentificationError,
+    compute_joint_rms,
     project_out,
     solve,
     solve_least_squares,
@@ -181,7 +182,7 @@ class PayloadRows(NamedTuple):
         for data in parts:
             tangent = TorqueRows(data).equations(terms).linearise()
             phi.append(tangent.slopes)
-            y.append(tangent.error + tangent.slopes @ tangent.theta)
+            y.append(tangent.target)
             runs = np.array([w.run for w in data.windows], dtype=np.intp)
             joints = np.array([body.joints.index(w.at) for w in data.windows], dtype=np.intp)
             recording.append(n_recordings + runs[data.recording_of_window])
@@ -291,15 +292,9 @@ def _compute_torque_rms(
 
     `row_joint` is the joint of each row (R,), -1 for excluded rows.
     """
-    rows = {name: row_joint == n for n, name in enumerate(joints)}
-    return {
-        name: (
-            float(np.sqrt(np.mean(before.residual[in_joint] ** 2))),
-            float(np.sqrt(np.mean(after.residual[in_joint] ** 2))),
-        )
-        for name, in_joint in rows.items()
-        if in_joint.any()
-    }
+    own = row_joint >= 0
+    old, new = (compute_joint_rms(fit.residual[own], row_joint[own]).tolist() for fit in (before, after))
+    return {joints[n]: (old[n], new[n]) for n in np.unique(row_joint[own]).tolist()}
 
 
 def _compute_center(values: Array, covariance: Array) -> dict[str, Estimate]:
