@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,6 +45,8 @@ from pendulum_env.physics import (
     list_loads,
     release_term,
 )
+
+Density = Callable[[Terms], Array]
 
 
 @dataclass
@@ -173,15 +175,13 @@ class ModelEvaluator:
         """Return the negative log density of all blocks [nat], a sort key: the most probable model first."""
         return -float(self.density(terms).sum())
 
-    def gain(self, after: Terms, before: Terms) -> Gain:
-        """Return the gain of the model `after` over the model `before`; its p-value includes `penalty`."""
-        return self.compare_densities(self.density(after), self.density(before), after, before)
+    def gain(self, after: Terms, before: Terms, density: Density | None = None) -> Gain:
+        """Return the gain of the model `after` over the model `before`; its p-value includes `penalty`.
 
-    def compare_densities(self, new: Array, old: Array, after: Terms, before: Terms) -> Gain:
-        """Return the gain of the model `after` over `before`, from the log densities of blocks under both, (S,) each.
-
-        Only blocks of `_choose_blocks` count.
+        `density` returns the log density of each block under a model (S,), by default `self.density`. Only blocks of
+        `_choose_blocks` count.
         """
+        new, old = map(density or self.density, (after, before))
         bootstrap, blocks = self._choose_blocks(after, before)
         return bootstrap.gain(new[blocks], old[blocks], self.penalty(after, before))
 
@@ -277,15 +277,9 @@ class ModelEvaluator:
         """
         return all(gate.passed for gate in self.make_gates(after, before, self.criterion.needed_share))
 
-    def is_tied(self, one: Terms, other: Terms) -> bool:
-        """Return whether the first of two models has a probability above `criterion.tie_probability`."""
-        return self.are_densities_tied(self.density(one), self.density(other), one, other)
-
-    def are_densities_tied(self, new: Array, old: Array, one: Terms, other: Terms) -> bool:
-        """Return whether `is_tied` holds for the log densities of blocks under both models, (S,) each.
-
-        Only blocks of `_choose_blocks` count.
-        """
+    def is_tied(self, one: Terms, other: Terms, density: Density | None = None) -> bool:
+        """Return whether the first of two models has a probability above `criterion.tie_probability`; see `gain`."""
+        new, old = map(density or self.density, (one, other))
         bootstrap, blocks = self._choose_blocks(one, other)
         return bool(bootstrap.probabilities([new[blocks], old[blocks]])[0] > self.criterion.tie_probability)
 

@@ -42,18 +42,16 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
     """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of the state."""
     evaluator = state.evaluator
     density = evaluator.refitted_density if evaluator.residuals.are_refitted(terms) else evaluator.density
-    compared = density(terms), density(state.terms), terms, state.terms
-    gain = evaluator.compare_densities(*compared)
     replaces = (
         count_parameters(terms) < count_parameters(state.terms)
-        and evaluator.are_densities_tied(*compared)
+        and evaluator.is_tied(terms, state.terms, density)
         and evaluator.residuals.is_noise(terms)
     )
-    if not replaces and gain.p_value <= evaluator.criterion.p_value:
+    if not replaces and evaluator.gain(terms, state.terms, density).p_value <= evaluator.criterion.p_value:
         leaves_structure = not (state.is_noise or evaluator.residuals.is_noise(terms))
         share = evaluator.residuals.explained_share(terms, state.terms, above_floor=leaves_structure)
         replaces = share > (evaluator.criterion.explained_share if state.is_noise else evaluator.criterion.needed_share)
-    return float(np.sum((compared[0] - compared[1])[evaluator.held_out])) if replaces else None
+    return float(np.sum((density(terms) - density(state.terms))[evaluator.held_out])) if replaces else None
 
 
 def list_table_models(state: SearchState) -> Iterator[Terms]:
