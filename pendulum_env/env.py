@@ -176,10 +176,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         self._previous_position, self._previous_time = first.position, first.time
         if self.simulated:
             self._previous_position = float(self._setup.sensor.position(position - velocity / self.rate))
-        observation, info = self._make_observation(first)
-        if self.render_mode == "human":
-            self.render()
-        return observation, info
+        return self._make_observation(first)
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold a torque for one period.
@@ -198,12 +195,10 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
         observation, info = self._make_observation(sample, clipped=bool(is_beyond(torque, self.max_torque)))
-        if self.render_mode == "human":
-            self.render()
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info
 
     def _make_observation(self, sample: Sample, clipped: bool = False) -> tuple[Observation, dict[str, Any]]:
-        """Return observation and info of a sample."""
+        """Return observation and info of a sample, and show it in a window in mode human."""
         position, velocity = sample.position, sample.velocity
         if velocity is None:
             periods = max(1, round((sample.time - self._previous_time) * self.rate))  # a recording may have gaps
@@ -226,6 +221,8 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         if sample.fault is not None:
             info["fault"] = sample.fault
         self._last = info
+        if self.render_mode == "human":
+            self.render()
         return observation, info
 
     def render(self) -> NDArray[np.uint8] | None:

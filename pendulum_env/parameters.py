@@ -31,9 +31,7 @@ class PlantParameters:
         """Make the parameters of a model; `batch` is () or (B,)."""
         self.model, self._batch = model, batch
         self._linear = [column.name for column in model.columns]
-        self._nonlinear = {
-            term.get_full_name(parameter.name): (term.id, parameter) for term in model.terms for parameter in term.free
-        }
+        self._nonlinear = {term.get_full_name(p.name): (term.id, p) for term in model.terms for p in term.free}
         self._start: dict[str, Array] = {name: np.full(batch, e.value) for name, e in model.estimates.items()}
         self.now = dict(self._start)
 

@@ -95,10 +95,12 @@ def rollout(
     Returns:
         Recording with one sample per step; its torque acts from its time on.
     """
-    return Recording(*measure(islice(iterate_steps(env, policy, seed), steps), watch), name=name, is_checked=True)
+    return Recording(
+        *collect_samples(islice(iterate_steps(env, policy, seed), steps), watch), name=name, is_checked=True
+    )
 
 
-def measure(
+def collect_samples(
     run: Iterable[tuple[tuple[float, Any, Any] | None, dict[str, Any]]],
     watch: Callable[[dict[str, Any]], None] | None = None,
 ) -> tuple[Array, Array, Array]:

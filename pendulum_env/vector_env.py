@@ -16,7 +16,14 @@ from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantParameters, PlantProperties, Values
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, begin, stack_rows, step, unstack_rows
+from pendulum_env.physics.simulation import (
+    CommandDelay,
+    TorqueBalance,
+    make_start_samples,
+    stack_rows,
+    step,
+    unstack_rows,
+)
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.spaces import (
     MAX_TORQUE,
@@ -128,7 +135,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self.plant.reset(options.get("theta"))
         self._command = CommandDelay(self.plant.terms, 1.0 / self.rate, self.substeps)
         self._update_plant()
-        self._x = begin(self._balance, position, velocity)
+        self._x = make_start_samples(self._balance, position, velocity)
         self._previous_position = self.sensor.position(position - velocity / self.rate)
         observation, info = self._make_observation(np.zeros(self.num_envs), clipped=self._no_plants.copy())
         return observation, {**info, "torque": np.zeros(self.num_envs)}
@@ -150,7 +157,11 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         if np.isnan(torque).any():
             raise ValueError(f"the action of pendulum {int(np.isnan(torque).argmax())} is NaN: a torque is needed")
         revived = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else self._no_plants
-        self._advance(torque)
+        x, h = self._x, 1.0 / self.rate / self.substeps
+        for command in self._command.push(torque):
+            x = step(self._balance, replace(x, torque=command), h)
+        self.steps = self.steps + 1
+        self._x = replace(x, time=self.steps / self.rate)
         if revived.any():
             torque = np.where(revived, 0.0, torque)
             self._restart(revived)
@@ -166,20 +177,12 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
             info |= {name: self._all_plants for name in info["final_info"] if name not in info}
         return observation, np.zeros(self.num_envs), self._no_plants.copy(), truncated, info
 
-    def _advance(self, torque: Array) -> None:
-        assert self._x is not None
-        x, h = self._x, 1.0 / self.rate / self.substeps
-        for command in self._command.push(torque):
-            x = step(self._balance, replace(x, torque=command), h)
-        self.steps = self.steps + 1
-        self._x = replace(x, time=self.steps / self.rate)
-
     def _restart(self, which: Mask) -> None:
         """Reset the pendulums in the mask `which` (B,): at rest, hanging down, with initial parameters."""
         self.plant.restart(which)
         self._update_plant()
         assert self._x is not None
-        still = begin(self._balance, *np.zeros((2, self.num_envs)))
+        still = make_start_samples(self._balance, *np.zeros((2, self.num_envs)))
         rows = [np.where(which, *each) for each in zip(stack_rows(still), stack_rows(self._x), strict=True)]
         self._x = unstack_rows(rows, self._x)
         self._previous_position = np.where(which, 0.0, self._previous_position)

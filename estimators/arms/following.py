@@ -16,7 +16,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.env import SimulatedArm
 from pendulum_env.arms.plane import get_friction
 from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.policy import iterate_steps, measure
+from pendulum_env.policy import collect_samples, iterate_steps
 
 BANDWIDTH = 30.0  # [rad/s]; fast against the motion, slow against samples of some milliseconds
 
@@ -73,5 +73,5 @@ def follow(
     seconds = samples / arm.rate
     start = {"position": position, "velocity": velocity}
     run = islice(iterate_steps(arm, Follow(motion, limits), int(rng.integers(2**31)), start), samples)
-    measured = measure(run, lambda info: progress(f"{info['time']:.0f} s", info["time"] / seconds))
+    measured = collect_samples(run, lambda info: progress(f"{info['time']:.0f} s", info["time"] / seconds))
     return ArmRecording.from_arrays(name, arm.joints, *measured)

@@ -135,7 +135,7 @@ def _compute_residual_squares(curve: TableCurve, columns: Array, weights: Array)
 
 def _list_families(table: Table) -> list[Family]:
     """List the families for a table: powers over speed; waves of a turning joint, lines, bumps and steps over angle."""
-    low, high = table.extent[:2]
+    low, high = table.extent.low, table.extent.high
     if table.axis == "velocity":
         return [Family("power", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,))]
     places = np.linspace(low, high, 25)[1:-1].tolist()

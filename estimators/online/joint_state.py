@@ -21,7 +21,7 @@ import functools
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from estimators.online.estimates import Estimates
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term, simulate
-from pendulum_env.physics.simulation import PreparedStep, TorqueBalance, prepare_step
+from pendulum_env.physics.simulation import StepPrograms, TorqueBalance, compile_step
 from pendulum_env.physics.term import Memory, zero
 
 
@@ -146,7 +146,7 @@ class _Filter:
         n_commands = 2 + int(sum(term.delay for term in terms) / period)  # commands that act within a period
         self._commands = deque(n_commands * [0.0], maxlen=n_commands)
         self._memory: Mapping[str, Memory] | None = None
-        self._program: PreparedStep | None = None
+        self._compile = functools.partial(StepPrograms().find, compile_step)
         size = 2 + len(theta)
         points = MerweScaledSigmaPoints(size, alpha=1.0, beta=0.0, kappa=0.0)  # equal weights, none for the mean
         self._ukf = UnscentedKalmanFilter(size, 1, period, _measure, self._simulate_period, points)
@@ -156,9 +156,6 @@ class _Filter:
         self._fade = np.r_[1.0, 1.0, np.full(len(theta), forgetting**-0.5)]
         self._filtered_innovation = 0.0  # filtered past innovations, of unit variance
         self.is_lost = True  # position and velocity are unknown
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_program": None}  # a compiled program cannot be pickled
 
     @property
     def theta(self) -> Array:
@@ -205,7 +202,6 @@ class _Filter:
         """Predict the state one period after `time`; states of terms follow the mean."""
         ukf = self._ukf
         ukf.Q = self._compute_process_noise()
-        self._program = self._program or prepare_step(self._terms)
         mean, samples = ukf.x, list[Samples]()
         ukf.predict(time=time)
         if any(term.has_memory for term in self._terms):
@@ -243,7 +239,7 @@ class _Filter:
             before=commands[:-1],
             memory=self._memory,
             observe=observe,
-            program=self._program,
+            compile=self._compile,
         )
         return np.r_[motion.position[-1], motion.velocity[-1], state[2:]]
 

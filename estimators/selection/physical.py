@@ -69,7 +69,10 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         gates.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
     friction = [(term, column, value) for term, column, value in _list_parts(model) if _is_friction(term)]
-    power = sum((value * column.power(x) for term, column, value in friction if not term.hides), np.zeros_like(x.time))
+    power = sum(
+        (value * column.power(x) for term, column, value in friction if not term.has_hidden_state),
+        np.zeros_like(x.time),
+    )
     share = float(np.mean(power < 0))
     if share > MAX_NEGATIVE and not is_coupled:
         gates.append(Gate("driving_friction", share, MAX_NEGATIVE, False))

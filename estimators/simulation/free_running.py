@@ -6,7 +6,7 @@ growing errors of an upright pendulum.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -17,8 +17,8 @@ from estimators.weak_form.point import Point
 from estimators.weak_form.windows import Windows, trace_all
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
-from pendulum_env.physics.simulation import LONGEST_STEP, count_substeps, delay_torque, prepare_step
-from pendulum_env.physics.term import Memory, round_up
+from pendulum_env.physics.simulation import LONGEST_STEP, compile_step, count_substeps, delay_torque
+from pendulum_env.physics.term import Memory
 
 HORIZON = 1.0  # [s], default length of a segment
 PERTURBATION = 1e-6  # [rad], small error of the initial position
@@ -193,7 +193,6 @@ def simulate_segments(
     )
     period = repeat_for_models([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments])
     terms, theta = _stack_models(models, sum(len(segment.first) for segment in segments))
-    longest = round_up(period / count_substeps(period, longest_step))
     return simulate(
         terms,
         theta,
@@ -206,7 +205,7 @@ def simulate_segments(
         longest_step=longest_step,
         observe=observe,
         load=load,
-        program=segments[0].windows.programs.find(terms, prepare_step, bool(load), longest),
+        compile=partial(segments[0].windows.programs.find, compile_step),
     )
 
 

@@ -40,7 +40,7 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
             other quantities than motion.
     """
     for term in terms:
-        if term.hides or term.fixed or any(column.of_torque for column in term.columns):
+        if term.has_hidden_state or term.fixed or any(column.of_torque for column in term.columns):
             raise IdentificationError(f"{term.id} depends on more than the motion: instruments cannot estimate it")
     references = [_replace_by_reference(w.recording) for w in data.windows]
     reference_windows = [

@@ -378,7 +378,7 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
             periods.append(1.0 / w.recording.rate)
     if kind.has_own_trace():
         arguments = zip(segments, commands, periods, strict=True)
-        memories = iter([kind.trace_each(variants, *segment) for segment in arguments])
+        memories = iter([[variant.trace(*segment) for variant in variants] for segment in arguments])
     else:
         memories = iter(trace_variants(variants, segments, commands, periods))
     traces = []

@@ -247,9 +247,8 @@ class Body(Mechanism):
         model, data, pin = self.model, self._data, import_pinocchio()
 
         def energies(q: Array, v: Array, a: Array) -> Array:
-            return pin.computeKineticEnergyRegressor(model, data, q, v) + pin.computePotentialEnergyRegressor(
-                model, data, q
-            )
+            kinetic = pin.computeKineticEnergyRegressor(model, data, q, v)
+            return kinetic + pin.computePotentialEnergyRegressor(model, data, q)
 
         links = self._apply_to_samples(energies, *self._expand_motion(q, v, v))
         return (np.hstack([links, 0.5 * v**2]) if self.rotors else links)[:, self._independent]

@@ -68,17 +68,12 @@ class SimulatedArm(gym.Env[Observation, Action]):
         given = dict(options or {})
         for name in given:
             find("option of reset", name, RESET_OPTIONS)
-        position, velocity = (
-            self._check_numbers(name, given.get(name, np.zeros(len(self.joints)))) for name in RESET_OPTIONS
-        )
+        still = np.zeros(len(self.joints))
+        position, velocity = (self._check_numbers(name, given.get(name, still)) for name in RESET_OPTIONS)
         self._bodies.start(position, velocity)
         self._count, self._running = 0, True
         self._previous_position = self.sensor.position(position - velocity / self.rate)
-        none = np.zeros(len(self.joints))
-        observation, info = self._make_observation(none, none > 0)
-        if self.render_mode == "human":
-            self.render()
-        return observation, info
+        return self._make_observation(still, still > 0)
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold torques for one period."""
@@ -90,8 +85,6 @@ class SimulatedArm(gym.Env[Observation, Action]):
         self._count += 1
         measured = self.sensor.torque(torque, self.np_random)
         observation, info = self._make_observation(measured, is_beyond(asked, self.max_torque))
-        if self.render_mode == "human":
-            self.render()
         return observation, 0.0, False, False, info
 
     def _check_numbers(self, name: str, values: Any) -> Array:
@@ -117,6 +110,8 @@ class SimulatedArm(gym.Env[Observation, Action]):
             "clipped": clipped,
             "follows": True,
         }
+        if self.render_mode == "human":
+            self.render()
         return observation, self._last
 
 

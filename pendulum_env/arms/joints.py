@@ -134,12 +134,9 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
     for term in terms:
         if not isinstance(term, Links) and not set(list_loads(term.at)) <= set(joints):
             if not any(joints):
-                raise UserError(
-                    f"{term.id} is at a joint of an arm, and a pendulum has one joint: use the effect itself"
-                )
-            raise UserError(
-                f"{term.id} is at none of the joints {', '.join(joints)}: place it, place_term(term, {joints[0]!r})"
-            )
+                raise UserError(f"{term.id} is at a joint of an arm, a pendulum has one joint: use the effect itself")
+            remedy = f"place it, place_term(term, {joints[0]!r})"
+            raise UserError(f"{term.id} is at none of the joints {', '.join(joints)}: {remedy}")
 
 
 def friction(body: Mechanism) -> tuple[Term, ...]:
@@ -216,9 +213,8 @@ def find_kind(text: str, body: Mechanism, known: Mapping[str, type[Term]] | None
     pair = [find("joint", joint, {name: name for name in joints}) for joint in list_loads(at)]
     _refuse_sliding(id, pair, body.sliding)
     if len(pair) != 2 or at.startswith("-"):
-        raise UserError(
-            f"'{text}' should name two joints, such as {id}@{joints[0]},{joints[-1]}, with - for the second"
-        )
+        example = f"{id}@{joints[0]},{joints[-1]}"
+        raise UserError(f"'{text}' should name two joints, such as {example}, with - for the second")
     return choose_coupling(at, body)
 
 

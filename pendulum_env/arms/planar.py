@@ -16,7 +16,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import FRICTION, parse_effect
 from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, begin
+from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, make_start_samples
 from pendulum_env.plant import PAPER, Effects, hide, list_effects
 from pendulum_env.recording.study import GRAVITY
 
@@ -86,7 +86,7 @@ class JointBalances:
     def start(self, position: Array, velocity: Array) -> None:
         """Set the initial positions (n,) [rad] and velocities (n,) [rad/s]."""
         self._lines = [CommandDelay(balance.terms, self._h, 1) for balance in self._balances]
-        self._now = [begin(*state) for state in zip(self._balances, position, velocity, strict=True)]
+        self._now = [make_start_samples(*state) for state in zip(self._balances, position, velocity, strict=True)]
 
     def delay_torque(self, torque: Array) -> Array:
         """Return the torques of the next step (n,) [N m], after the delays of the terms."""
@@ -173,7 +173,8 @@ class PlanarBodies:
             position = self.position + h * self._half
             expected = 1.5 * self._half - 0.5 * self._before
             self._acting.advance(self.position, self._half, now, self._half)
-            before, last = self._half, self._save_state()
+            before = self._half
+            last = [(body.position, body.angle, body.velocity, body.angular_velocity) for body in self._bodies]
             dry = self._push(position, expected, command, h)
             after = self._compute_rates()
             turned = (before * after < 0) & (np.abs(before) > self.at_rest)
@@ -197,9 +198,6 @@ class PlanarBodies:
             body.torque = part
         self._space.step(h)
         return dry
-
-    def _save_state(self) -> list[tuple[Any, ...]]:
-        return [(body.position, body.angle, body.velocity, body.angular_velocity) for body in self._bodies]
 
     def _compute_rates(self) -> Array:
         return np.diff([body.angular_velocity for body in self._bodies], prepend=0.0)

@@ -93,9 +93,8 @@ def read_logged(body: Mechanism, source: Readable, format: Source, name: str | N
     if not isinstance(body, Body):
         return replace(read_recording(source, name=name, **format.reading), load=format.load)
     still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
-    return read_arm_recording(
-        source, body.joints, held=still, name=name, columns=format.columns or None, unwrap=format.unwrap
-    )
+    columns = format.columns or None
+    return read_arm_recording(source, body.joints, held=still, name=name, columns=columns, unwrap=format.unwrap)
 
 
 def find_logged_joints(

@@ -111,9 +111,8 @@ def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, fl
         if (leader := leads[joint].joint if joint in leads else joint) != joint:
             raise BodyError(f"joint '{joint}' mimics '{leader}': name that one, which it follows")
         find("joint", joint, {joint: tie for joint, tie in leads.items() if tie.joint == joint})
-    moves = [
-        joint for joint, tie in leads.items() if tie.joint == joint and joint in (movable if joints is None else joints)
-    ]
+    chosen = movable if joints is None else joints
+    moves = [joint for joint, tie in leads.items() if tie.joint == joint and joint in chosen]
     still = {
         joint: tie.compute_position(float(held.get(tie.joint, 0.0)))
         for joint, tie in leads.items()
@@ -169,9 +168,8 @@ def _replace_continuous_joints(tree: ElementTree.Element) -> None:
         joint.set("type", "revolute")
         limit = joint.find("limit")
         limit = ElementTree.SubElement(joint, "limit") if limit is None else limit
-        limit.attrib |= (
-            {"effort": ENDLESS, "velocity": ENDLESS} | limit.attrib | {"lower": f"-{ENDLESS}", "upper": ENDLESS}
-        )
+        ends = {"lower": f"-{ENDLESS}", "upper": ENDLESS}
+        limit.attrib |= {"effort": ENDLESS, "velocity": ENDLESS} | limit.attrib | ends
 
 
 def import_pinocchio() -> ModuleType:
@@ -245,9 +243,8 @@ def _read_mimics(tree: ElementTree.Element) -> dict[str, _Mimic]:
         raise BodyError("a <body> has no name, by which Pinocchio tells them apart: give each one")
     for tie in tree.iterfind("equality/*"):
         name, leader = tie.get("joint1", ""), tie.get("joint2", "")
-        offset, ratio, *higher = _parse_numbers(
-            f"{tie.get('polycoef', '0 1')} 0 0", f"joint '{name}' mimics another by"
-        )
+        numbers = f"{tie.get('polycoef', '0 1')} 0 0"
+        offset, ratio, *higher = _parse_numbers(numbers, f"joint '{name}' mimics another by")
         if tie.tag != "joint" or not leader or any(higher):
             raise BodyError(f"<{tie.tag}> of <equality> closes a loop, which cannot be identified: leave it out")
         ties[name] = _Mimic(leader, ratio, offset)

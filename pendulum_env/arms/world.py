@@ -115,9 +115,8 @@ class SpatialBodies:
         world, data, mujoco = self._world, self._data, import_mujoco()
         for _ in range(self._steps):
             position, velocity, now = self.position, self.velocity, self._acting.delay_torque(torque)
-            data.qfrc_applied[self._joints], world.dof_frictionloss[self._joints] = self._acting.torques(
-                position, velocity, now
-            )
+            net, dry = self._acting.torques(position, velocity, now)
+            data.qfrc_applied[self._joints], world.dof_frictionloss[self._joints] = net, dry
             mujoco.mj_step(world, data)
             np.clip(data.qvel, -UNBOUNDED, UNBOUNDED, out=data.qvel)
             self._acting.advance(position, velocity, now, 0.5 * (velocity + self.velocity))

@@ -37,11 +37,9 @@ class ConstrainedBody:
         self._balance = balance
 
     def set_balance(self, balance: TorqueBalance) -> None:
-        """Replace the torque balance, with the same state variables, and keep the state."""
         self._balance = balance
 
     def place(self, x: Samples) -> None:
-        """Make a new body in the state x (scalars)."""
         mujoco = import_mujoco()
         spec = mujoco.MjSpec()
         spec.option.gravity = (0.0, 0.0, 0.0)  # gravity is a term of the model
@@ -54,7 +52,6 @@ class ConstrainedBody:
         self._x = x
 
     def step(self, torque: float, h: float) -> tuple[float, float]:
-        """Advance by h [s] under a torque [N m]; return angle [rad] and velocity [rad/s]."""
         command: Any = np.float64(torque)
         world, data, balance, x = self._world, self._data, self._balance, replace(self._x, torque=command)
         world.opt.timestep = h

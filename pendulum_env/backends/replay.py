@@ -20,12 +20,10 @@ class Replay(Backend):
         self.traits = Traits(self.recording.rate, counts=None, recording=self.recording)
 
     def enable(self, start: Start) -> Sample:
-        """Return the first sample; `start` is ignored."""
         self._index = 0
         return self._sample()
 
     def exchange(self, torque: float) -> Sample:
-        """Return the next sample; the last one has the status ENDED."""
         self._index = min(self._index + 1, len(self.recording) - 1)
         return self._sample()
 

@@ -47,29 +47,17 @@ class RigidBody:
         self.set_balance(balance)
 
     def set_balance(self, balance: TorqueBalance) -> None:
-        """Replace the parameters of the torque balance and keep the state."""
         self._balance = balance
         nonlinear = [getattr(balance.terms[place], name) for place, name in self._free]
         for half in (self._first, self._second):
             half.given["constants"][:, 0] = *balance.theta, *nonlinear
 
     def place(self, x: Samples) -> None:
-        """Make a new body in the state x (scalars), so that equal runs are bitwise equal."""
+        # a new body, so that equal runs are bitwise equal
         self._time, self._position, self._velocity = float(x.time), float(x.position), float(x.velocity)
         self._inertia, self._dry = float(self._balance.mass(x)), 0.0
         self._first.given["memory"][:, 0] = _flatten_samples(x)
-        self._build()
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name not in ("_space", "_body", "_motor")}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        if "_time" in state:
-            self._build()
-
-    def _build(self) -> None:
-        """Build a body with its centre of mass at the pivot; gravity is a term of the model."""
+        # its centre of mass is at the pivot; gravity is a term of the model
         self._space = pymunk.Space()
         self._space.iterations = 1  # exact for one motor and an unloaded pivot
         self._body = pymunk.Body(1.0, self._inertia)
@@ -80,12 +68,11 @@ class RigidBody:
         self._space.add(self._body, pivot, self._motor)
 
     def step(self, torque: float, h: float) -> tuple[float, float]:
-        """Advance by h [s] under a torque [N m]; return angle [rad] and velocity [rad/s]."""
         q, v, body = self._position, self._velocity, self._body
         first, second = self._first, self._second
         first.given["state"][:, 0] = self._time, q, v, torque, h
         first.step()
-        body.torque, dry, inertia, moving, middle_v = first.now["push"][:, 0].tolist()
+        body.torque, dry, inertia, moving, middle_v = first.now["step_torque"][:, 0].tolist()
         if inertia != self._inertia:
             body.moment = self._inertia = inertia
         if dry != self._dry:
@@ -106,7 +93,7 @@ class RigidBody:
         return self._position, reached
 
 
-class Push(NamedTuple):
+class StepTorque(NamedTuple):
     """Mean torque, friction and inertia of a step."""
 
     torque: float  # mean torque without dry friction [N m]
@@ -116,8 +103,8 @@ class Push(NamedTuple):
     middle: float  # velocity at the middle of the step [rad/s]
 
 
-def _compute_push(balance: TorqueBalance, x: Samples, h: Any) -> tuple[Push, Samples]:
-    """Return the push and the samples at the middle of the step, of numbers or symbols.
+def _compute_step_torque(balance: TorqueBalance, x: Samples, h: Any) -> tuple[StepTorque, Samples]:
+    """Return the step_torque and the samples at the middle of the step, of numbers or symbols.
 
     If the body reverses within the step, the torque is corrected for the friction before the reversal.
     """
@@ -129,21 +116,21 @@ def _compute_push(balance: TorqueBalance, x: Samples, h: Any) -> tuple[Push, Sam
     moving = np.where(reverses, -v / np.where(reverses, acceleration, 1.0), h)
     turned = net - 2.0 * dry * direction * moving / h
     net = np.where(reverses & (np.abs(net) > dry), turned, net)
-    return Push(net, dry, inertia, moving, middle.velocity), middle  # type: ignore[arg-type]
+    return StepTorque(net, dry, inertia, moving, middle.velocity), middle  # type: ignore[arg-type]
 
 
 def _write_half(terms: tuple[Term, ...], longest: float, is_first: bool) -> SymbolicStep:
-    """Write the first half of a step, with the push, or the second half, in symbols."""
+    """Write the first half of a step, with the step_torque, or the second half, in symbols."""
     balance, x, nonlinear = write_balance(terms)
     h: Any = make_symbol("h", most=longest)
     given = {
         "state": _make_array([x.time, x.position, x.velocity, x.torque, h]),
-        "constants": _make_array([*balance.theta, *map(make_symbol, nonlinear)]),
+        "constants": _make_array([*balance.theta, *nonlinear]),
         "memory": _flatten_samples(x),
     }
     if is_first:
-        push, middle = _compute_push(balance, x, h)
-        return SymbolicStep(given, {}, {"push": _make_array(push), "memory": _flatten_samples(middle)})
+        step_torque, middle = _compute_step_torque(balance, x, h)
+        return SymbolicStep(given, {}, {"step_torque": _make_array(step_torque), "memory": _flatten_samples(middle)})
     memory = balance.advance(x, x.velocity, 0.5 * h)
     return SymbolicStep(given, {}, {"memory": _flatten_samples(replace(x, memory=memory))})
 

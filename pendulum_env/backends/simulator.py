@@ -9,7 +9,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.backends.port import Backend, Sample, Setup, Start, Traits
 from pendulum_env.physics import Samples, Term
-from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, begin, step
+from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, make_start_samples, step
 
 
 class Engine(Protocol):
@@ -33,15 +33,12 @@ class SteppedBody:
         self.set_balance(balance)
 
     def set_balance(self, balance: TorqueBalance) -> None:
-        """Replace the torque balance and keep the state."""
         self._balance = balance
 
     def place(self, x: Samples) -> None:
-        """Begin a run in the state x."""
         self._x = x
 
     def step(self, torque: float, h: float) -> tuple[float, float]:
-        """Advance by h [s] under a torque [N m]; return angle [rad] and velocity [rad/s]."""
         command: Any = np.float64(torque)
         self._x = step(self._balance, replace(self._x, torque=command), h)
         return float(self._x.position), float(self._x.velocity)
@@ -52,7 +49,7 @@ class Simulator(Backend):
 
     def __init__(self, setup: Setup, make: Callable[[TorqueBalance, float], Engine]) -> None:
         """Set plant, sampling and sensor; `make` builds the engine from a torque balance and the longest step [s]."""
-        self.sensor, self.period, self.substeps = setup.sensor, setup.period, setup.substeps
+        self.sensor, self.period, self.substeps = setup.sensor, 1.0 / setup.rate, setup.substeps
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
         self._balance = TorqueBalance(setup.model.terms, setup.model.theta)
         self._engine = make(self._balance, self.period / self.substeps)
@@ -65,16 +62,14 @@ class Simulator(Backend):
         self._command.set_delay(terms)
 
     def enable(self, start: Start) -> Sample:
-        """Begin a run in the given state; return the measurement at time 0."""
         self._rng = start.rng
         self._command = CommandDelay(self._balance.terms, self.period, self.substeps)
-        self._engine.place(begin(self._balance, start.position, start.velocity))
+        self._engine.place(make_start_samples(self._balance, start.position, start.velocity))
         self._at = start.position, start.velocity
         self._count = 0  # periods since the start
         return self._sample(0.0)._replace(torque=0.0)
 
     def exchange(self, torque: float) -> Sample:
-        """Advance by one period under a torque [N m]; return the measurement."""
         duration = self.period / self.substeps
         for command in self._command.push(torque):
             self._at = self._engine.step(float(command), duration)

@@ -149,12 +149,7 @@ class BackEmf(Term):
     law = "k q' while the motor is on"
     kind = "actuation"
 
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        def force(x: Samples) -> ArrayLike:
-            return x.velocity * is_powered(x)
-
-        return (Column("back_emf", "N m s/rad", force=force, least=0.0),)
+    columns = (Column("back_emf", "N m s/rad", force=lambda x: x.velocity * is_powered(x), least=0.0),)
 
     def start(self, x: Samples) -> Memory:
         return (1.0 + 0.0 * x.position,)

@@ -60,14 +60,10 @@ def check_effect(kind: type[Term]) -> None:
 
 def check_variants(label: str, variants: Callable[[Samples], Iterable[Term]]) -> None:
     """Evaluate the laws of variants of an effect on synthetic motions; `variants` makes them from the motion."""
-
-    def list_variants(x: Samples) -> list[Term]:
-        return [*variants(x)]
-
     for samples in (1000, 37):
         time: Array = np.arange(samples) / 100.0
         x = Samples(time, np.sin(time), np.cos(time), np.sin(3 * time))
-        for term in _call_user_function(label, partial(list_variants, x)):
+        for term in _call_user_function(label, partial(lambda x: [*variants(x)], x)):
             _try_laws(term, x)
 
 

@@ -217,19 +217,3 @@ class Presliding(Term):
         # exact for a constant direction: z - sgn q' decays with the distance travelled
         direction = np.sign(x.velocity)
         return (direction + (memory[0] - direction) * np.exp(-np.abs(x.velocity) * duration / self.displacement),)
-
-    def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        # Between reversals, z - sgn q' decays with the distance travelled since the last one.
-        position = np.asarray(x.position)
-        turns = np.flatnonzero(np.diff(np.sign(np.diff(position))) != 0) + 1
-        first, last = np.r_[0, turns], np.r_[turns, len(position) - 1]
-        run = np.repeat(np.arange(len(first)), np.diff(np.r_[first, len(position)]))
-        direction = np.sign(position[last] - position[first])
-        begins, value = np.zeros(len(first)), 0.0
-        rest = np.exp(-np.abs(position[last] - position[first]) / self.displacement)
-        for k, (sign, share) in enumerate(zip(direction.tolist(), rest.tolist(), strict=True)):
-            begins[k] = value
-            value = sign + (value - sign) * share
-        share = np.exp(-np.abs(position - position[first][run]) / self.displacement)
-        state = direction[run] + (begins - direction)[run] * share
-        return (state,)

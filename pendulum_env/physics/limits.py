@@ -75,7 +75,7 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
             around = f"{0.99 * low:.4g} and {1.01 * low:.4g}"
             raise UserError(f"{name} is searched for and cannot be fixed: give it bounds, such as {around}")
         least, most = ranges[name]
-        if name in nonlinear and low < high and nonlinear[name].integer:
+        if name in nonlinear and nonlinear[name].integer:
             low, high = _round_inwards(low, high)
             if low > high:
                 raise UserError(f"{name} is a whole number, and none lies within its bounds: give wider ones")
@@ -144,10 +144,9 @@ def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float],
     def columns(self: Term) -> tuple[Column, ...]:
         return tuple(limit_column(column) for column in cast(Any, super(made, self)).columns)
 
-    nonlinear = tuple(limit_nonlinear_parameter(p) for p in kind.nonlinear_parameters)
-    made = derive_kind(
-        kind, _make_limited_kind, limits, columns=property(columns), nonlinear_parameters=nonlinear, bare=(kind, limits)
-    )
+    nonlinear = tuple(map(limit_nonlinear_parameter, kind.nonlinear_parameters))
+    members = {"columns": property(columns), "nonlinear_parameters": nonlinear, "bare": (kind, limits)}
+    made = derive_kind(kind, _make_limited_kind, limits, **members)
     return made
 
 

@@ -136,10 +136,8 @@ class Model(Mapping[str, Estimate], Shown):
         shown = {name: estimate for name, estimate in self.estimates.items() if name not in entries}
         for id, (term, curve) in tables.items():
             k = int(np.argmax(np.abs(curve.value)))
-            entry = self.estimates[term.columns[0].name]
-            shown[f"{id} (largest)"] = replace(
-                entry, value=float(curve.value[k]), std=float(curve.std[k]), at_bound=False
-            )
+            entry, value, std = self.estimates[term.columns[0].name], float(curve.value[k]), float(curve.std[k])
+            shown[f"{id} (largest)"] = replace(entry, value=value, std=std, at_bound=False)
         return shown
 
     @property

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from msgspec import Meta, Struct
+from msgspec.structs import asdict
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import FileError, UserError
@@ -112,7 +113,7 @@ def read_estimates(data: ModelFile, units: Mapping[str, str]) -> dict[str, Estim
 
 def describe_terms(terms: Sequence[Term]) -> JSON:
     """Return the extents of tables and the limits of parameters, as in a model file."""
-    tables = {term.id: term.extent._asdict() for term in terms if isinstance(term, Table)}
+    tables = {term.id: asdict(term.extent) for term in terms if isinstance(term, Table)}
     return {"tables": tables, "limits": write_limits(collect_limits(terms))}
 
 
@@ -155,9 +156,7 @@ def _build_term(id: str, data: ModelFile, find: Callable[[str], type[Term]]) -> 
 
 def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estimate]) -> None:
     """Refuse a link with more dry or viscous friction than the whole joint."""
-    linear = {
-        name: estimate.value for name, estimate in estimates.items() if name != "gravity"
-    }  # gravity may be uncertain
+    linear = {name: e.value for name, e in estimates.items() if name != "gravity"}  # gravity may be uncertain
     for term in terms:
         bound = term.bind(linear).nonlinear_values
         for name, value in term.nonlinear_values.items():

@@ -67,19 +67,16 @@ class Cogging(Term):
 
 def _make_wave(end: str, n: float) -> tuple[Column, Column]:
     """Make the sine and cosine columns of cogging with n periods per turn; `end` is the suffix of their names."""
+
+    def store_sine(x: Samples) -> Array:
+        return (1.0 - np.cos(n * x.position)) / n
+
+    def store_cosine(x: Samples) -> Array:
+        return np.sin(n * x.position) / n
+
     return (
-        Column(
-            f"cogging.sin{end}",
-            "N m",
-            force=lambda x: np.sin(n * x.position),
-            potential=lambda x: (1.0 - np.cos(n * x.position)) / n,
-        ),
-        Column(
-            f"cogging.cos{end}",
-            "N m",
-            force=lambda x: np.cos(n * x.position),
-            potential=lambda x: np.sin(n * x.position) / n,
-        ),
+        Column(f"cogging.sin{end}", "N m", force=lambda x: np.sin(n * x.position), potential=store_sine),
+        Column(f"cogging.cos{end}", "N m", force=lambda x: np.cos(n * x.position), potential=store_cosine),
     )
 
 
@@ -116,9 +113,8 @@ class Spring(Term):
 
 def _make_power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
     """Make the column of the n-th power of the angle, with its potential."""
-    return Column(
-        name, unit, force=lambda x: x.position**n, potential=lambda x: x.position ** (n + 1) / (n + 1), least=least
-    )
+    up = n + 1
+    return Column(name, unit, force=lambda x: x.position**n, potential=lambda x: x.position**up / up, least=least)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import find_longest, make_symbol, may_be_true, repeat, set_label
+from pendulum_env.physics.symbols import Symbol, find_longest, make_symbol, may_be_true, repeat, set_label
 from pendulum_env.physics.term import (
     LOAD,
     UNLOADED,
@@ -112,7 +112,7 @@ class TorqueBalance:
         return set_label(self.net(x), f"net_at_{stage}"), set_label(self.dry(x), f"dry_at_{stage}")
 
 
-def begin(balance: TorqueBalance, position: ArrayLike, velocity: ArrayLike) -> Samples:
+def make_start_samples(balance: TorqueBalance, position: ArrayLike, velocity: ArrayLike) -> Samples:
     """Return the samples at the start of a run, scalars or (B,), with steady states of all terms."""
     rest: Any = np.zeros(np.shape(position))[()]
     x = Samples(rest, np.float64(position), np.float64(velocity), rest)  # type: ignore[arg-type]
@@ -241,7 +241,7 @@ def simulate(
     longest_step: float = LONGEST_STEP,
     load: KnownLoad = UNLOADED,
     observe: Callable[[Samples], None] | None = None,
-    program: PreparedStep | None = None,
+    compile: Callable[..., Recurrence | None] | None = None,
 ) -> Trajectory:
     """Simulate B pendulums under a torque command that is held over each period.
 
@@ -258,14 +258,14 @@ def simulate(
         longest_step: longest integration step [s].
         load: known load, with inertia and gravity () or (B,), and torque () or its mean over each period (N, B).
         observe: function called after the run with the samples at the start of each period and at the end.
-        program: result of `prepare_step` for the terms; None prepares one.
+        compile: function with the arguments and the result of `compile_step`, the default.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
     scalars = (np.shape(one) for one in (position, velocity, start, period, load.inertia, load.gravity))
     batch = np.broadcast_shapes(*scalars, np.shape(theta)[1:], (1,))
     columns = np.broadcast_shapes(torque.shape[1:], np.shape(load.torque)[1:])
-    if len(batch) > 1 or batch[0] % columns[0]:
+    if batch[0] % columns[0]:
         batch = columns = np.broadcast_shapes(batch, columns)
     balance = TorqueBalance(terms, np.asarray(theta, dtype=float), bool(load))
     count = count_substeps(period, longest_step)
@@ -281,13 +281,14 @@ def simulate(
     x = _apply_command(Samples(t, q, v, np.zeros(1), load=load), at_first)
     x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in balance.start(x).items()})
     states = np.array([np.broadcast_to(row, batch) for row in stack_rows(x)])
-    made = (program or prepare_step(terms, balance.loaded, h)) if len(batch) == 1 else PreparedStep(None, ())
+    program = (compile or compile_step)(terms, balance.loaded, round_up(h))
     kept = range(1, 3) if observe is None else range(len(states))
-    if made.step is not None:
-        constants = [*balance.theta, *made.nonlinear, *(load[:2] if balance.loaded else ()), h]
+    if program is not None:
+        nonlinear = [value for term in terms for value in term.free_values]
+        constants = [*balance.theta, *nonlinear, *(load[:2] if balance.loaded else ()), h]
         parameters = np.array([np.broadcast_to(value, batch) for value in constants])
         shape = -1, repeats, *columns
-        path = made.step(inputs, parameters.reshape(shape), states.reshape(shape), count, held, kept)
+        path = program(inputs, parameters.reshape(shape), states.reshape(shape), count, held, kept)
         path = path.reshape(len(path), len(kept), *batch)
     else:
 
@@ -336,15 +337,8 @@ def unstack_rows(state: Iterable[Array], like: Samples) -> Samples:
     return Samples(t, q, v, like.torque, memory, like.load)
 
 
-class PreparedStep(NamedTuple):
-    """Compiled step of a model, None if a law is not symbolic, with the values of nonlinear parameters."""
-
-    step: Recurrence | None
-    nonlinear: Sequence[ArrayLike]
-
-
-def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> PreparedStep:
-    """Compile a step of terms, for steps of at most `longest` [s].
+def compile_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> Recurrence | None:
+    """Compile a step of terms, for steps of at most `longest` [s]; return None if a law is not symbolic.
 
     Each call writes the step again, because a law may depend on global values; equal steps are compiled once.
     `StepPrograms` keeps the steps instead.
@@ -355,13 +349,11 @@ def prepare_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike
         balance, x, nonlinear = write_balance(terms, loaded)
         duration: Any = make_symbol("h", most=round_up(longest))
         after = step(balance, x, duration)
-        constants = [*balance.theta, *map(make_symbol, nonlinear), *(x.load[:2] if loaded else ()), duration]
-        parts: Any = [x.torque, *(x.load[2:] if loaded else ())], constants, stack_rows(x)
-        inputs, known, before = ([symbol.label for symbol in each] for each in parts)
-        step_of = compile_recurrence(inputs, known, before, stack_rows(after))
+        constants: Any = [*balance.theta, *nonlinear, *(x.load[:2] if loaded else ()), duration]
+        inputs: Any = [x.torque, *(x.load[2:] if loaded else ())]
+        return compile_recurrence(inputs, constants, stack_rows(x), stack_rows(after))
     except Exception:  # a user's law may raise any error with symbols
-        return PreparedStep(None, ())
-    return PreparedStep(step_of, list(nonlinear.values()))
+        return None
 
 
 class StepPrograms:
@@ -373,19 +365,21 @@ class StepPrograms:
     def __reduce__(self) -> tuple[type[StepPrograms], tuple[()]]:
         return StepPrograms, ()  # compiled programs cannot be pickled
 
-    def find(self, terms: Sequence[Term], prepare: Callable[..., PreparedStep], *others: Hashable) -> PreparedStep:
-        """Return the step of `prepare(terms, *others)`, cached by the terms' classes and free parameters."""
+    def find(
+        self, compile: Callable[..., Recurrence | None], terms: Sequence[Term], *others: Hashable
+    ) -> Recurrence | None:
+        """Return the step of `compile(terms, *others)`, cached by the terms' classes and free parameters."""
         key = (tuple((type(term), tuple(parameter.name for parameter in term.free)) for term in terms), *others)
         if key not in self._known:
-            self._known[key] = prepare(terms, *others).step
-        return PreparedStep(self._known[key], [getattr(term, p.name) for term in terms for p in term.free])
+            self._known[key] = compile(terms, *others)
+        return self._known[key]
 
 
-def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBalance, Samples, dict[str, ArrayLike]]:
+def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBalance, Samples, list[Symbol]]:
     """Write the torque balance of terms in symbols.
 
     Returns:
-        Balance, samples of symbols, and values of the nonlinear parameters by symbol.
+        Balance, samples of symbols, and symbols of the free nonlinear parameters.
 
     Raises:
         Exception: of any type, if a law is not symbolic.
@@ -401,4 +395,4 @@ def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBa
         id: tuple(make_symbol(f"memory.{id}.{k}") for k in range(len(memory)))
         for id, memory in balance.start(x).items()
     }
-    return balance, replace(x, memory=memory), {text: value for _, symbols in each for text, value in symbols.items()}
+    return balance, replace(x, memory=memory), [symbol for _, symbols in each for symbol in symbols]

@@ -66,20 +66,8 @@ class Symbol(NDArrayOperatorsMixin):
             raise TypeError(f"np.{func.__name__} has no written form")
         return FUNCTIONS[func](*args, **kwargs)
 
-    @property
-    def largest(self) -> float:
-        """Return the largest value, if known."""
-        if self.most is None:
-            raise TypeError("a largest value has no written form")
-        return self.most
-
     def __bool__(self) -> bool:
         raise TypeError("a branch that depends on values has no written form: use np.where")
-
-    @property
-    def is_condition(self) -> bool:
-        """Return whether the value is a condition."""
-        return self.op in COMPARISONS or self.op in LOGICAL
 
 
 Operand = Symbol | float
@@ -98,7 +86,11 @@ def may_be_true(condition: Any) -> bool:
 
 def find_longest(duration: Any) -> float:
     """Return the longest of durations, or the bound of a symbolic duration."""
-    return duration.largest if isinstance(duration, Symbol) else float(np.max(duration))
+    if not isinstance(duration, Symbol):
+        return float(np.max(duration))
+    if duration.most is None:
+        raise TypeError("a largest value has no written form")
+    return duration.most
 
 
 def make_symbol(text: str, most: float | None = None) -> Symbol:
@@ -168,7 +160,7 @@ def _simplify(op: str, operands: tuple[Operand, ...]) -> Operand:
 
 
 def _is_condition(operand: Operand) -> bool:
-    return isinstance(operand, Symbol) and operand.is_condition
+    return isinstance(operand, Symbol) and operand.op in (*COMPARISONS, *LOGICAL)
 
 
 def set_label(value: Any, label: str) -> Any:

@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, cast
 import numpy as np
 import scipy
 from msgspec import Meta, Struct
-from msgspec.structs import astuple
+from msgspec.structs import astuple, replace
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.errors import FileError, UserError
@@ -35,16 +35,16 @@ OF_ANGLE: dict[str, Callable[[Array], Array]] = {
 }
 
 
-class Extent(NamedTuple):
+class Extent(Struct, frozen=True):
     """Range of a table [rad, rad/s or s] and number of pieces; the range -pi to pi is periodic.
 
     `beside` names the angle functions of other terms; a torque by angle is orthogonal to them.
     """
 
-    low: float
-    high: float
-    pieces: int
-    beside: tuple[str, ...] = ()
+    low: Number
+    high: Number
+    pieces: Annotated[int, Meta(ge=3, le=100)]
+    beside: tuple[Text, ...] = ()
 
     @property
     def is_turn(self) -> bool:
@@ -52,18 +52,9 @@ class Extent(NamedTuple):
         return self.low == -np.pi and self.high == np.pi
 
 
-class _Extent(Struct):
-    """Extent of a table in a model file."""
-
-    low: Number
-    high: Number
-    pieces: Annotated[int, Meta(ge=3, le=100)]
-    beside: tuple[Text, ...] = ()
-
-
 def read_table(kind: type[Table], data: Any, key: str) -> Table:
     """Make a table from the extent under a key of a model file."""
-    extent = Extent(*astuple(convert(data, _Extent, key)))
+    extent = convert(data, Extent, key)
     least = 0.0 if kind.axis == "velocity" else -FARTHEST
     is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))
     if not (least <= extent.low and extent.high <= FARTHEST and is_wide):
@@ -145,7 +136,7 @@ class Table(Term):
 
 def _sum_splines(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
     """Sum cubic B-splines at an argument; `weights` are keyed by the index of the spline's central knot."""
-    low, high, pieces, _ = kind.extent
+    low, high, pieces, _ = astuple(kind.extent)
     if kind.extent.is_turn:
         inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
     else:
@@ -154,16 +145,16 @@ def _sum_splines(kind: type[Table], argument: ArrayLike, weights: Mapping[int, f
     at = (inside - low) * (pieces / (high - low))  # in pieces from the low end
     total: ArrayLike = 0
     for knot, weight in weights.items():
-        apart = np.absolute(at - float(knot))
+        distance = np.absolute(at - float(knot))
         total = total + weight * (
-            _evaluate_spline(apart) + (_evaluate_spline(pieces - apart) if kind.extent.is_turn else 0.0)
+            _evaluate_spline(distance) + (_evaluate_spline(pieces - distance) if kind.extent.is_turn else 0.0)
         )
     return total
 
 
-def _evaluate_spline(apart: Any) -> Any:
-    """Evaluate the cubic B-spline at a distance of `apart` knots from its centre."""
-    near, far = np.maximum(1.0 - apart, 0.0), np.maximum(2.0 - apart, 0.0)
+def _evaluate_spline(distance: Any) -> Any:
+    """Evaluate the cubic B-spline at a distance of `distance` knots from its centre."""
+    near, far = np.maximum(1.0 - distance, 0.0), np.maximum(2.0 - distance, 0.0)
     return (far * far * far - 4.0 * (near * near * near)) / 6.0
 
 
@@ -175,7 +166,7 @@ def _set_extent(kind: type[Table], extent: Extent) -> type[Table]:
 @cache
 def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     """Compute the spline weights of each coefficient of a table, subject to orthogonality and end conditions."""
-    low, high, pieces = kind.extent[:3]
+    low, high, pieces, _ = astuple(kind.extent)
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
     fine = 2000  # points of the inner product
     x = low + (high - low) * (np.arange(fine) + 0.5) / fine
@@ -218,9 +209,9 @@ class ByAngle(Table):
     outside: ClassVar[float] = 0.0  # samples beyond either end, in units of the samples per piece
 
     def covers(self, x: Samples) -> bool:
-        low, high, pieces, _ = self.extent
-        outside = np.mean((np.asarray(x.position) < low) | (np.asarray(x.position) > high))
-        return self.extent.is_turn or bool(outside < 1.0 / pieces)
+        position, extent = np.asarray(x.position), self.extent
+        outside = np.mean((position < extent.low) | (position > extent.high))
+        return extent.is_turn or bool(outside < 1.0 / extent.pieces)
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
@@ -237,7 +228,7 @@ class TorqueByAngle(ByAngle):
 
     def without_known_functions(self, terms: Sequence[Term]) -> Table:
         names = (name for term in terms if term.at in ("", self.at) for name in term.list_angle_functions(self.at))
-        return self.with_extent(self.extent._replace(beside=tuple(dict.fromkeys(names))))()
+        return self.with_extent(replace(self.extent, beside=tuple(dict.fromkeys(names))))()
 
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
@@ -344,9 +335,9 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
         UserError: with both ids and the order in which they can be added.
     """
     for table in terms:
-        if isinstance(table, Table) and set(table.without_known_functions([new]).extent.beside) - set(
-            table.extent.beside
-        ):
+        if not isinstance(table, Table):
+            continue
+        if set(table.without_known_functions([new]).extent.beside) - set(table.extent.beside):
             raise UserError(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
 
 

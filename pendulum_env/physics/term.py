@@ -20,7 +20,7 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.description import DESCRIPTIONS, Description
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
-from pendulum_env.physics.symbols import make_symbol, may_be_true, repeat
+from pendulum_env.physics.symbols import Symbol, make_symbol, make_symbols, may_be_true, repeat
 from pendulum_env.units import JointUnits
 
 if TYPE_CHECKING:
@@ -189,7 +189,6 @@ class Term:
     needs: ClassVar[str] = ""  # further quantity that a recording must have
     link: ClassVar[bool] = False  # whether the states are position and velocity of a link behind the motor
     has_impacts: ClassVar[bool] = False  # whether the torque acts for less time than the motion is smoothed
-    forgets: ClassVar[float] = np.inf  # [s], time after which states are independent of their start
     typical_size: ClassVar[str] = ""  # typical size, `sin=0.15,cos=0.1`; by default from the units
     percent_of: ClassVar[tuple[str, ...]] = ()  # parts also derived in per cent of the base term
     description: ClassVar[Description] = Description()
@@ -276,11 +275,6 @@ class Term:
         """Return the states along N recorded samples, (N,) each; see `trace_variants`."""
         return trace_variants([self], [x], [command], [period])[0][0]
 
-    @classmethod
-    def trace_each(cls, variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
-        """Return the states of each of V variants along N recorded samples."""
-        return [variant.trace(x, command, period) for variant in variants]
-
     @property
     def nonlinear_values(self) -> dict[str, float]:
         """Return the values of the nonlinear parameters by name."""
@@ -303,7 +297,7 @@ class Term:
         return type(self).start is not Term.start
 
     @property
-    def hides(self) -> bool:
+    def has_hidden_state(self) -> bool:
         """Return whether the term has unmeasured states."""
         return self.has_memory and not self.needs
 
@@ -311,6 +305,11 @@ class Term:
     def free(self) -> tuple[NonlinearParameter, ...]:
         """Return the nonlinear parameters that differ from their nominal value."""
         return tuple(p for p in self.nonlinear_parameters if np.any(getattr(self, p.name) != p.nominal))
+
+    @property
+    def free_values(self) -> list[ArrayLike]:
+        """Return the values of the free nonlinear parameters."""
+        return [getattr(self, parameter.name) for parameter in self.free]
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
@@ -337,12 +336,11 @@ def _rebuild_term(
     return factory(type(bare), *arguments)(**values)
 
 
-def write_symbols(term: Term, place: int = 0) -> tuple[Term, dict[str, ArrayLike]]:
-    """Return the term with symbols as free nonlinear parameters, and their values by symbol."""
-    values: dict[str, ArrayLike] = {f"{place}.{p.name}": term.nonlinear_values[p.name] for p in term.free}
+def write_symbols(term: Term, place: int = 0) -> tuple[Term, list[Symbol]]:
+    """Return the term with symbols as free nonlinear parameters, and these symbols."""
     symbols: dict[str, Any] = {p.name: make_symbol(f"{place}.{p.name}") for p in term.free}
     nominal: dict[str, Any] = {p.name: p.nominal for p in term.nonlinear_parameters}  # equal in all rows of a batch
-    return replace(term, **nominal | symbols), values
+    return replace(term, **nominal | symbols), [*symbols.values()]
 
 
 def list_loads(at: str) -> dict[str, float]:
@@ -355,27 +353,17 @@ def round_up(duration: ArrayLike) -> float:
     return float(np.ceil(1e3 * np.max(duration) - 1e-6) / 1e3)
 
 
-def _step_memory(term: Term, given: Sequence[Any], memory: Sequence[Any], period: Any) -> list[Any]:
-    """Return the states of a term after a period [s], unchanged at rest, in symbols or arrays."""
-    *sample, at_rest = given
-    moved = term.advance(tuple(memory), Samples(*sample), period)
-    return [np.where(at_rest, old, new) for old, new in zip(memory, moved, strict=True)]
-
-
-def _compile_advance(term: Term, count: int, period: Array) -> tuple[Recurrence, list[ArrayLike]] | None:
-    """Compile the step of a term's states along a motion, with its constants; return None if it is not symbolic."""
+def _compile_advance(term: Term, count: int, period: Array) -> Recurrence | None:
+    """Compile the step of a term's states along a motion; return None if it is not symbolic."""
     from pendulum_env.physics.compiled import compile_recurrence  # slow import
 
-    given, states = ("time", "position", "velocity", "torque", "at_rest"), [f"memory_{k}" for k in range(count)]
+    given: list[Any] = [make_symbol(text) for text in ("time", "position", "velocity", "torque")]
+    memory: Memory = tuple(make_symbols("memory", count))
+    duration: Any = make_symbol("period", most=round_up(period))
     try:
-        symbolic, values = write_symbols(term)
-        after = _step_memory(
-            symbolic,
-            [*map(make_symbol, given)],
-            [*map(make_symbol, states)],
-            make_symbol("period", most=round_up(period)),
-        )
-        return compile_recurrence(given, [*values, "period"], states, after), [*values.values(), period]
+        symbolic, nonlinear = write_symbols(term)
+        after: Any = symbolic.advance(memory, Samples(*given), duration)
+        return compile_recurrence(given, [*nonlinear, duration], memory, after)  # type: ignore[arg-type]
     except Exception:  # a user's law may raise any error with symbols
         return None
 
@@ -385,8 +373,7 @@ def trace_variants(
 ) -> list[list[Memory]]:
     """Compute the states of V variants of an effect along the motion of several recordings.
 
-    Nonlinear parameters are stacked into arrays (V, 1). Recordings are split into blocks that advance in parallel; each
-    block starts earlier by the time `forgets`.
+    Nonlinear parameters are stacked into arrays (V, 1), and all recordings advance in parallel.
 
     Args:
         variants: terms of one class.
@@ -400,42 +387,21 @@ def trace_variants(
     names = variants[0].nonlinear_values
     fields = {name: np.array([variant.nonlinear_values[name] for variant in variants]) for name in names}
     stacked = type(variants[0])(**{name: values[:, None] for name, values in fields.items()})
-    counts = [len(command) for command in commands]
-    longest = max(counts)
-    lead = longest if np.isinf(stacked.forgets) else int(np.ceil(stacked.forgets / min(periods)))
-    length = max(lead, int(np.ceil(longest / 64))) if lead < longest else longest
-    begins = [np.arange(0, count, length) for count in counts]
-    blocks = [len(begin) for begin in begins]
-    steps = length if max(blocks) == 1 else length + lead
-    offsets = np.arange(-(steps - length), length)[:, None]
-    # (steps, blocks): index into the concatenated recordings
-    at = np.concatenate(
-        [
-            np.clip(begin + offsets, 0, count - 1) + first
-            for begin, count, first in zip(begins, counts, np.cumsum([0, *counts[:-1]]), strict=True)
-        ],
-        axis=1,
-    )
+    counts = np.array([len(command) for command in commands])
+    # (longest N, recordings): index into the concatenated recordings, the last sample again after their end
+    at = np.minimum(np.arange(counts.max())[:, None], counts - 1) + np.cumsum(counts) - counts
     time, position, velocity = (
         np.concatenate([np.asarray(getattr(x, name)) for x in runs])[at] for name in ("time", "position", "velocity")
     )
-    held = np.concatenate(commands)[at]
-    period = np.repeat(periods, blocks)
+    held, period = np.concatenate(commands)[at], np.array(periods)
     half = 0.5 * (velocity[1:] + velocity[:-1])  # mean velocity between samples
-    resting = np.diff(at, axis=0) == 0  # before the first sample: at rest
-    shape = (len(variants), sum(blocks))
-    first_samples = Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0])
-    memory = stacked.start(first_samples)
+    shape = len(variants), len(runs)
+    memory = stacked.start(Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0]))
     states = np.array([np.broadcast_to(row, shape) for row in memory])
-    inputs = np.stack([time[:-1], position[:-1], half, held[:-1], resting], axis=1)
-    if (advance := _compile_advance(stacked, len(memory), period)) is not None:
-        program, constants = advance
-        history = program(inputs, np.array([np.broadcast_to(row, shape) for row in constants]), states)
+    inputs = np.stack([time[:-1], position[:-1], half, held[:-1]], axis=1)
+    if (program := _compile_advance(stacked, len(memory), period)) is not None:
+        constants = [np.broadcast_to(row, shape) for row in (*stacked.free_values, period)]
+        history = program(inputs, np.array(constants), states)
     else:
-        history = repeat(lambda given, rows: _step_memory(stacked, given, rows, period), inputs, states)
-    kept = np.moveaxis(history[steps - length :], 0, -1)  # (states, V, blocks, length)
-    results = []
-    for block, count in zip(np.split(kept, np.cumsum(blocks)[:-1], axis=2), counts, strict=True):
-        series = block.reshape(len(memory), len(variants), -1)[:, :, :count]
-        results.append([tuple(series[:, v]) for v in range(len(variants))])
-    return results
+        history = repeat(lambda given, rows: stacked.advance(tuple(rows), Samples(*given), period), inputs, states)
+    return [[tuple(history[:n, :, v, k].T) for v in range(len(variants))] for k, n in enumerate(counts)]

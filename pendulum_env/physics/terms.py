@@ -60,7 +60,7 @@ def has_transmission(terms: Sequence[Term]) -> bool:
 
 def has_bristles(term: Term) -> bool:
     """Return whether a term is friction with an unmeasured state."""
-    return term.kind == "dissipative" and term.hides
+    return term.kind == "dissipative" and term.has_hidden_state
 
 
 def is_dry(term: Term) -> bool:

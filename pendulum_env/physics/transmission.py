@@ -21,20 +21,16 @@ short time: c times the change of s is the impulse of the damping, for a contact
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.simulation import LEAST, clip_state, count_substeps
-from pendulum_env.physics.symbols import make_symbol, may_be_true
+from pendulum_env.physics.symbols import may_be_true
 from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, T, Term, zero
-
-if TYPE_CHECKING:
-    from pendulum_env.physics.compiled import Recurrence
 
 TOUCH = 5e-4  # [s], averaging time of the forces of a contact, which then begins and ends without a jump
 
@@ -64,13 +60,11 @@ class Transmission(Term):
             )
             return pull - self._compute_deceleration(x.position, x.velocity)
 
-        def dry(x: Samples) -> ArrayLike:  # of the link, which is none of the motor
-            return -self.friction
+        def mass(x: Samples) -> ArrayLike:
+            return -np.ones_like(x.velocity)
 
-        link_dry = dry if may_be_true(self.friction) else zero
-        return (
-            Column(self.id, "kg m^2", mass=lambda x: -np.ones_like(x.velocity), force=force, dry=link_dry, least=0.0),
-        )
+        dry = (lambda x: -self.friction) if may_be_true(self.friction) else zero  # of the link, not of the motor
+        return (Column(self.id, "kg m^2", mass=mass, force=force, dry=dry, least=0.0),)
 
     def _compute_acceleration(
         self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike
@@ -78,10 +72,8 @@ class Transmission(Term):
         """Return the acceleration of the link by the transmission [rad/s^2]."""
         if not may_be_true(self.play):
             return stiffness * twist + damping * speed
-        ahead, behind = (
-            self._compute_extension(twist + 0.5 * TOUCH * speed),
-            self._compute_extension(twist - 0.5 * TOUCH * speed),
-        )
+        change = 0.5 * TOUCH * speed
+        ahead, behind = self._compute_extension(twist + change), self._compute_extension(twist - change)
         return stiffness * (ahead + behind) / 2.0 + damping * (ahead - behind) / TOUCH
 
     def _compute_extension(self, twist: Any) -> Any:
@@ -125,12 +117,9 @@ class Transmission(Term):
         return found
 
     def start(self, x: Samples) -> Memory:
-        return self._find_rest(x, self.resonance**2)
-
-    def _find_rest(self, x: Samples, stiffness: ArrayLike) -> Memory:
-        """Return the link at the extension that carries its weight, moving with the motor."""
+        # the link hangs at the extension that carries its weight, and moves with the motor
         weight = self.gravity * np.sin(x.position)
-        return x.position - weight / stiffness - self.play * np.sign(weight), x.velocity + 0.0 * weight
+        return x.position - weight / self.resonance**2 - self.play * np.sign(weight), x.velocity + 0.0 * weight
 
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
         # velocity Verlet in short steps, while the motor moves on at constant speed
@@ -176,27 +165,6 @@ class JointFlexibility(Transmission):
         NonlinearParameter("viscous", "1/s", 0.0, 1e3, nominal=0.0),
     )
 
-    def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        return self.trace_each([self], x, command, period)[0]
-
-    @classmethod
-    def trace_each(cls, variants: Sequence[Term], x: Samples, command: Array, period: float) -> list[Memory]:
-        # ql'' + (c + b) ql' + w^2 ql + g sin ql + f sgn ql' = w^2 q + c q' in central differences
-        names = [parameter.name for parameter in cls.nonlinear_parameters]
-        values: Any = [np.array([getattr(variant, name) for variant in variants]) for name in names]
-        resonance, damping, gravity, friction, viscous = values
-        stiffness = np.minimum(resonance, 1.5 / period) ** 2
-        first = Samples(x.time[0], x.position[0], x.velocity[0], x.torque[0])
-        q0, v0 = cls(*values)._find_rest(first, stiffness)
-        constants = np.array([stiffness, damping, gravity, friction, viscous, np.full(len(variants), period)])[
-            :, :, None
-        ]
-        start = np.array([q0 + period * v0, q0])[:, :, None]
-        motion = np.stack([x.position, x.velocity], axis=1)[1:-1, :, None]
-        path = _make_central_differences()(motion, constants, start, kept=[0])[:, 0, :, 0].T
-        q = np.column_stack([q0, path])[:, : len(x.position)]
-        return list(zip(q, np.gradient(q, period, axis=1), strict=True))
-
 
 @dataclass(frozen=True)
 class Backlash(Transmission):
@@ -211,7 +179,6 @@ class Backlash(Transmission):
 
     id = "backlash"
     law = "J (ql'' - q'') + mgl (sin ql - sin q) + fl (sgn ql' - sgn q') + bl (ql' - q') with play of +-gap"
-    forgets = 2.0
     nonlinear_parameters = (
         NonlinearParameter("gap", "rad", 1e-4, 0.5),
         NonlinearParameter("resonance", "rad/s", 10.0, 5e3, is_frequency=True),
@@ -228,18 +195,3 @@ class Backlash(Transmission):
     @property
     def play(self) -> float:
         return self.gap
-
-
-@cache
-def _make_central_differences() -> Recurrence:
-    """Make the step of a link behind a spring, from its last two positions to the next."""
-    from pendulum_env.physics.compiled import compile_recurrence  # here, as it takes long to load
-
-    given: list[Any] = ["stiffness", "damping", "gravity", "friction", "viscous", "period"]
-    states = ["position", "before"]
-    motor, speed, w2, c, g, f, b, h, q, before = (make_symbol(text) for text in ("motor", "speed", *given, *states))
-    inertia = 1 / h**2 + 0.5 * (c + b) / h
-    known = w2 * motor + c * speed - g * np.sin(q) - w2 * q + 2 * q / h**2 - (1 / h**2 - 0.5 * (c + b) / h) * before
-    step, most = known / inertia - q, f / inertia  # dry friction shortens the step, to zero at most
-    step = step - np.minimum(np.maximum(step, -most), most)
-    return compile_recurrence(["motor", "speed"], given, states, [q + step, q])

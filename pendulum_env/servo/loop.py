@@ -18,15 +18,7 @@ from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import KnownLoad, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
-from pendulum_env.physics.simulation import (
-    PreparedStep,
-    StepPrograms,
-    TorqueBalance,
-    stack_rows,
-    step,
-    unstack_rows,
-    write_balance,
-)
+from pendulum_env.physics.simulation import StepPrograms, TorqueBalance, stack_rows, step, unstack_rows, write_balance
 from pendulum_env.physics.symbols import make_symbol, may_be_true, repeat
 from pendulum_env.physics.term import ROOM, round_up
 from pendulum_env.physics.terms import move_to_motor, read_encoder
@@ -252,9 +244,10 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
         names, gains = (*GAINS, *COUNTS), np.vstack([gains, *encoder])
     count = servos.inputs.shape[1]
     options = speed, len(weights), loaded, integrates, h, servos.at_output, count, names
-    program = servos.programs.find(terms, _compile_step, *options)
+    program = servos.programs.find(_compile_step, terms, *options)
+    nonlinear = [value for term in terms for value in term.free_values]
     theta = theta[:, :, None]
-    constants = [*theta, *program.nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
+    constants = [*theta, *nonlinear, *gains[:, None], *(servos.load[:2] if loaded else ()), *weights, h]
     parameters = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
     x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.inputs[0, -1]))
@@ -265,8 +258,8 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     rows, seen = _flatten_state(x, state, integrates), read_encoder(x, terms, servos.at_output).position
     shown = next(k for k, row in enumerate(rows) if row is seen)
     states = np.array([np.broadcast_to(row, shape) for row in rows])
-    if program.step is not None:
-        return np.asarray(program.step(servos.wrap_inputs(program.step), parameters, states, every, kept=[shown])[:, 0])
+    if program is not None:
+        return np.asarray(program(servos.wrap_inputs(program), parameters, states, every, kept=[shown])[:, 0])
 
     def simulate_step(given: Array, now: Array) -> list[Any]:  # for a user's law that is not symbolic
         held, *late = now[len(stack_rows(x)) :]
@@ -387,8 +380,8 @@ def _compile_step(
     at_output: bool,
     count: int,
     names: tuple[str, ...],
-) -> PreparedStep:
-    """Compile a step of servos; the result has no step if a law is not symbolic."""
+) -> Recurrence | None:
+    """Compile a step of servos; return None if a law is not symbolic."""
     from pendulum_env.physics.compiled import compile_recurrence  # slow import
 
     h: Any = make_symbol("h", most=round_up(longest))
@@ -403,13 +396,8 @@ def _compile_step(
         used = gains if integrates else gains | {"ki": 0.0}
         after, later = step_servo(balance, x, state, given, used, weights, speed, h, at_output)
         shared = [*gains.values(), *(x.load[:2] if loaded else ()), *weights, h]
-        constants: Any = [*balance.theta, *map(make_symbol, nonlinear), *shared]
-        inputs, known, states = (
-            [one.label for one in each] for each in (given[:count], constants, _flatten_state(x, state, integrates))
-        )
-        return PreparedStep(
-            compile_recurrence(inputs, known, states, _flatten_state(after, later, integrates)),
-            list(nonlinear.values()),
-        )
+        constants: Any = [*balance.theta, *nonlinear, *shared]
+        rows = (_flatten_state(x, state, integrates), _flatten_state(after, later, integrates))
+        return compile_recurrence(given[:count], constants, *rows)
     except Exception:  # a user's law may raise any error with symbols
-        return PreparedStep(None, [])
+        return None

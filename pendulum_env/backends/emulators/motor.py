@@ -9,7 +9,7 @@ from pendulum_env.backends.rigid_body import make_body
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
-from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance, begin
+from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance, make_start_samples
 
 HAND_BANDWIDTH, HAND_SPEED = 60.0, 2.0  # [rad/s], bandwidth and speed of the hand that holds the arm
 
@@ -32,7 +32,7 @@ class Motor:
             raise UserError("an emulated motor has no dead_time: hide another effect")
         balance = TorqueBalance(model.terms, model.theta)
         self._body = make_body(balance, LONGEST_STEP)
-        self._body.place(begin(balance, 0.0, 0.0))
+        self._body.place(make_start_samples(balance, 0.0, 0.0))
         self._per_radian, self._first = COUNTS / (2 * math.pi), first
         self.moment = time.monotonic()  # current time of the plant [s]
         self._angle = 0.0

@@ -152,11 +152,6 @@ class RigConfig(RigFile):
         return self.limits.torque if self.checked else min(self.limits.torque, self.limits.unchecked_torque)
 
     @property
-    def log_file(self) -> Path | None:
-        """Return the path of the rig's log."""
-        return None if self.log is None else self.path.parent / self.log
-
-    @property
     def wiring(self) -> str:
         """Return a digest of the settings that `hardware check` tests: the wiring, without limits."""
         link = asdict(cast(Any, self.link))  # `find_adapter` refuses other types

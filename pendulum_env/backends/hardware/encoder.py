@@ -89,24 +89,24 @@ class DriveClock:
     def __init__(self) -> None:
         self._last: int | None = None
         self._time = self._offset = 0.0
-        self._doubt = math.inf  # [s], uncertainty of the offset: half of the quickest answer's time, plus drift
+        self._uncertainty = math.inf  # [s], uncertainty of the offset: half of the quickest answer's time, plus drift
 
     @property
     def delay(self) -> float:
         """Return the shortest one-way delay of a message [s]."""
-        return self._doubt if self._doubt < math.inf else 0.0
+        return self._uncertainty if self._uncertainty < math.inf else 0.0
 
     def convert_time(self, microseconds: int, asked: float, answered: float) -> float:
         """Return the monotonic time [s] of a reading of the drive's clock, between request and answer [s]."""
         passed = 0.0 if self._last is None else 1e-6 * ((microseconds - self._last) % TURNOVER)
         self._last = microseconds
         self._time += passed
-        self._doubt += self.drift * passed
-        doubt, offset = 0.5 * (answered - asked), 0.5 * (asked + answered) - self._time
-        if doubt < self._doubt:
-            near = abs(offset - self._offset) < self._doubt + doubt < math.inf
+        self._uncertainty += self.drift * passed
+        uncertainty, offset = 0.5 * (answered - asked), 0.5 * (asked + answered) - self._time
+        if uncertainty < self._uncertainty:
+            near = abs(offset - self._offset) < self._uncertainty + uncertainty < math.inf
             self._offset += (self.blend if near else 1.0) * (offset - self._offset)
-            self._doubt = doubt
+            self._uncertainty = uncertainty
         return min(max(self._time + self._offset, asked), answered)
 
 
@@ -118,8 +118,8 @@ class Ticks:
     mean torque weights each command by its duration.
     """
 
-    kept = 64  # stored readings before the tick
-    nap = 150e-6  # [s], busy wait before a tick, longer than the delay of a sleep
+    max_readings = 64  # stored readings before the tick
+    busy_wait = 150e-6  # [s], busy wait before a tick, longer than the delay of a sleep
 
     def __init__(self, period: float, start: float, position: float) -> None:
         """Set period [s], time of the first tick [s] and position at rest [rad], without torque."""
@@ -143,8 +143,8 @@ class Ticks:
         self._count += 1
         left = self.now - time.monotonic()
         self.overruns += left < -self._period
-        if left > self.nap:
-            time.sleep(left - self.nap)
+        if left > self.busy_wait:
+            time.sleep(left - self.busy_wait)
         while time.monotonic() < self.now:
             pass
 
@@ -164,7 +164,7 @@ class Ticks:
         The older reading is at least as far away as the two are apart, which limits the noise.
         """
         readings, tick = self._readings, self.now
-        while len(readings) > self.kept and readings[self.kept][0] < tick:
+        while len(readings) > self.max_readings and readings[self.max_readings][0] < tick:
             readings.popleft()
         if len(readings) == 1:
             return readings[0][1]

@@ -85,7 +85,7 @@ def decode(frame: bytes) -> bytes | None:
 class Splitter:
     """Splitter of received bytes into frames, with a count of damaged frames."""
 
-    longest = 64  # bytes of a frame; longer runs without a zero are discarded
+    max_length = 64  # bytes of a frame; longer runs without a zero are discarded
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -95,7 +95,7 @@ class Splitter:
         """Yield kind and values of each frame that the bytes complete."""
         self._buffer += data
         *frames, rest = self._buffer.split(b"\0")
-        self._buffer = bytearray(rest[-self.longest :])
+        self._buffer = bytearray(rest[-self.max_length :])
         for frame in frames:
             if not frame:
                 continue

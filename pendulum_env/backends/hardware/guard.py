@@ -109,9 +109,8 @@ class Guard:
         now = time.monotonic()
         passed = 0.0 if self._written is None else now - self._written
         if passed > self.limits.gap:
-            raise self._trip_late(
-                f"no command came for {1e3 * passed:.0f} ms", "gap", f"{1e3 * self.limits.gap:.0f} ms"
-            )
+            allowed = f"{1e3 * self.limits.gap:.0f} ms"
+            raise self._trip_late(f"no command came for {1e3 * passed:.0f} ms", "gap", allowed)
         torque = self._limit_torque(torque, passed or 1.0 / self.config.rate)
         sign = self.config.torque_sign
         try:
@@ -163,9 +162,8 @@ class Guard:
             Fault: if a limit is exceeded.
         """
         if behind > self.limits.behind:
-            raise self._trip_late(
-                f"the loop is {1e3 * behind:.0f} ms behind", "behind", f"{1e3 * self.limits.behind:.0f} ms"
-            )
+            allowed = f"{1e3 * self.limits.behind:.0f} ms"
+            raise self._trip_late(f"the loop is {1e3 * behind:.0f} ms behind", "behind", allowed)
         if overruns > self.limits.overruns:
             raise self._trip_late(f"{overruns} ticks were missed", "overruns", str(self.limits.overruns))
 
@@ -222,8 +220,8 @@ class Guard:
     def note(self, what: str, level: int = logging.INFO) -> None:
         """Log a text, also to the rig's file."""
         log.log(level, what)
-        path = self.config.log_file
-        if path is not None:
+        if self.config.log is not None:
+            path = self.config.path.parent / self.config.log
             try:
                 with open(path, "a", encoding="utf-8") as file:
                     file.write(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {what}\n")

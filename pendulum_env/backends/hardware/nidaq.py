@@ -39,7 +39,7 @@ class NiDaq:
 
     settings = DaqSettings
     full_scale = 10.0  # [V]
-    reserved = -50103  # error code of NI-DAQmx for a reserved device
+    reserved_error = -50103  # error code of NI-DAQmx for a reserved device
     tries = 3  # attempts at a reading that takes twice its usual time, and has an uncertain time stamp
 
     def __init__(self, config: RigConfig) -> None:
@@ -112,7 +112,6 @@ class NiDaq:
             self._enable.write_one_sample_one_line(True, self._reply)
 
     def write(self, torque: float) -> Sent:
-        """Set the torque [N m]."""
         with self._driver_errors():
             before = time.monotonic()
             acts = self._set_voltage(torque)
@@ -123,7 +122,6 @@ class NiDaq:
             return Sent(0.5 * (before + now), acts)
 
     def read(self) -> Reading:
-        """Return the current counts."""
         with self._driver_errors():
             took, when, counts = self._read_counter()
             for _ in range(self.tries - 1):
@@ -147,7 +145,6 @@ class NiDaq:
         return after - before, 0.5 * (before + after), counts
 
     def disable(self) -> None:
-        """Set zero volts and clear servo-enable."""
         with self._driver_errors():
             try:
                 self._set_voltage(0.0)
@@ -157,7 +154,6 @@ class NiDaq:
             self._fed = math.inf
 
     def close(self) -> None:
-        """Release the channels."""
         tasks, self._tasks = self._tasks, []
         for task in tasks:
             with suppress(Exception):
@@ -193,7 +189,7 @@ class NiDaq:
                 f"({shorten_error(error)}): check that it runs, and the network"
             ) from None
         except (nidaqmx.errors.Error, ValueError) as error:  # ValueError: closed gRPC channel
-            if getattr(error, "error_code", None) == self.reserved:
+            if getattr(error, "error_code", None) == self.reserved_error:
                 raise DriveError(
                     "the card is reserved by another program, or by one that was killed: end it, or reset the device"
                 ) from None

@@ -27,7 +27,7 @@ class IntegratedReading(NamedTuple):
     """Reading with double integrals up to it, per unit of each parameter [s^2]; of torque in N m s^2."""
 
     position: float  # [rad]
-    doubt: float  # uncertainty of the position [rad]
+    uncertainty: float  # uncertainty of the position [rad]
     least: float  # least torque that may have acted
     most: float  # largest torque that may have acted
     gravity: float  # sin q
@@ -41,17 +41,17 @@ class PlausibilityCheck:
     """Check of recent readings against the possible motions of the arm."""
 
     spans = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first to the middle reading
-    kept = 0.4  # [s], stored readings, more than twice the longest span
+    history = 0.4  # [s], stored readings, more than twice the longest span
     batch = 256  # readings that are removed together
-    in_a_row = 2  # implausible readings in a row for a fault; a single one may have a wrong time
-    firm = 4.0  # standard deviations of a reading's time in its uncertainty
+    min_failures = 2  # implausible readings in a row for a fault; a single one may have a wrong time
+    sigmas = 4.0  # standard deviations of a reading's time in its uncertainty
     clock = 5e-5  # [s], further uncertainty of a reading's time
-    slow = 0.02  # [rad/s], speed below which the arm may stick
+    sticking_speed = 0.02  # [rad/s], speed below which the arm may stick
     gain = 0.15  # relative uncertainty of the motor's torque
 
     def __init__(self, plant: PlantRanges, step: float, noise: float) -> None:
         """Set the ranges, the angle of a count [rad], and the standard deviation of a reading's time [s]."""
-        self._watches, self._step, self._noise = plant.watch, abs(step), self.firm * noise + self.clock
+        self._watches, self._step, self._noise = plant.watch, abs(step), self.sigmas * noise + self.clock
         share = plant.share
         self._inertia = _widen_range(plant.inertia, share, share)
         self._gravity = _widen_range(plant.gravity, share, share)
@@ -64,7 +64,7 @@ class PlausibilityCheck:
     def reset(self) -> None:
         """Remove all readings and commands."""
         self._times: list[float] = []
-        self._marks: list[IntegratedReading] = []
+        self._readings: list[IntegratedReading] = []
         self._slopes = [0.0] * 6  # first integrals, without that of the angle
         self._torques = [(-math.inf, 0.0, 0.0)]  # time of the previous reading [s], least and largest torque [N m]
         self._direction, self._start, self._wrong = 0, 0.0, 0
@@ -84,24 +84,24 @@ class PlausibilityCheck:
         if not self._times:
             self._start = position
             self._times.append(time)
-            self._marks.append(IntegratedReading(position, 2 * self._step, *[0.0] * 7))
+            self._readings.append(IntegratedReading(position, 2 * self._step, *[0.0] * 7))
             return ""
         passed = time - self._times[-1]
         if passed <= 0:
             return ""
-        self._extend(time, position, passed, took)
+        self._add_to_integrals(time, position, passed, took)
         found = next(filter(None, map(self._find_impossible, self.spans)), "")
         self._wrong = self._wrong + 1 if found else 0
-        if len(self._times) > 2 * self.batch and self._times[self.batch] < time - self.kept:
-            del self._times[: self.batch], self._marks[: self.batch]
-        return found if self._wrong >= self.in_a_row else ""
+        if len(self._times) > 2 * self.batch and self._times[self.batch] < time - self.history:
+            del self._times[: self.batch], self._readings[: self.batch]
+        return found if self._wrong >= self.min_failures else ""
 
-    def _extend(self, time: float, position: float, passed: float, took: float) -> None:
+    def _add_to_integrals(self, time: float, position: float, passed: float, took: float) -> None:
         """Extend the integrals to a reading."""
-        last = self._marks[-1]
+        last = self._readings[-1]
         moved, middle = position - last.position, 0.5 * (position + last.position)
         speed = abs(moved) / passed
-        direction = int(math.copysign(1, moved)) if speed > self.slow + 2 * self._step / passed else 0
+        direction = int(math.copysign(1, moved)) if speed > self.sticking_speed + 2 * self._step / passed else 0
         same, self._direction = direction == self._direction, direction
         least, most = self._find_acting_torques(self._times[-1])
         rates = (
@@ -119,9 +119,11 @@ class PlausibilityCheck:
         )
         self._slopes = [slope + passed * rate for slope, rate in zip(self._slopes, rates, strict=True)]
         angle = last.angle + passed * (middle - self._start)
-        doubt = 2 * self._step + speed * (self._noise + 0.5 * took)
+        uncertainty = 2 * self._step + speed * (self._noise + 0.5 * took)
         self._times.append(time)
-        self._marks.append(IntegratedReading(position, doubt, least, most, gravity, angle, forward, backward, held))
+        self._readings.append(
+            IntegratedReading(position, uncertainty, least, most, gravity, angle, forward, backward, held)
+        )
 
     def _find_acting_torques(self, since: float) -> tuple[float, float]:
         """Return the least and the largest torque that may act after the reading of a time [s]."""
@@ -132,7 +134,7 @@ class PlausibilityCheck:
 
     def _find_impossible(self, span: float) -> str:
         """Return the fault of the motion over the last two spans [s] as text, or an empty text."""
-        times, marks = self._times, self._marks
+        times, readings = self._times, self._readings
         end = times[-1]
         middle = bisect_right(times, end - span) - 1
         if middle < 1:
@@ -144,16 +146,20 @@ class PlausibilityCheck:
         both = after + before
         change, _, least, most, of_gravity, of_speed, forward, backward, unsure = (
             third * after - second * both + first * before
-            for first, second, third in zip(marks[begin], marks[middle], marks[-1], strict=True)
+            for first, second, third in zip(readings[begin], readings[middle], readings[-1], strict=True)
         )  # change of velocity [rad/s], impulses [N m s], and per unit of a parameter [s]
-        doubt = marks[-1].doubt * after + marks[middle].doubt * both + marks[begin].doubt * before
+        uncertainty = (
+            readings[-1].uncertainty * after
+            + readings[middle].uncertainty * both
+            + readings[begin].uncertainty * before
+        )
         gravity, viscous = _scale_range(self._gravity, of_gravity), _scale_range(self._viscous, of_speed)
         weak, strong = self._coulomb
         slack = self._slack * 0.5 * (end - times[begin]) + strong * unsure
         low = least - gravity[1] - viscous[1] - (strong * forward - weak * backward) - slack  # [N m s]
         high = most - gravity[0] - viscous[0] - (weak * forward - strong * backward) + slack
         light, heavy = self._inertia
-        fastest, slowest = change + doubt, change - doubt
+        fastest, slowest = change + uncertainty, change - uncertainty
         if low <= max(fastest * light, fastest * heavy) and min(slowest * light, slowest * heavy) <= high:
             return ""
         return f"its speed changed by {change:.2g} rad/s within {1e3 / after:.0f} ms"

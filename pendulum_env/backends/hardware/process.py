@@ -75,7 +75,7 @@ class Signals:
             raise SystemExit(128 + number)
 
 
-class Ownership:
+class DeviceLock:
     """Lock on a name for one process at a time, released by the system when the process ends.
 
     The lock file is in the shared folder of temporary files, because the lock holds for all users. Links are not

@@ -9,7 +9,7 @@ from pendulum_env.backends.hardware import DriveError, find_adapter
 from pendulum_env.backends.hardware.config import RigConfig, load
 from pendulum_env.backends.hardware.encoder import Ticks
 from pendulum_env.backends.hardware.guard import Fault, Guard
-from pendulum_env.backends.hardware.process import Ownership, Signals, request_realtime, restore_priority
+from pendulum_env.backends.hardware.process import DeviceLock, Signals, request_realtime, restore_priority
 from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Traits
 
 
@@ -22,13 +22,13 @@ class Rig:
     watchdog removes the power if the program does not.
     """
 
-    resting = 0.01  # [s] between readings while the arm comes to rest
+    rest_period = 0.01  # [s] between readings while the arm comes to rest
     speed = 10.0  # [rad/s], speed that converts the uncertainty of time into that of the angle
 
     def __init__(self, config: RigConfig) -> None:
         self.config = config
         self.guard = Guard(find_adapter(config.adapter)(config), config)
-        self._owner = Ownership(config.link.device)
+        self._owner = DeviceLock(config.link.device)
         # without a reference to self, so that the finalizer also runs at garbage collection
         guard, owner = self.guard, self._owner
         self._signals = Signals(lambda name: guard.disable(f"disabled by {name}"))
@@ -78,7 +78,7 @@ class Rig:
         self._last = Sample(0.0, position, None, 0.0, timing=Timing(0.0, 0))
         return self._last
 
-    def _begin(self) -> None:
+    def _start_loop(self) -> None:
         """Switch the power on at zero torque, and start the ticks."""
         self._waiting = False
         self.guard.enable()
@@ -90,7 +90,7 @@ class Rig:
         try:
             with self._signals:
                 if self._waiting:
-                    self._begin()
+                    self._start_loop()
                 sent = self.guard.write(torque)
             ticks = self._ticks
             ticks.wait()
@@ -130,13 +130,13 @@ class Rig:
                 anchor, since = position, now
             if now - since >= rest.seconds:
                 return anchor
-            time.sleep(self.resting)
+            time.sleep(self.rest_period)
         raise DriveError(
             f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, look for what moves it"
         )
 
 
-def _release_rig(guard: Guard, owner: Ownership, signals: Signals) -> None:
+def _release_rig(guard: Guard, owner: DeviceLock, signals: Signals) -> None:
     try:
         with signals:
             guard.close()

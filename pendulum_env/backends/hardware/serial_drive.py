@@ -42,14 +42,11 @@ class SerialDrive:
             )
             self._port.reset_input_buffer()
             self._port.write(b"\0")  # ends a partial frame
-        self._set_up(max(OPENING, self._reply))
-
-    def _set_up(self, patience: float) -> None:
-        self._ask(frames.SETUP, round(1e3 * self._watchdog), patience=patience)
+        self._ask(frames.SETUP, round(1e3 * self._watchdog), patience=max(OPENING, self._reply))
 
     def enable(self) -> None:
         """Set the watchdog, in case the board has restarted, and switch the power on."""
-        self._set_up(self._reply)
+        self._ask(frames.SETUP, round(1e3 * self._watchdog), patience=self._reply)
         state, *_ = self._ask(frames.POWER, 1)
         if not state.flags & frames.POWERED:
             raise DriveError(
@@ -58,7 +55,6 @@ class SerialDrive:
         self._on, self._micro, self._refused = True, 0, 0
 
     def write(self, torque: float) -> Sent:
-        """Set the torque [N m]."""
         micro = round(torque / frames.MICRO)
         now = time.monotonic()
         self._send(frames.TORQUE, micro)
@@ -66,7 +62,6 @@ class SerialDrive:
         return Sent(now + self._clock.delay, frames.MICRO * micro)
 
     def read(self) -> Reading:
-        """Return the current counts."""
         state, *between = self._ask(frames.READ)
         fault = _describe_fault(state)
         if fault is None and self._on and not state.flags & frames.POWERED:
@@ -77,14 +72,12 @@ class SerialDrive:
         return Reading(self._clock.convert_time(state.microseconds, *between), state.counts, fault)
 
     def disable(self) -> None:
-        """Set zero torque and cut the power."""
         self._on = False
         state, *_ = self._ask(frames.POWER, 0)
         if state.flags & frames.POWERED:
             raise DriveError("the drive says that it has power still: use the emergency stop")
 
     def close(self) -> None:
-        """Close the port."""
         port, self._port = self._port, None
         if port is not None:
             with suppress(OSError):  # unplugged

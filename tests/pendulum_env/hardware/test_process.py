@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from pendulum_env.backends.hardware import DriveError
-from pendulum_env.backends.hardware.process import Ownership, Signals
+from pendulum_env.backends.hardware.process import DeviceLock, Signals
 from tests.patience import PATIENCE
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals, links and pipes of Unix")
@@ -66,7 +66,7 @@ def test_a_signal_while_another_thread_speaks_to_the_drive_ends_in_the_main_one(
 def lock(tmp_path, monkeypatch):
     """Where the lock of a rig lies."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    owner = Ownership(WHAT)
+    owner = DeviceLock(WHAT)
     owner.acquire()
     owner.release()
     (path,) = tmp_path.iterdir()
@@ -74,12 +74,12 @@ def lock(tmp_path, monkeypatch):
 
 
 def test_a_rig_has_one_owner_until_that_lets_go(lock):
-    first, second = Ownership(WHAT), Ownership(WHAT)
+    first, second = DeviceLock(WHAT), DeviceLock(WHAT)
     first.acquire()
     first.acquire()
     with pytest.raises(DriveError, match=rf"{WHAT} is in use by another program: close its environment, .*{lock}"):
         second.acquire()
-    Ownership("serial /dev/ttyACM1").acquire()  # another rig
+    DeviceLock("serial /dev/ttyACM1").acquire()  # another rig
     first.release()
     first.release()
     second.acquire()
@@ -91,5 +91,5 @@ def test_what_is_no_file_in_the_place_of_the_lock_is_refused(lock, put):
     lock.unlink()
     put(lock.with_name("elsewhere"), lock)
     with pytest.raises(DriveError, match=rf"cannot be locked: {lock}: .* remove it"):
-        Ownership(WHAT).acquire()
+        DeviceLock(WHAT).acquire()
     assert not lock.with_name("elsewhere").exists()

@@ -12,7 +12,7 @@ from estimators.search_hints import make_grid
 from pendulum_env.physics import BASE, Column, KnownLoad, Samples, Term, compiled, effects, simulate
 from pendulum_env.physics.compiled import Machine, SymbolicStep, compile_recurrence
 from pendulum_env.physics.potential import Cogging
-from pendulum_env.physics.simulation import TorqueBalance, prepare_step, step
+from pendulum_env.physics.simulation import TorqueBalance, compile_step, step
 from pendulum_env.physics.symbols import make_symbol, make_symbols
 from pendulum_env.physics.term import _compile_advance, trace_variants
 from pendulum_env.plant import hide, paper_plant
@@ -45,7 +45,7 @@ expressions = st.recursive(
 def computed(result, x, y=0.0) -> np.ndarray:
     """Values (N,) of an expression in the names x and y."""
     x, y = np.broadcast_arrays(np.asarray(x, dtype=float), y)
-    program = compile_recurrence(["x"], [], ["y"], [result])
+    program = compile_recurrence([make_symbol("x")], [], [make_symbol("y")], [result])
     return program(x[None, None], np.empty((0, 1, len(x))), y[None, None])[1, 0, 0]
 
 
@@ -108,8 +108,9 @@ def stepped(model, torque, load) -> np.ndarray:
 def test_every_effect_moves_under_a_load_as_its_own_step_says(id):
     model, load = hide(paper_plant(), id), KnownLoad(0.02, 0.5)  # without one: see test_engines.py
     torque = 4.0 * np.random.default_rng(0).standard_normal((150, LANES)).cumsum(axis=0) / 8
-    step = prepare_step(model.terms, True, H).step
-    assert step is not None, "a function of the law is not in UNARY and BINARY of pendulum_env/physics/symbols.py"
+    assert compile_step(model.terms, True, H) is not None, (
+        "a function of the law is not in UNARY and BINARY of pendulum_env/physics/symbols.py"
+    )
     path = simulate(model.terms, model.theta, H, torque, [0.3, -1.0, 2.0], [0.0, 1.0, -2.0], load=load)
     np.testing.assert_allclose(path.position, stepped(model, torque, load), rtol=0, atol=1e-10)
 
@@ -133,7 +134,7 @@ def test_states_along_a_motion_are_those_that_each_advance_gives(id, period):
 
 
 def test_a_law_that_cannot_be_written_down_is_simulated_all_the_same():
-    assert prepare_step([Table()]).step is None
+    assert compile_step([Table()]) is None
     torque = np.sin(np.arange(300) / 20)
     tabled, clipped = (paper_plant().add(kind(), [0.7]).simulate(1e-3, torque, 0.5, 0.0) for kind in (Table, Clipped))
     np.testing.assert_allclose(tabled.position, clipped.position, rtol=0, atol=1e-12)

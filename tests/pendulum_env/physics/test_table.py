@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+from msgspec.structs import astuple
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -12,7 +13,7 @@ from pendulum_env.physics import Model, ModelError, Samples
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag
 from pendulum_env.physics.potential import GravityTilt, Spring
-from pendulum_env.physics.simulation import prepare_step
+from pendulum_env.physics.simulation import compile_step
 from pendulum_env.physics.table import (
     Extent,
     FrictionByAngle,
@@ -50,7 +51,7 @@ def in_model(kind: type[Table], size: float = 0.3) -> Model:
 
 @pytest.mark.parametrize("kind", [*KINDS, GAIN])
 def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind):
-    low, high, pieces, _ = kind.extent
+    low, high, pieces, _ = astuple(kind.extent)
     scale = np.sqrt if kind.axis == "velocity" else np.positive
     knots = np.linspace(scale(low), scale(high), pieces + 1)
     at_knots = values(kind, knots**2 if kind.axis == "velocity" else knots)
@@ -63,7 +64,7 @@ def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind
 
 @pytest.mark.parametrize("kind", [*KINDS, GAIN])
 def test_a_table_says_nothing_that_the_base_model_says_and_goes_on_beyond_its_ends_or_round_the_turn(kind):
-    low, high, *_ = kind.extent
+    low, high, *_ = astuple(kind.extent)
     x = low + (high - low) * (np.arange(20_000) + 0.5) / 20_000
     for law in SAID_ALREADY.get(kind.id, []):
         inner = np.mean(values(kind, x) * np.broadcast_to(law(x), x.shape)[:, None], axis=0)
@@ -99,14 +100,16 @@ def test_compiled_and_plain_simulation_agree_with_an_integrator_that_knows_the_c
 
     def law(t, state):  # while the joint turns one way
         q, v = state
-        by_angle = own(np.mod(q + np.pi, 2 * np.pi) - np.pi if kind.extent.is_turn else np.clip(q, *kind.extent[:2]))
-        by_speed = own(np.clip(v, *kind.extent[:2]))
+        by_angle = own(
+            np.mod(q + np.pi, 2 * np.pi) - np.pi if kind.extent.is_turn else np.clip(q, *astuple(kind.extent)[:2])
+        )
+        by_speed = own(np.clip(v, *astuple(kind.extent)[:2]))
         lost = by_speed if kind.axis == "velocity" else by_angle
         rest = 5.0 - lost - value["gravity"] * np.sin(q) - value["viscous"] * v - value["coulomb"]
         return v, rest / value["inertia"]
 
     exact = solve_ivp(law, (0.0, 0.4), (-0.3, 0.5), method="DOP853", rtol=1e-10, atol=1e-10).y[0, -1]
-    assert prepare_step(model.terms).step is not None
+    assert compile_step(model.terms) is not None
     compiled = model.simulate(period, torque, -0.3, 0.5).position[-1, 0]
     batch = model.simulate(period, torque, np.array([-0.3, -0.3]), 0.5).position[-1]
     assert compiled == pytest.approx(exact, abs=2e-5)
