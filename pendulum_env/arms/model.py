@@ -103,7 +103,7 @@ class ModelOptions(Struct, frozen=True):
 
 
 class _ArmFile(ModelOptions, frozen=True, kw_only=True):
-    """Content of the model file of an arm beside that of each model."""
+    """Content of the model file of an arm, in addition to that of each model."""
 
     base: dict[str, Any]
 

@@ -94,7 +94,7 @@ def parse_model(content: Any) -> ModelFile:
 
 
 def build_terms(data: ModelFile, find: Callable[[str], type[Term]] = library.find_term) -> tuple[Term, ...]:
-    """Build the terms of a model file, whose kinds `find` finds by id, with their nonlinear parameters and limits."""
+    """Build the terms of a model file, with nonlinear parameters and limits; `find` returns the kind of an id."""
     limits = make_limits({}, data.limits or {})
     terms = tuple(limit_term(_build_term(id, data, find), limits) for id in data.terms)
     if len({term.id for term in terms}) != len(terms):
