@@ -95,9 +95,8 @@ def rollout(
     Returns:
         Recording with one sample per step; its torque acts from its time on.
     """
-    return Recording(
-        *collect_samples(islice(iterate_steps(env, policy, seed), steps), watch), name=name, is_checked=True
-    )
+    samples = collect_samples(islice(iterate_steps(env, policy, seed), steps), watch)
+    return Recording(*samples, name=name, is_checked=True)
 
 
 def collect_samples(

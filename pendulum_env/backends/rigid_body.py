@@ -40,9 +40,8 @@ class RigidBody:
 
     def __init__(self, balance: TorqueBalance, longest: float) -> None:
         """Set the torque balance and the longest step [s]; raise an exception if a law is not symbolic."""
-        self._first, self._second = (
-            Machine(_write_half, (balance.terms, round_up(longest), is_first), 1) for is_first in (True, False)
-        )
+        arguments = balance.terms, round_up(longest)
+        self._first, self._second = (Machine(_write_half, (*arguments, is_first), 1) for is_first in (True, False))
         self._free = [(place, parameter.name) for place, term in enumerate(balance.terms) for parameter in term.free]
         self.set_balance(balance)
 

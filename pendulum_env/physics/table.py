@@ -146,9 +146,8 @@ def _sum_splines(kind: type[Table], argument: ArrayLike, weights: Mapping[int, f
     total: ArrayLike = 0
     for knot, weight in weights.items():
         distance = np.absolute(at - float(knot))
-        total = total + weight * (
-            _evaluate_spline(distance) + (_evaluate_spline(pieces - distance) if kind.extent.is_turn else 0.0)
-        )
+        spline = _evaluate_spline(distance)
+        total = total + weight * (spline + _evaluate_spline(pieces - distance) if kind.extent.is_turn else spline)
     return total
 
 

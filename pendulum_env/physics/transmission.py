@@ -55,10 +55,8 @@ class Transmission(Term):
     def columns(self) -> tuple[Column, ...]:
         def force(x: Samples) -> ArrayLike:  # T - mgl sin q, per unit of J
             position, velocity = x.memory[self.id]
-            pull = self._compute_acceleration(
-                x.position - position, x.velocity - velocity, self.resonance**2, self.damping
-            )
-            return pull - self._compute_deceleration(x.position, x.velocity)
+            pull = self._accelerate(x.position - position, x.velocity - velocity, self.resonance**2, self.damping)
+            return pull - self._decelerate(x.position, x.velocity)
 
         def mass(x: Samples) -> ArrayLike:
             return -np.ones_like(x.velocity)
@@ -66,9 +64,7 @@ class Transmission(Term):
         dry = (lambda x: -self.friction) if may_be_true(self.friction) else zero  # of the link, not of the motor
         return (Column(self.id, "kg m^2", mass=mass, force=force, dry=dry, least=0.0),)
 
-    def _compute_acceleration(
-        self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike
-    ) -> ArrayLike:
+    def _accelerate(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
         """Return the acceleration of the link by the transmission [rad/s^2]."""
         if not may_be_true(self.play):
             return stiffness * twist + damping * speed
@@ -80,7 +76,7 @@ class Transmission(Term):
         """Return the extension of the transmission [rad], which is the twist beyond the play."""
         return twist - np.minimum(np.maximum(twist, -self.play), self.play)
 
-    def _compute_deceleration(self, position: Array, velocity: Array) -> Array:
+    def _decelerate(self, position: Array, velocity: Array) -> Array:
         """Return the deceleration of the link by its weight and viscous friction [rad/s^2]."""
         weight = self.gravity * np.sin(position)
         return weight + self.viscous * velocity if may_be_true(self.viscous) else weight
@@ -132,9 +128,7 @@ class Transmission(Term):
         def accelerate(elapsed: ArrayLike, position: Array, now: Array, duration: ArrayLike) -> Array:
             """Return the velocity after a duration, from `velocity` with the acceleration of a state."""
             twist, speed = x.position + elapsed * x.velocity - position, x.velocity - now
-            pull = self._compute_acceleration(twist, speed, stiffness, damping) - self._compute_deceleration(
-                position, now
-            )
+            pull = self._accelerate(twist, speed, stiffness, damping) - self._decelerate(position, now)
             return self._apply_dry_friction(velocity + duration * pull, duration)
 
         for k in range(steps):

@@ -355,9 +355,8 @@ def compute_control(
     acting = state.held + given.share * (held - state.held) if may_be_true(given.share != 1.0) else held
     line = (acting, *state.before)
     torque: Any = given.on * sum(weight * past for weight, past in zip(taps, line, strict=True))
-    return torque, ControllerState(
-        held, line[: len(state.before)], integral, seen, np.where(looks, seen_now, state.velocity)
-    )
+    last = np.where(looks, seen_now, state.velocity)
+    return torque, ControllerState(held, line[: len(state.before)], integral, seen, last)
 
 
 def compute_output(error: Any, damping: Any, integral: Any, gains: Mapping[str, Any]) -> tuple[Any, Any]:

@@ -121,9 +121,8 @@ class PlausibilityCheck:
         angle = last.angle + passed * (middle - self._start)
         uncertainty = 2 * self._step + speed * (self._noise + 0.5 * took)
         self._times.append(time)
-        self._readings.append(
-            IntegratedReading(position, uncertainty, least, most, gravity, angle, forward, backward, held)
-        )
+        integrals = least, most, gravity, angle, forward, backward, held
+        self._readings.append(IntegratedReading(position, uncertainty, *integrals))
 
     def _find_acting_torques(self, since: float) -> tuple[float, float]:
         """Return the least and the largest torque that may act after the reading of a time [s]."""
