@@ -11,8 +11,8 @@ from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
-from estimators.in_loop.goals import has_unpowered_motor, select_voltage_drives
-from estimators.in_loop.refit import fit_step, refine_rows
+from estimators.in_loop.refit import refit_step
+from estimators.in_loop.servos import has_unpowered_motor, select_voltage_drives
 from estimators.selection.errors import Step
 from estimators.selection.physical import compute_significant_sign
 from estimators.weak_form.point import Point
@@ -42,8 +42,7 @@ def present(trial: Trial, step: Step) -> Step:
         return step
     other_terms = tuple(term for term in step.model.terms if term.id != BackEmf.id)
     start = Point.from_parameters(other_terms, np.array(list((theta | {"viscous": total}).values())))
-    refine_rows(trial.evaluator)[0].set_start(start)
-    return fit_step(trial.evaluator, step.added, start.terms)
+    return refit_step(trial.evaluator, step, start)
 
 
 def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:

@@ -16,10 +16,10 @@ from estimators.in_loop.back_emf import add_back_emf, include_back_emf, present
 from estimators.in_loop.conclusion import conclude, find_loop_regions
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.goal_reading import reread_goals
-from estimators.in_loop.goals import make_base
 from estimators.in_loop.refit import refine, refit
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.rollouts import Rollouts, are_driven, choose_parts
+from estimators.in_loop.rollouts import Rollouts
+from estimators.in_loop.servos import are_driven, choose_parts, make_base
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from estimators.weak_form.torque_rows import TorqueRows

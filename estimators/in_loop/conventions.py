@@ -1,5 +1,17 @@
 """Decide undeclared conventions of a servo's log: how its controller acts, and how goals change between rows.
 
+Fits of the base model decide, in three steps:
+
+| conventions | fits, the preferred ones first |
+|---|---|
+| `windup`, `integral`, `derivative` | each combination, with both courses of the goals: a wrong course hides them |
+| `goal` | of these, those under the decided controller, then the same with a dead time or a lag |
+| `reads` | the exact position, then counts of the encoder; errors are compared in counts |
+
+The first fit is taken that is tied with the likeliest one, see `choose_fit`. On average, a held goal is late by half a
+sample. A dead time and a lag imitate this delay; feedback turns it into viscous friction. If the base model leaves the
+course of the goals open, a diagnosis decides again with the effects that it finds.
+
 All commands for servos with a drive use these recordings, and so the same torque and motion.
 """
 
@@ -9,17 +21,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from estimators.findings import Finding, Kind
-from estimators.in_loop.controller import read_controller, read_position, with_reading
-from estimators.in_loop.goals import make_base, read_goals, with_goals
-from estimators.in_loop.rollouts import are_driven, choose_parts
+from estimators.data.rows import Terms
+from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop.convention_fits import Settings, choose_fit, complete_drives, fit_conventions
+from estimators.in_loop.counts import find_encoder_step
+from estimators.in_loop.servos import are_driven, choose_parts, make_base
 from estimators.regression.least_squares import IdentificationError
-from pendulum_env.physics import BASE, Model, Term
+from estimators.weak_form.windows import Part
+from pendulum_env.physics import BASE, Model, Term, list_ids
+from pendulum_env.physics.actuation import ActuatorLag, DeadTime
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import find_declared_conventions
-from pendulum_env.servo.torque import depends_on_past, replace_drive
+from pendulum_env.servo.drive import CONTROLLER, find_declared_conventions, list_open_conventions
+from pendulum_env.servo.torque import depends_on_past
 
+LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
+COUNTS_TIE = 1.0  # standard errors of a tie with counts, which most controllers read
 Recordings = tuple[Recording, ...]
+Decision = tuple[Settings, list[Finding]]
 
 
 class Conventions(NamedTuple):
@@ -47,13 +65,13 @@ def decide_conventions(
     findings: list[Finding] = []
     for numbers in _group_by_loop(every):
         deciding = [k for k in numbers if k < count] or numbers
-        others = [k for k in numbers if k not in deciding]
-        decided = _decide_together([every[k] for k in deciding], [every[k] for k in others], base)
-        for k, recording in zip((*deciding, *others), (*decided.recordings, *decided.holdout), strict=True):
+        if not are_driven([every[k] for k in deciding]):
+            continue
+        decided, own_findings = _decide_together([every[k] for k in numbers], len(deciding), base)
+        for k, recording in zip(numbers, decided, strict=True):
             every[k] = recording
-        is_alone = deciding == list(range(count))
-        names = tuple(every[k].name for k in deciding)
-        findings += [one if is_alone or one.recordings else replace(one, recordings=names) for one in decided.findings]
+        names = () if deciding == list(range(count)) else tuple(every[k].name for k in deciding)
+        findings += [replace(finding, recordings=names) for finding in own_findings]
     return Conventions(tuple(every[:count]), tuple(every[count:]), tuple(findings))
 
 
@@ -67,47 +85,79 @@ def _group_by_loop(recordings: Sequence[Recording]) -> list[list[int]]:
 
 
 def _decide_together(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], base: Sequence[Term]
-) -> Conventions:
-    """Decide undeclared conventions of drives with the same controlled quantity and shaft of the encoder."""
-    parts = tuple(recordings), tuple(holdout)
-    if not are_driven(recordings):
-        return Conventions(*parts, ())
-    base, part = make_base(recordings, base), choose_parts(holdout)[0]
-    declared = find_declared_conventions([r.actuator for r in (*recordings, *holdout)])
-    recordings, holdout = (_apply_settings(part_recordings, declared) for part_recordings in parts)
-    controller = read_controller(recordings, base, part)
-    recordings, holdout = (_apply_finding(part_recordings, controller) for part_recordings in (recordings, holdout))
-    goals = read_goals(recordings, base, part)
-    is_held = goals is None or goals.kind is Kind.GOALS_HELD
-    if goals is not None and any(r.drive is not None and r.drive.goal for r in holdout):
-        undeclared = tuple(r.name for r in recordings if r.drive is None or not r.drive.goal)
-        goals = replace(goals, recordings=undeclared)  # a reading of some recordings is not reversed
-    recordings, holdout = (with_goals(part_recordings, is_held) for part_recordings in (recordings, holdout))
-    reads = next((r.actuator.reads for r in (*recordings, *holdout) if r.actuator.reads), None)
-    recordings, holdout = (with_reading(part_recordings, reads) for part_recordings in (recordings, holdout))
-    position = read_position(recordings, base, part)
-    if position is not None and position.kind is Kind.POSITION_READ:
-        reads = "counts" if ("reads", "counts") in position.pairs else "exact"
-        recordings, holdout = (with_reading(part_recordings, reads) for part_recordings in (recordings, holdout))
-    findings = tuple(finding for finding in (controller, goals, position) if finding is not None)
-    return Conventions(recordings, holdout, findings)
+    recordings: Sequence[Recording], count: int, base: Sequence[Term]
+) -> tuple[Recordings, list[Finding]]:
+    """Decide the conventions of drives of one kind by their first `count` recordings; return findings as well."""
+    base, part = make_base(recordings[:count], base), choose_parts(recordings[count:])[0]
+    decided = complete_drives(recordings, find_declared_conventions([r.actuator for r in recordings]))
+    findings: list[Finding] = []
+    for decide in (_decide_controller, _decide_counts):
+        settings, found = decide(decided[:count], base, part)
+        decided, findings = complete_drives(decided, settings), findings + found
+    return decided, findings
+
+
+def _decide_controller(recordings: Recordings, base: Terms, part: Part) -> Decision:
+    """Decide how the controllers act, and whether goals are held from row to row or run on between rows.
+
+    Findings have the gain over the likeliest fit under other settings [nat]. That on the goals has the effects of this
+    fit with their sizes [s].
+    """
+    drives = [r.actuator for r in recordings]
+    controllers, goals = list_open_conventions(drives, CONTROLLER), list_open_conventions(drives, ("goal",))
+    if len(controllers) == len(goals) == 1:
+        return {}, []
+    choices = [controller | goal for controller in controllers for goal in goals]
+    fits, findings = fit_conventions(recordings, choices, base, part), []
+    settings: Settings = {}
+    if len(controllers) > 1:
+        ranked = sorted(fits, key=lambda fit: (controllers.index(fit.select(CONTROLLER)), -fit.likelihood))
+        choice = choose_fit(ranked, CONTROLLER)
+        settings = choice.fit.select(CONTROLLER)
+        findings = [Finding(Kind.CONTROLLER_READ, {"gain": choice.gain}, pairs=tuple(settings.items()))]
+        fits = [fit for fit in fits if fit.select(CONTROLLER) == settings]
+    if len(goals) > 1:
+        late = [effect() for effect in LATE if effect.id not in list_ids(base)]
+        fits += [fit.with_effect(effect) for fit in fits for effect in late]
+        choice = choose_fit(sorted(fits, key=lambda fit: (len(fit.terms), -fit.likelihood)), ("goal",))
+        added = choice.alternative.terms[len(base) :]
+        sizes = {
+            name: Quantity(float(value), unit="s") for term in added for name, value in term.nonlinear_values.items()
+        }
+        kind = Kind.GOALS_HELD if choice.fit.settings["goal"] == "held" else Kind.GOALS_RUN_ON
+        findings.append(Finding(kind, {"gain": choice.gain, **sizes}, effects=tuple(term.id for term in added)))
+        settings = choice.fit.settings
+    return settings, findings
+
+
+def _decide_counts(recordings: Recordings, base: Terms, part: Part) -> Decision:
+    """Decide whether position controllers read counts of the encoder, if the log shows them.
+
+    Declared counts are a finding if the log shows no step of the encoder: then exact positions are simulated.
+    """
+    choices = list_open_conventions([r.actuator for r in recordings], ("reads",))
+    declared = {r.actuator.reads for r in recordings}
+    if find_encoder_step(recordings) is None:
+        return {}, [Finding(Kind.COUNTS_UNSEEN)] if "counts" in declared else []
+    if len(choices) == 1:
+        return {}, []
+    choice = choose_fit(fit_conventions(recordings, choices, base, part, has_counts=True), ("reads",), COUNTS_TIE)
+    pairs = tuple(choice.fit.settings.items())
+    return choice.fit.settings, [Finding(Kind.POSITION_READ, {"gain": choice.gain}, pairs=pairs)]
 
 
 def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, Any]) -> Recordings:
     """Apply the log format of a model to recordings, for conventions that no drive declares.
 
-    A convention of the controller that one drive declares holds for all of its kind, see `decide_conventions`.
+    A convention that one drive declares holds for all of its kind, see `decide_conventions`.
     """
     applied = list(recordings)
     for numbers in _group_by_loop(recordings):
         own = [recordings[k] for k in numbers]
         settings = {**log_format, **find_declared_conventions([r.actuator for r in own])}
-        for k, recording in zip(numbers, _apply_settings(own, settings), strict=True):
+        for k, recording in zip(numbers, complete_drives(own, settings), strict=True):
             applied[k] = recording
-    goal, reads = log_format.get("goal"), log_format.get("reads")
-    applied = applied if reads is None else [*with_reading(applied, reads)]
-    return tuple(applied) if goal is None else with_goals(applied, goal == "held")
+    return tuple(applied)
 
 
 def complete_conventions(recordings: Sequence[Recording], model: Model) -> Recordings:
@@ -119,24 +169,10 @@ def complete_conventions(recordings: Sequence[Recording], model: Model) -> Recor
     try:
         return decide_conventions(recordings).recordings
     except IdentificationError:
-        return with_goals(recordings, is_held=True)
+        return complete_drives(recordings, {"goal": "held"})
 
 
 def has_open_torque(recordings: Sequence[Recording]) -> bool:
     """Return whether the torque of a recording is that requested by its drive, and depends on conventions."""
     drives = [r.actuator for r in recordings if not r.has_logged_torque]
-    return any(depends_on_past(drive) or drive.open_conventions for drive in drives)
-
-
-def _apply_settings(recordings: Sequence[Recording], settings: Mapping[str, str | None]) -> Recordings:
-    """Apply conventions of the controller to recordings; the requested torque is computed again."""
-    return tuple(
-        r if r.drive is None else replace_drive(r, drive)
-        for r in recordings
-        for drive in [r.actuator.complete_conventions(settings)]
-    )
-
-
-def _apply_finding(recordings: Sequence[Recording], controller: Finding | None) -> Recordings:
-    """Apply the conventions of a finding of `read_controller` to recordings; None has no conventions."""
-    return _apply_settings(recordings, {} if controller is None else dict(controller.pairs))
+    return any(depends_on_past(drive) or "derivative" in drive.open_conventions for drive in drives)

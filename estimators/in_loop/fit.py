@@ -32,6 +32,7 @@ class LoopSettings:
 
     iterations: int = 30  # largest number of iterations of a fit
     dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps in each iteration
+    momenta: tuple[float, ...] = (1.0, 5.0)  # multiples of the last step, each tried with the least damped one
     difference: float = 1e-2  # step for derivatives, relative to the parameter
     secants: tuple[float, ...] = (0.2, 0.06)  # their relative lengths, in sequence, over many local minima
     starts: int = 4  # largest number of starts of a link, at the likeliest values of its profiled parameter
@@ -42,8 +43,6 @@ class LoopSettings:
     link_friction: tuple[float, ...] = (0.1, 0.02)  # shares of dry and viscous friction in the starts of a link
     promising: float = 0.05  # share of the squared error that the first start must explain before others are tried
     leap: float = 1.0  # largest step of a parameter, relative to its size
-    polls: int = 5  # largest number of polls, which try steps of single parameters
-    poll: tuple[float, ...] = (0.1, 0.4)  # lengths of these steps, relative to the parameter
     enough: float = 0.3  # [nat], a fit ends at a smaller gain of an iteration,
     roughly: float = 0.05  # or at this share of its gain so far if models are only compared
     scales: int = 20  # largest number of Newton iterations for an error scale
@@ -61,7 +60,7 @@ LOOP = LoopSettings()
 
 
 def compute_error_scales(rollouts: Rollouts, errors: Array) -> Array:
-    """Return the scale (V,) of the errors (R, V) of V models [rad], at least the resolution of the encoder.
+    """Return the scale (...) of errors (R, ...) of models [rad], at least the resolution of the encoder.
 
     The likeliest scale s solves mean(a tanh(a / s)) = s with a = pi |e| / 2, by Newton's method for the logarithms.
     """
@@ -70,31 +69,24 @@ def compute_error_scales(rollouts: Rollouts, errors: Array) -> Array:
     for _ in range(LOOP.scales):
         relative = absolute / scale
         slope = np.tanh(relative)
-        ratio = np.maximum(np.einsum("rv,rv->v", relative, slope) / len(absolute), 1e-300)
-        bend = np.einsum("rv,rv,rv->v", relative, relative, 1.0 - slope**2) / len(absolute)
+        ratio = np.maximum(np.einsum("r...,r...->...", relative, slope) / len(absolute), 1e-300)
+        bend = np.einsum("r...,r...,r...->...", relative, relative, 1.0 - slope**2) / len(absolute)
         before, scale = scale, np.maximum(scale * ratio ** (ratio / (ratio + bend)), rollouts.resolution)
         if (np.abs(scale - before) <= LOOP.settled * before).all():
             break
     return np.asarray(scale)
 
 
-def compute_likelihood(rollouts: Rollouts, errors: Array) -> Array:
-    """Return the log density (V,) of the errors (R, V) of V models with their scales, without a constant [nat]."""
+def compute_log_densities(rollouts: Rollouts, errors: Array) -> Array:
+    """Return the log density (R, ...) of errors (R, ...) with the scale of each model, without a constant [nat]."""
     scale = compute_error_scales(rollouts, errors)
     relative = np.pi / 2 * np.abs(errors) / scale
-    return np.asarray(-len(errors) * np.log(scale) - np.sum(relative + np.log1p(np.exp(-2 * relative)), axis=0))
-
-
-def compute_log_densities(rollouts: Rollouts, error: Array) -> Array:
-    """Return the log density (R,) of each error (R,) with their scale, without a constant [nat]."""
-    scale = compute_error_scales(rollouts, error[:, None])[0]
-    relative = np.pi / 2 * np.abs(error) / scale
     return np.asarray(-np.log(scale) - relative - np.log1p(np.exp(-2 * relative)))
 
 
-def compute_log_likelihood(rollouts: Rollouts, error: Array) -> float:
-    """Return the log density of the errors (R,) of one model, see `compute_likelihood` [nat]."""
-    return float(compute_likelihood(rollouts, error[:, None])[0])
+def compute_log_likelihood(rollouts: Rollouts, errors: Array) -> Array:
+    """Return the log density (...) of all errors (R, ...) of models, see `compute_log_densities` [nat]."""
+    return np.asarray(compute_log_densities(rollouts, errors).sum(axis=0))
 
 
 def compute_likelihood_scale(rollouts: Rollouts, error: Array) -> float:
@@ -213,7 +205,8 @@ def _fit_by_secants(
 ) -> LinearErrors:
     """Fit the parameters near a point, with secants of one length over many local minima.
 
-    If a Gauss-Newton step gains too little, up to `LOOP.polls` polls try steps of single parameters.
+    The weights are those of the present errors, so steps are too short along a valley in which all errors decrease:
+    steps with a multiple of the last step are also tried.
     """
     visited: list[LocalErrors[LinearErrors]] = []
     point = _bind_terms(point)
@@ -222,39 +215,28 @@ def _fit_by_secants(
         local = linearise_errors(rollouts, point, typical, nonlinear, secant)
         values, (low, high) = point.values, find_bounds(point)
         count, size = local.slopes.shape[1], compute_parameter_sizes(point, typical)
-        cost = -compute_log_likelihood(rollouts, local.error)
+        cost = -float(compute_log_likelihood(rollouts, local.error))
         slopes = local.weights[:, None] * local.slopes * size[:count]
         at_least, at_most = (values <= low)[:count], (values >= high)[:count]
         visited.append(LocalErrors(local, cost, local.weights * local.error, slopes, at_least, at_most))
         return visited[-1]
 
-    polls = iter(range(0 if share or (nonlinear and has_local_minima(point.terms)) else LOOP.polls))
-
     def choose_step(local: LocalErrors[LinearErrors], steps: list[Array]) -> tuple[Point, float]:
+        point, count = local.known.point, local.slopes.shape[1]
+        values, size = point.values, compute_parameter_sizes(point, typical)
+        before = visited[-2].known.point.values if len(visited) > 1 else values
+        if len(before) == len(values):  # else a bound parameter became free
+            last_step = ((values - before) / size)[:count]
+            steps = [*steps, *(steps[0] + momentum * last_step for momentum in LOOP.momenta if last_step.any())]
         limited_steps = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
-        stepped = _choose_likeliest_step(rollouts, local, limited_steps, typical)
-        is_small = stepped[1] > local.cost - rule.compute_small_decrease(visited[0].cost, local.cost)
-        if not is_small or next(polls, None) is None:
-            return stepped
-        polled = _choose_likeliest_step(rollouts, local, _make_steps(local.slopes), typical)
-        return min(stepped, polled, key=lambda candidate: candidate[1])
+        moves = [np.pad(step, (0, len(values) - count)) * size for step in limited_steps]
+        best, gain = choose_likeliest_point(rollouts, [_bind_terms(point.with_values(values + move)) for move in moves])
+        return best, -gain
 
     rule = StopRule(LOOP.iterations, LOOP.dampings, least=LOOP.enough, of_fall=share)
     best_point = gauss_newton(point, linearise, choose_step, rule)
     last = visited[-1].known
     return last if last.point is best_point else linearise_errors(rollouts, best_point, typical, nonlinear, secant)
-
-
-def _choose_likeliest_step(
-    rollouts: Rollouts, local: LocalErrors[LinearErrors], steps: Sequence[Array], typical: Array
-) -> tuple[Point, float]:
-    """Return the likeliest of the points at some steps (S,), in sizes of parameters, and its negative density."""
-    point = local.known.point
-    values, size = point.values, compute_parameter_sizes(point, typical)
-    n_fixed = len(values) - local.slopes.shape[1]
-    points = [_bind_terms(point.with_values(values + np.pad(step, (0, n_fixed)) * size)) for step in steps]
-    best, gain = choose_likeliest_point(rollouts, points)
-    return best, -gain
 
 
 def _bind_terms(point: Point) -> Point:
@@ -264,16 +246,5 @@ def _bind_terms(point: Point) -> Point:
 
 def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple[Point, float]:
     """Return the likeliest of some points, and its log density without a constant [nat]."""
-    likelihoods = compute_likelihood(rollouts, rollouts.compute_position_errors(points))
+    likelihoods = compute_log_likelihood(rollouts, rollouts.compute_position_errors(points))
     return points[int(np.argmax(likelihoods))], float(likelihoods.max())
-
-
-def _make_steps(slopes: Array) -> list[Array]:
-    """Return steps (S,) of single parameters and along directions of least information, in sizes of the parameters.
-
-    Their lengths to either side, `LOOP.poll`, reach past a kink of the errors.
-    """
-    count = slopes.shape[1]
-    directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
-    directions /= np.abs(directions).max(axis=1, keepdims=True)
-    return [sign * share * direction for direction in directions for share in LOOP.poll for sign in (1, -1)]

@@ -10,12 +10,15 @@ from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding, Kind
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.goals import change_reading
 from estimators.in_loop.refit import refine_rows
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, drop_effect
 from estimators.weak_form.point import Point
+from pendulum_env.servo.drive import Goal
+from pendulum_env.servo.torque import replace_drive
+
+OPEN = 2.0  # standard errors of a gain, within which the base model leaves the course of the goals open
 
 
 def reread_goals(trial: Trial) -> FitData | None:
@@ -29,11 +32,16 @@ def reread_goals(trial: Trial) -> FitData | None:
     error = trial.found.steps[-1].errors["holdout"].total
     if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
         return None
-    fitted, held_out = (change_reading(part, readings[0]) for part in (data.recordings, data.holdout))
-    if fitted is None or held_out is None:
+    gain = readings[0].numbers.get("gain")
+    if gain is None or abs(gain.value) > OPEN * (gain.std or 0.0):
         return None
-    other = Kind.GOALS_RUN_ON if readings[0].kind is Kind.GOALS_HELD else Kind.GOALS_HELD
-    data = replace(data, recordings=fitted, holdout=held_out).with_treatment(Finding(other))
+    goal: Goal = "ramp" if readings[0].kind is Kind.GOALS_HELD else "held"
+    fitted, held_out = (
+        tuple(replace_drive(r, replace(r.drive, goal=goal)) for r in part if r.drive is not None)
+        for part in (data.recordings, data.holdout)
+    )
+    finding = Finding(Kind.GOALS_HELD if goal == "held" else Kind.GOALS_RUN_ON)
+    data = data.with_treatment(finding, recordings=fitted, holdout=held_out)
     state = refit_state(trial, trial.case.evaluator(data, trial.setting))
     is_likelier = state.evaluator.fit(state.terms).errors["holdout"].total < error
     return data if is_likelier or drop_effect(state) is not None else None

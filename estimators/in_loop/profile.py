@@ -128,7 +128,7 @@ class _ProfileScan:
 
     def store(self, value: float, fit: LinearErrors) -> None:
         """Store a fit at a value if it is likelier than the stored one."""
-        height = compute_log_likelihood(self.rollouts, fit.error)
+        height = float(compute_log_likelihood(self.rollouts, fit.error))
         if height > self.heights.get(value, -np.inf):
             self.fits[value], self.heights[value] = fit, height
 
@@ -153,12 +153,8 @@ class _ProfileScan:
         """Fit at further values; return the likeliest value and its neighbours, through which the parabola passes."""
         while True:
             values, k = self.find_best()
-            best, beside, lower, upper = (
-                values[k],
-                PROFILE.beside,
-                values[0] / PROFILE.ratio,
-                values[-1] * PROFILE.ratio,
-            )
+            best, beside = values[k], PROFILE.beside
+            lower, upper = values[0] / PROFILE.ratio, values[-1] * PROFILE.ratio
             least = self.heights[best] - PROFILE.fall
             steep = [value for value in values[max(0, k - 1) : k + 2] if self.heights[value] < least]
             if len(values) >= PROFILE.most:

@@ -82,9 +82,9 @@ def refine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
     return train.fine, held_out.fine
 
 
-def refit_step(evaluator: ModelEvaluator, step: Step) -> Step:
-    """Refit a step with shorter steps of the integrator, from its parameters."""
-    start = Point.from_parameters(step.model.terms, np.asarray(step.model.theta))
+def refit_step(evaluator: ModelEvaluator, step: Step, start: Point | None = None) -> Step:
+    """Refit a step with shorter steps of the integrator, from a start, by default its parameters."""
+    start = start or Point.from_parameters(step.model.terms, np.asarray(step.model.theta))
     refine_rows(evaluator)[0].set_start(start)
     return fit_step(evaluator, step.added, start.terms)
 

@@ -17,8 +17,8 @@ from estimators.in_loop.fit import (
     LOOP,
     LinearErrors,
     choose_likeliest_point,
-    compute_likelihood,
     compute_likelihood_scale,
+    compute_log_likelihood,
     fit_rollouts,
     linearise_errors,
 )
@@ -78,15 +78,11 @@ class RolloutRows:
         """Data of the regression with these rows."""
         return RegressionData(self.torque.data, rollouts=self)
 
-    def with_steps(self, steps: int, guide: RolloutRows | None = None) -> RolloutRows:
-        """Return the rows with another number of steps of the integrator, without fits."""
-        return replace(self, rollouts=replace(self.rollouts, steps=steps), guide=guide)
-
     @property
     @memoized
     def fine(self) -> RolloutRows:
-        """The rows with shorter steps of the integrator."""
-        return self.with_steps(FINE, self.guide and self.guide.fine)
+        """The rows with shorter steps of the integrator, without fits."""
+        return replace(self, rollouts=replace(self.rollouts, steps=FINE), guide=self.guide and self.guide.fine)
 
     def linearise_at_fit(self, terms: Terms) -> LinearErrors:
         """Return the errors around the fit of the terms, memoised.
@@ -171,23 +167,10 @@ class RolloutRows:
             return min(
                 (self.score_terms((*terms, variant)) for variant in variants), key=lambda trial: trial.fitted_rms
             )
-        theta = point.linear_values
-        inertia, weight = theta.get("inertia", 0.0), abs(theta.get("gravity", 0.0))
-        points: dict[tuple[Term, float], Point] = {}  # variants that differ by weight or damping alone are the same
-        starts_of_link = product(variants, LOOP.stiffnesses, LOOP.shares, LOOP.damping_ratios)
-        for variant, factor, share, ratio in starts_of_link:
-            resonance = factor * variant.nonlinear_values["resonance"]
-            link_values = {
-                "resonance": resonance,
-                "damping": 2.0 * ratio * resonance,
-                "gravity": weight / max(share * inertia, 1e-9),
-            }
-            parameters = [p for p in variant.nonlinear_parameters if p.name in link_values]
-            term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
-            points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
-        points_list, typical = [*points.values()], self.list_typical_sizes(next(iter(points.values())).terms)
+        points_list = list_link_starts(point, variants)
+        typical = self.list_typical_sizes(points_list[0].terms)
         smooth = self.rollouts.without_counts
-        likelihood = compute_likelihood(smooth, smooth.compute_position_errors(points_list))
+        likelihood = compute_log_likelihood(smooth, smooth.compute_position_errors(points_list))
         starts: dict[float, Point] = {}  # the likeliest at each value, the likeliest of all first
         for k in np.argsort(-likelihood):
             starts.setdefault(points_list[k].terms[-1].nonlinear_values[name], points_list[k])
@@ -338,43 +321,34 @@ class RolloutRows:
         return self._columns(variants, next(iter(self._linear.values())).point)
 
     def _columns(self, variants: Terms, point: Point) -> list[Columns]:
-        """Return the change of positions by each variant of one effect, added to some terms and parameters."""
-        others = [term.id for term in point.terms]
-        if variants[0].id in others:
-            point = Point(
-                tuple(term for term in point.terms if term.id != variants[0].id),
-                self._drop_parameters(point, others.index(variants[0].id)),
-            )
-        points = [point]
-        slices = []
-        for variant in variants:
-            size = self._compute_typical_sizes(variant)
-            shifts = np.diag(size) if len(size) else np.zeros((1, 0))
-            if self._acts_without_size(variant) and len(size):
-                shifts = np.vstack([np.zeros(len(size)), shifts])
-            slices.append((len(points), len(points) + len(shifts)))
-            points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in shifts]
-        base, shifted = (
-            self.rollouts.without_counts.compute_position_errors(part) for part in (points[:1], points[1:])
-        )
-        changes = np.column_stack([np.zeros_like(base), shifted - base])
+        """Return the change of positions by each variant of one effect, added to some terms and parameters.
+
+        A variant with a fixed law, or a link before the encoder, moves the positions even if its parameters are zero.
+        """
+        kept, values = tuple(term for term in point.terms if term.id != variants[0].id), point.linear_values
+        point = Point(kept, np.array([values[column.name] for term in kept for column in term.columns]))
+        sizes = [self._compute_typical_sizes(variant) for variant in variants]
+        has_constant = [
+            bool(variant.fixed) or (variant.link and self.rollouts.servos.at_output) for variant in variants
+        ]
+        shifts = [
+            np.vstack([np.zeros((int(is_first), len(size))), np.diag(size)])
+            for size, is_first in zip(sizes, has_constant, strict=True)
+        ]
+        points = [
+            Point((*point.terms, variant), np.r_[point.theta, shift])
+            for variant, variant_shifts in zip(variants, shifts, strict=True)
+            for shift in variant_shifts
+        ]
+        smooth = self.rollouts.without_counts
+        changes = smooth.compute_position_errors(points) - smooth.compute_position_errors([point])
+        ends = np.cumsum([len(variant_shifts) for variant_shifts in shifts])
         columns = []
-        for variant, (first, last) in zip(variants, slices, strict=True):
-            shifted, size = changes[:, first:last], self._compute_typical_sizes(variant)
-            fixed = shifted[:, :1] if self._acts_without_size(variant) else np.zeros((len(shifted), 1))
-            linear = shifted[:, len(shifted[0]) - len(size) :] - fixed if len(size) else np.empty((len(shifted), 0))
-            columns.append(Columns(linear / size, fixed[:, 0], np.zeros((len(shifted), len(size)))))
+        for change, size, is_first in zip(np.split(changes, ends[:-1], axis=1), sizes, has_constant, strict=True):
+            constant = change[:, 0] if is_first else np.zeros(len(change))
+            slopes = (change[:, int(is_first) :] - constant[:, None]) / size
+            columns.append(Columns(slopes, constant, np.zeros_like(slopes)))
         return columns
-
-    def _acts_without_size(self, variant: Term) -> bool:
-        """Return whether a term moves the measured positions even if its parameters are zero."""
-        return bool(variant.fixed) or (variant.link and self.rollouts.servos.at_output)
-
-    @staticmethod
-    def _drop_parameters(point: Point, place: int) -> Array:
-        """Return theta of a point without the parameters of the term at an index."""
-        first = sum(len(term.columns) for term in point.terms[:place])
-        return np.delete(point.theta, np.s_[first : first + len(point.terms[place].columns)])
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the positions by continuous nonlinear parameters, and the names of these."""
@@ -390,3 +364,23 @@ class RolloutRows:
 def _list_columns_without_link(terms: Key) -> list[list[str]]:
     """List the names of the linear parameters of each term, without those of a link, so all links compare equal."""
     return [[] if term.link else [column.name for column in term.columns] for term in terms]
+
+
+def list_link_starts(point: Point, variants: Terms) -> list[Point]:
+    """Return starts of a fit of a model with a link, from variants of the link; its weight is that of the joint.
+
+    `point` is the fit without a link. Variants that differ by weight or damping alone have the same starts.
+    """
+    inertia, weight = point.linear_values.get("inertia", 0.0), abs(point.linear_values.get("gravity", 0.0))
+    points: dict[tuple[Term, float], Point] = {}
+    for variant, factor, share, ratio in product(variants, LOOP.stiffnesses, LOOP.shares, LOOP.damping_ratios):
+        resonance = factor * variant.nonlinear_values["resonance"]
+        link_values = {
+            "resonance": resonance,
+            "damping": 2.0 * ratio * resonance,
+            "gravity": weight / max(share * inertia, 1e-9),
+        }
+        parameters = [p for p in variant.nonlinear_parameters if p.name in link_values]
+        term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
+        points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
+    return [*points.values()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -11,18 +11,17 @@ import numpy as np
 import scipy
 
 from estimators.data.rows import ResidualStructure
-from estimators.data.split import HELD_OUT
 from estimators.in_loop.counts import FINEST, find_encoder_step, find_least_change, make_quantisation_noise
+from estimators.in_loop.servo_inputs import make_servos
 from estimators.selection.errors import Errors
 from estimators.signals.differentiation import estimate_encoder_noise
-from estimators.signals.motion import get_known_load, get_temperature
 from estimators.weak_form.point import Point
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.physics import SIGNIFICANT, KnownLoad, has_link
-from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.physics import has_link
+from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import LONGEST
-from pendulum_env.servo.loop import Looks, Servos, simulate_servos
+from pendulum_env.servo.loop import Servos, simulate_servos
 from pendulum_env.servo.torque import get_bus_voltage
 
 GRAIN = 0.02  # [s] between compared positions, about
@@ -41,7 +40,6 @@ class Rollouts:
         recordings: of servos.
         steps: of the integrator in the time `GRAIN`.
         shares: begin and end of the compared part of each recording; the whole recording is simulated.
-        is_held: whether goals are held from sample to sample or interpolated, unless the drive declares it.
         grain: time between compared positions [s]; None takes samples of the log, about `GRAIN` apart. Held goals bend
             the motion, so positions between samples are not known.
         has_counts: whether positions are compared in counts of the encoder, if the log shows them; None: if the
@@ -50,7 +48,6 @@ class Rollouts:
 
     recordings: tuple[Recording, ...]
     steps: int = STEPS
-    is_held: bool = True
     shares: Part = WHOLE
     grain: float | None = None
     has_counts: bool | None = None
@@ -76,66 +73,9 @@ class Rollouts:
     @cached_property
     def servos(self) -> Servos:
         """Return all rollouts in a batch; shorter ones are padded with their last sample."""
-        parts = [part for _, part in self._segments]
-        step = self._grain / self._steps_per_grain
-        count = self._steps_per_grain * max(len(at) for at in self._times)
-        step_times = np.arange(count) * step + 1e-6  # [s], against rounding
-
-        def stack(read: Callable[[Array, Recording], Array], values: Sequence[Array | float]) -> Array:
-            """Return series as `read` has them in each step (N, B)."""
-            pairs = zip(values, parts, strict=True)
-            return np.array([read(np.broadcast_to(series, len(part)), part) for series, part in pairs]).T
-
-        def hold(series: Array, part: Recording) -> Array:
-            """Return a series held from sample to sample, at the begin of each step (N,)."""
-            return series[np.minimum((step_times * part.rate).astype(np.intp), len(part) - 1)]
-
-        def average_held(series: Array, part: Recording) -> Array:
-            """Return the mean over each step of a series held from sample to sample (N,); a step may span two."""
-            edges = np.append(step_times, step_times[-1] + step)
-            integral = np.append(0.0, np.cumsum(series)) / part.rate
-            until = np.minimum(edges * part.rate, len(series))
-            path = np.interp(until, np.arange(len(series) + 1), integral) + (edges - until / part.rate) * series[-1]
-            return np.diff(path) / step
-
-        def interpolate(series: Array, part: Recording) -> Array:
-            """Return a series interpolated between samples, at the begin of each step (N,)."""
-            return np.interp(step_times, np.arange(len(part)) / part.rate, series)
-
-        def read_goal(series: Array, part: Recording) -> Array:
-            """Return the goal that the controller uses in each step (N,), that of its last reading."""
-            assert part.drive is not None
-            is_ramp = not self.is_held if part.drive.goal is None else part.drive.goal == "ramp"
-            if part.drive.rate is None:
-                return interpolate(series, part) if is_ramp else average_held(series, part)
-            looks = Looks(part.drive.rate, step, count)
-            samples = (looks.time + 1e-6) * part.rate
-            goals = (
-                np.interp(samples, np.arange(len(series)), series)
-                if is_ramp
-                else series[np.minimum(samples.astype(np.intp), len(series) - 1)]
-            )
-            return looks.average(goals)[np.maximum.accumulate(np.where(looks.due > 0, np.arange(count), 0))]
-
-        loads = [get_known_load(part) for part in parts]
-        known_load = KnownLoad(
-            np.array([load.inertia for load in loads], dtype=float),
-            np.array([load.gravity for load in loads], dtype=float),
-            stack(interpolate, [load.torque for load in loads]),
-        )
-        return Servos(
-            tuple(part.drive for part in parts if part.drive is not None),
-            step,
-            stack(read_goal, [part.reference for part in parts if part.reference is not None]),
-            stack(hold, [get_bus_voltage(part) for part in parts]),
-            stack(hold, [part.powered for part in parts]),
-            np.array([part.position[0] for part in parts]),
-            np.array([_estimate_initial_velocity(part) for part in parts]),
-            np.array([part.time[0] for part in parts]),
-            known_load if any(loads) else KnownLoad(),
-            stack(interpolate, [get_temperature(part) for part in parts]),
-            self.encoder_step if self._reads_counts else None,
-        )
+        step, count = self._grain / self._steps_per_grain, self._steps_per_grain * max(len(at) for at in self._times)
+        encoder_step = self.encoder_step if self._reads_counts else None
+        return make_servos([part for _, part in self._segments], step, count, encoder_step)
 
     @property
     def _reads_counts(self) -> bool:
@@ -321,53 +261,3 @@ class Rollouts:
         """Return the error due to encoder and clock alone, the geometric mean over recordings [rad]."""
         late = [JITTER * np.std(np.gradient(r.position, r.time)) / r.rate for r in self.recordings]
         return max(self.precision, float(np.exp(np.mean(np.log(np.hypot(self.resolution, late))))))
-
-
-def choose_parts(holdout: Sequence[Recording]) -> tuple[Part, Part]:
-    """Return the parts of recordings to fit and to hold out: without held-out recordings, the end of each."""
-    return (WHOLE, WHOLE) if holdout else ((0.0, 1 - HELD_OUT), (1 - HELD_OUT, 1.0))
-
-
-def are_driven(recordings: Sequence[Recording]) -> bool:
-    """Return whether recordings are of servos with known controllers.
-
-    Raises:
-        RecordingError: if only some of them are, or they cannot be simulated together.
-    """
-    first_drive = next((r.drive for r in recordings if r.drive is not None), None)
-    if first_drive is None:
-        return False
-    for recording in recordings:
-        name, drive = recording.name, recording.drive
-        if drive is None:
-            raise RecordingError(f"{name}: has no drive, but others have one: say its drive, or leave it out")
-        if not recording.torque.any():
-            raise RecordingError(
-                f"{name}: torque is 0 throughout, but a drive moves the joint: read_recording({{'time': ..., "
-                "'position': ..., 'reference': ...}, drive=...) computes the torque that the drive asks for"
-            )
-        if drive.acts_on_speed != first_drive.acts_on_speed:
-            raise RecordingError(f"{name}: controls another quantity than the others: take those apart")
-        if drive.encoder != first_drive.encoder:
-            raise RecordingError(f"{name}: has its encoder at another shaft than the others: take those apart")
-        if recording.torque_unit != drive.unit:
-            raise RecordingError(
-                f"{name}: has torque in {recording.torque_unit}, but a drive that gives {drive.unit}: give the drive a "
-                f"gain [N m/{drive.unit}], or leave out the one that it has"
-            )
-    return True
-
-
-def _estimate_initial_velocity(recording: Recording) -> float:
-    """Return the velocity at the first sample [rad/s]; zero if it is not significant, as most logs begin at rest."""
-    beginning = 0.08  # [s], time to which a cubic is fitted at first
-    shortest = 6  # least number of samples of the cubic
-    length = min(len(recording), max(shortest, round(beginning * recording.rate)))
-    noise = estimate_encoder_noise(recording.position)
-    while True:
-        powers = np.vander(recording.time[:length] - recording.time[0], min(4, length), increasing=True)
-        cubic = np.linalg.lstsq(powers, recording.position[:length])[0]
-        if length <= shortest or np.std(powers @ cubic - recording.position[:length]) < 1.2 * noise:
-            std = noise * float(np.linalg.norm(np.linalg.pinv(powers)[1]))
-            return float(cubic[1]) if abs(cubic[1]) > SIGNIFICANT * std else 0.0
-        length = max(shortest, length // 2)  # a cubic describes a fast start only briefly

@@ -37,7 +37,7 @@ from pendulum_env.recording.channel import Load
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.storage import describe_reading, read_recording
-from pendulum_env.servo.drive import UNKNOWN, ServoDrive
+from pendulum_env.servo.drive import CONVENTIONS, ServoDrive
 from pendulum_env.settings import format_setting
 
 Role = Literal["fit", "holdout"]
@@ -158,20 +158,20 @@ def _read_pendulum(source: Source) -> Recording:
 def collect_log_format(recordings: Sequence[Recording]) -> JSON:
     """Return the common reading options of all recordings, for the next log of the same machine.
 
-    The result also has the fields of the drive in `UNKNOWN`, such as `goal`, that were given or decided.
+    The result also has the fields of the drive in `CONVENTIONS`, such as `goal`, that were given or decided.
     """
     loads = ({} if recording.load is None else {"load": asdict(recording.load)} for recording in recordings)
     formats: list[JSON] = [{**recording.log_format, **load} for recording, load in zip(recordings, loads, strict=True)]
     alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
     drives = [recording.actuator for recording in recordings if recording.actuator.is_controller]
-    words = {name: {getattr(drive, name) for drive in drives} for name in UNKNOWN}
+    words = {name: {getattr(drive, name) for drive in drives} for name in CONVENTIONS}
     decided = {name: values.pop() for name, values in words.items() if len(values) == 1 and None not in values}
     return {key: formats[0][key] for key in alike if key in formats[0]} | decided
 
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
     """Parse the log format of a model to a source without a file; raise a ValueError if it is invalid."""
-    said = {key: value for key, value in log_format.items() if key not in UNKNOWN}  # without fields of the drive
+    said = {key: value for key, value in log_format.items() if key not in CONVENTIONS}  # without fields of the drive
     return _build_source(Path(), convert({"file": "log", **said}, _Recording), _Study())
 
 

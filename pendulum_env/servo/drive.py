@@ -25,7 +25,7 @@ Control = Literal["position", "velocity"]
 Output = Literal["duty", "voltage", "current", "torque"]
 Goal = Literal["held", "ramp"]
 Shaft = Literal["motor", "output"]
-Reading = Literal["counts", "exact"]
+Reading = Literal["exact", "counts"]
 Windup = Literal["stop", "clamp", "free"]
 Order = Literal["after", "before"]
 Derivative = Literal["velocity", "error"]
@@ -39,8 +39,8 @@ CHOICES: Mapping[str, Any] = {
     "integral": Order,
     "derivative": Derivative,
 }
-CONVENTIONS = ("windup", "integral", "derivative")  # open details of a controller's law
-UNKNOWN = ("goal", "reads", *CONVENTIONS)  # fields that may be None: an identification tries all choices
+CONTROLLER = ("windup", "integral", "derivative")  # open details of a controller's law
+CONVENTIONS = ("goal", "reads", *CONTROLLER)  # may be None: simulated as the first choice, until a fit decides
 LONGEST = 0.1  # [s], largest delay
 UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # unit of the motor torque if the gain is unknown
 
@@ -61,7 +61,7 @@ class ServoDrive:
         rate: update rate of the controller [Hz]; None: continuous, with exact speed.
         cutoff: cutoff frequency of the low-pass filter of the measured speed [Hz]; None: no filter.
         delay: time from measurement to action [s].
-        goal: course of the goal between rows of the log, held or linear; None: unknown.
+        goal: course of the goal between rows of the log, held or linear; None: unknown, simulated as `held`.
         encoder: shaft of the encoder, at the motor or at the output, behind the gear's play and elasticity.
         reads: whether position control reads the counts of the encoder, as the log, or the exact position; None:
             unknown, simulated as `exact`.
@@ -94,7 +94,7 @@ class ServoDrive:
 
     def __post_init__(self) -> None:
         for name, known in CHOICES.items():
-            if getattr(self, name) not in get_args(known) and not (name in UNKNOWN and getattr(self, name) is None):
+            if getattr(self, name) not in get_args(known) and not (name in CONVENTIONS and getattr(self, name) is None):
                 choices = " or ".join(get_args(known))
                 raise UserError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
         for name in ("kp", "ki", "kd", "delay"):
@@ -139,6 +139,8 @@ class ServoDrive:
         The order of the integral is relevant only with a `rate`.
         """
         matters = {
+            "goal": self.is_controller,
+            "reads": self.acts_on_position,
             "windup": self.ki > 0 and math.isfinite(self.max_output),
             "integral": self.ki > 0 and self.rate is not None,
             "derivative": self.kd > 0 and self.acts_on_position,
@@ -232,7 +234,7 @@ def find_declared_conventions(drives: Sequence[ServoDrive]) -> dict[str, str]:
     return {name: declared[0] for name, declared in values.items() if declared}
 
 
-def list_open_conventions(drives: Sequence[ServoDrive]) -> list[dict[str, str]]:
-    """Return all combinations of the drives' `open_conventions` by name; without any, one empty combination."""
-    choices = {name: own for name in CONVENTIONS for drive in drives if (own := drive.open_conventions.get(name))}
+def list_open_conventions(drives: Sequence[ServoDrive], names: Sequence[str]) -> list[dict[str, str]]:
+    """Return all combinations of the drives' `open_conventions` of some names; without any, one empty combination."""
+    choices = {name: own for name in names for drive in drives if (own := drive.open_conventions.get(name))}
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]

@@ -88,6 +88,8 @@ def _follow_controller(part: Recording, goal: Array) -> Array:
 
 def replace_drive(recording: Recording, drive: ServoDrive) -> Recording:
     """Return the recording with another drive, and its commanded torque if none was logged."""
+    if drive == recording.drive:
+        return recording
     changed = replace(recording, drive=drive)
     is_asked = depends_on_past(drive) and not recording.has_logged_torque
     return replace(changed, torque=compute_asked_torque(changed)) if is_asked else changed

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.rollouts import GRAIN, Rollouts, are_driven
+from estimators.in_loop.rollouts import GRAIN, Rollouts
+from estimators.in_loop.servos import are_driven
 from estimators.signals.motion import get_load_in_newton_metres
 from estimators.simulation.free_running import Segments, simulate_all, start_memory
 from estimators.weak_form.point import Point

@@ -1,0 +1,101 @@
+"""Fits of the base model to the recordings of servos under some conventions, and the choice among them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimators.data.regression_data import RegressionData
+from estimators.data.rows import BLOCK, Terms
+from estimators.findings import Quantity
+from estimators.in_loop.fit import compute_log_densities
+from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.selection.score import Bootstrap
+from estimators.weak_form.windows import Part
+from pendulum_env._typing import Array
+from pendulum_env.physics import Term
+from pendulum_env.recording import Recording
+from pendulum_env.servo.torque import replace_drive
+
+Settings = dict[str, str]  # conventions of a drive, by name
+TIE = 1.64  # standard errors of a gain, within which two fits are tied: a p-value of 5 %
+SAME = 1e-3  # [nat], smaller differences mean equal motion: the output does not reach its limit
+
+
+class ConventionFit(NamedTuple):
+    """Fit of terms to the recordings under the settings of some conventions; `density` of each block (S,) [nat]."""
+
+    settings: Settings
+    rows: RolloutRows
+    terms: Terms
+    density: Array
+
+    @classmethod
+    def from_rows(cls, settings: Settings, rows: RolloutRows, terms: Terms) -> ConventionFit:
+        """Return the fit of the terms by some rows."""
+        density = compute_log_densities(rows.rollouts, rows.linearise_at_fit(terms).error)
+        return cls(settings, rows, terms, np.bincount(rows.rollouts.blocks(BLOCK)[0], density).astype(float))
+
+    def with_effect(self, effect: Term) -> ConventionFit:
+        """Return the fit with another effect, whose nonlinear parameters are fitted."""
+        terms = self.rows.with_nonlinear((*self.terms, effect))
+        return ConventionFit.from_rows(self.settings, self.rows, terms)
+
+    @property
+    def likelihood(self) -> float:
+        """Return the log density of all blocks [nat]."""
+        return float(self.density.sum())
+
+    def select(self, names: Sequence[str]) -> Settings:
+        """Return the settings of some names."""
+        return {name: value for name, value in self.settings.items() if name in names}
+
+
+class Choice(NamedTuple):
+    """Chosen fit, the likeliest fit under other settings, and the gain over it [nat]."""
+
+    fit: ConventionFit
+    alternative: ConventionFit
+    gain: Quantity
+
+
+def complete_drives(recordings: Sequence[Recording], settings: Mapping[str, Any]) -> tuple[Recording, ...]:
+    """Return the recordings with settings of undeclared conventions; the requested torque is computed again."""
+    return tuple(r if r.drive is None else replace_drive(r, r.drive.complete_conventions(settings)) for r in recordings)
+
+
+def fit_conventions(
+    recordings: Sequence[Recording], settings: Sequence[Settings], base: Terms, part: Part, has_counts: bool = False
+) -> list[ConventionFit]:
+    """Fit the base model under each of some settings, which drives take for their undeclared conventions.
+
+    Positions are compared in counts if `has_counts`.
+    """
+    fits = []
+    for own in settings:
+        variant = complete_drives(recordings, own)
+        torque = RegressionData.from_recordings(variant, part=part).torque
+        rows = RolloutRows(Rollouts(variant, FINE, shares=part, has_counts=has_counts), torque)
+        fits.append(ConventionFit.from_rows(own, rows, rows.fit(base, exactly=True).terms))
+    return fits
+
+
+def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], ties: float = TIE) -> Choice:
+    """Choose the first fit that is less likely than the best by at most `ties` standard errors.
+
+    So is one by less than the logarithm of their number, as the best of them may be by chance. Alternatives differ in
+    settings of `names`.
+    """
+    best = max(fits, key=lambda fit: fit.likelihood)
+    bootstrap = Bootstrap(best.rows.rollouts.blocks(BLOCK)[2], np.random.default_rng(0))
+    gains = [bootstrap.gain(best.density, fit.density) for fit in fits]
+    is_tied = [gain.total <= max(ties * gain.error, float(np.log(len(fits)))) for gain in gains]
+    chosen = fits[is_tied.index(True)]
+    others = [fit for fit in fits if fit.select(names) != chosen.select(names)]
+    different = [fit for fit in others if abs(fit.likelihood - best.likelihood) > SAME] or others
+    alternative = max(different, key=lambda fit: fit.likelihood)
+    gain = bootstrap.gain(chosen.density, alternative.density)
+    return Choice(chosen, alternative, Quantity(gain.total, gain.error))
