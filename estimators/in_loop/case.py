@@ -4,8 +4,6 @@ Friction at rest, sticking and breaking away show in the distance between a serv
 on motion omits rest, and torque of a controller is a function of the position itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
+from pendulum_env.servo.torque import get_bus_voltage
 
 FINEST = 1e-6  # [rad], least step of an encoder; smaller ones are rounding
 REACHES = (3.0, 30.0, 300.0, np.inf)  # counts from the first position, over which the step is fitted in sequence
@@ -49,3 +50,15 @@ def find_encoder_step(recordings: Sequence[Recording]) -> float | None:
 def make_quantisation_noise(step: float, rows: int) -> Array:
     """Return the noise of an encoder (rows,), uniform within a step of the encoder [rad], the same in every call."""
     return np.asarray(np.random.default_rng(0).uniform(-0.5 * step, 0.5 * step, rows))
+
+
+def compute_creep_torque(recordings: Sequence[Recording], resolution: float) -> float:
+    """Return the standard deviation of the torque by which counts of the encoder help a joint over dry friction.
+
+    A controlled position is read up to half a count off. The torque [unit of the drive] is uniform between 0 and X,
+    that of half a count: the standard deviation is X/sqrt(12). Its mean X/2 remains as a bias of dry friction.
+    `resolution` is the standard deviation of the quantisation [rad].
+    """
+    drives = [(recording.actuator, get_bus_voltage(recording)) for recording in recordings]
+    stiffness = [np.mean(drive.scale(bus)) * drive.kp for drive, bus in drives if drive.acts_on_position]
+    return 0.5 * float(np.mean(stiffness)) * resolution if stiffness else 0.0

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from estimators.in_loop.rollouts import Rollouts
 from estimators.regression.gauss_newton import LocalErrors, StopRule, gauss_newton
 from estimators.search_hints import find_hints
 from estimators.weak_form.columns import list_bounds
-from estimators.weak_form.nonlinear import list_continuous_parameters
+from estimators.weak_form.nonlinear import list_continuous_parameters, set_values
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -248,3 +249,23 @@ def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple
     """Return the likeliest of some points, and its log density without a constant [nat]."""
     likelihoods = compute_log_likelihood(rollouts, rollouts.compute_position_errors(points))
     return points[int(np.argmax(likelihoods))], float(likelihoods.max())
+
+
+def list_link_starts(point: Point, variants: Sequence[Term]) -> list[Point]:
+    """Return starts of a fit of a model with a link, from variants of the link; its weight is that of the joint.
+
+    `point` is the fit without a link. Variants that differ by weight or damping alone have the same starts.
+    """
+    inertia, weight = point.linear_values.get("inertia", 0.0), abs(point.linear_values.get("gravity", 0.0))
+    points: dict[tuple[Term, float], Point] = {}
+    for variant, factor, share, ratio in product(variants, LOOP.stiffnesses, LOOP.shares, LOOP.damping_ratios):
+        resonance = factor * variant.nonlinear_values["resonance"]
+        link_values = {
+            "resonance": resonance,
+            "damping": 2.0 * ratio * resonance,
+            "gravity": weight / max(share * inertia, 1e-9),
+        }
+        parameters = [p for p in variant.nonlinear_parameters if p.name in link_values]
+        term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
+        points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
+    return [*points.values()]

@@ -7,7 +7,6 @@ positions in y and their derivatives in phi.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from estimators.in_loop.fit import (
     compute_log_likelihood,
     fit_rollouts,
     linearise_errors,
+    list_link_starts,
 )
 from estimators.in_loop.profile import LikelihoodProfile, scan_profile
 from estimators.in_loop.rollouts import FINE, Rollouts
@@ -29,7 +29,7 @@ from estimators.regression.balance import Balance, Columns
 from estimators.search_hints import find_hints
 from estimators.simulation.multiple_shooting import add_link_friction
 from estimators.weak_form.columns import list_bounds
-from estimators.weak_form.nonlinear import list_nonlinear_names, set_values
+from estimators.weak_form.nonlinear import list_nonlinear_names
 from estimators.weak_form.point import Point
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
@@ -364,23 +364,3 @@ class RolloutRows:
 def _list_columns_without_link(terms: Key) -> list[list[str]]:
     """List the names of the linear parameters of each term, without those of a link, so all links compare equal."""
     return [[] if term.link else [column.name for column in term.columns] for term in terms]
-
-
-def list_link_starts(point: Point, variants: Terms) -> list[Point]:
-    """Return starts of a fit of a model with a link, from variants of the link; its weight is that of the joint.
-
-    `point` is the fit without a link. Variants that differ by weight or damping alone have the same starts.
-    """
-    inertia, weight = point.linear_values.get("inertia", 0.0), abs(point.linear_values.get("gravity", 0.0))
-    points: dict[tuple[Term, float], Point] = {}
-    for variant, factor, share, ratio in product(variants, LOOP.stiffnesses, LOOP.shares, LOOP.damping_ratios):
-        resonance = factor * variant.nonlinear_values["resonance"]
-        link_values = {
-            "resonance": resonance,
-            "damping": 2.0 * ratio * resonance,
-            "gravity": weight / max(share * inertia, 1e-9),
-        }
-        parameters = [p for p in variant.nonlinear_parameters if p.name in link_values]
-        term = set_values(variant, parameters, [link_values[p.name] for p in parameters])
-        points[term, share] = Point.from_parameters((*point.terms, term), np.append(point.theta, share * inertia))
-    return [*points.values()]

@@ -1,7 +1,5 @@
 """Rollouts of servos: simulations of whole recordings from the goal alone, compared with the measured motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,7 +9,13 @@ import numpy as np
 import scipy
 
 from estimators.data.rows import ResidualStructure
-from estimators.in_loop.counts import FINEST, find_encoder_step, find_least_change, make_quantisation_noise
+from estimators.in_loop.counts import (
+    FINEST,
+    compute_creep_torque,
+    find_encoder_step,
+    find_least_change,
+    make_quantisation_noise,
+)
 from estimators.in_loop.servo_inputs import make_servos
 from estimators.selection.errors import Errors
 from estimators.signals.differentiation import estimate_encoder_noise
@@ -22,7 +26,6 @@ from pendulum_env.physics import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import LONGEST
 from pendulum_env.servo.loop import Servos, simulate_servos
-from pendulum_env.servo.torque import get_bus_voltage
 
 GRAIN = 0.02  # [s] between compared positions, about
 STEPS, FINE = 11, 20  # of the integrator in this time, during a search and for the final fit
@@ -139,16 +142,9 @@ class Rollouts:
 
     @property
     def creep_torque(self) -> float:
-        """Return the standard deviation of the torque by which counts of the encoder help a joint over dry friction.
-
-        A controlled position is read up to half a count off. The torque [unit of the drive] is uniform between 0 and X,
-        that of half a count: the standard deviation is X/sqrt(12). Its mean X/2 remains as a bias of dry friction. It
-        is 0 if simulated controllers read counts.
-        """
-        drives = [(recording.actuator, get_bus_voltage(recording)) for recording in self.recordings]
-        stiffness = [np.mean(drive.scale(bus)) * drive.kp for drive, bus in drives if drive.acts_on_position]
+        """Return the torque of `compute_creep_torque`; 0 if simulated controllers read counts."""
         is_exact = self.servos.encoder_step is None
-        return 0.5 * float(np.mean(stiffness)) * self.resolution if stiffness and is_exact else 0.0
+        return compute_creep_torque(self.recordings, self.resolution) if is_exact else 0.0
 
     @property
     def encoder(self) -> dict[str, float]:
