@@ -163,7 +163,7 @@ class ServoDrive:
     @property
     def acts_on_position(self) -> bool:
         """Return whether the drive controls the position."""
-        return self.control == "position"
+        return self.is_controller and self.control == "position"
 
     @classmethod
     def from_settings(cls, given: Mapping[str, Any]) -> Self:
@@ -194,11 +194,6 @@ class Motor(ServoDrive):
 
     output: Output = "torque"
     is_controller: ClassVar[bool] = False
-
-    @property
-    def acts_on_position(self) -> bool:
-        """Return False: the motor has no goal."""
-        return False
 
 
 MOTOR = Motor()
