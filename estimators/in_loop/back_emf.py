@@ -31,9 +31,11 @@ def add_back_emf(data: FitData, setting: Setting) -> Setting:
 def present(trial: Trial, step: Step) -> Step:
     """Return a step with back-EMF added to viscous friction if recordings do not distinguish the two.
 
-    They do if the motor is ever off, or if friction depends on its torque. Known or bounded friction stays as it is.
+    They do if the motor is ever off, or if load-dependent friction is significant. Known or bounded friction stays as
+    it is.
     """
-    if BackEmf.id not in step.model.estimates or has_unpowered_motor(trial.data.recordings) or has_gear_friction(step):
+    has_gear_friction = compute_significant_sign(step.model, LoadDependentFriction.id) > 0
+    if BackEmf.id not in step.model.estimates or has_unpowered_motor(trial.data.recordings) or has_gear_friction:
         return step
     theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
     viscous = next((column for column in step.model.columns if column.name == "viscous"), None)
@@ -53,8 +55,3 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
     is_distinguishable = LoadDependentFriction.id in list_ids(terms) and BackEmf.id not in list_ids(terms)
     finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
     return data.with_treatment(finding) if is_distinguishable and select_voltage_drives(data.recordings) else None
-
-
-def has_gear_friction(step: Step) -> bool:
-    """Return whether load-dependent friction is significant; it distinguishes back-EMF from viscous friction."""
-    return compute_significant_sign(step.model, LoadDependentFriction.id) > 0
