@@ -44,6 +44,8 @@ class LoopSettings:
     link_friction: tuple[float, ...] = (0.1, 0.02)  # shares of dry and viscous friction in the starts of a link
     promising: float = 0.05  # share of the squared error that the first start must explain before others are tried
     leap: float = 1.0  # largest step of a parameter, relative to its size
+    polls: int = 5  # largest number of polls, which try steps of single parameters
+    poll: tuple[float, ...] = (0.1, 0.4)  # lengths of these steps, relative to the parameter
     enough: float = 0.3  # [nat], a fit ends at a smaller gain of an iteration,
     roughly: float = 0.05  # or at this share of its gain so far if models are only compared
     scales: int = 20  # largest number of Newton iterations for an error scale
@@ -207,7 +209,8 @@ def _fit_by_secants(
     """Fit the parameters near a point, with secants of one length over many local minima.
 
     The weights are those of the present errors, so steps are too short along a valley in which all errors decrease:
-    steps with a multiple of the last step are also tried.
+    steps with a multiple of the last step are also tried. If a step gains too little, up to `LOOP.polls` polls try
+    steps of single parameters.
     """
     visited: list[LocalErrors[LinearErrors]] = []
     point = _bind_terms(point)
@@ -222,17 +225,27 @@ def _fit_by_secants(
         visited.append(LocalErrors(local, cost, local.weights * local.error, slopes, at_least, at_most))
         return visited[-1]
 
+    polls = iter(range(0 if share or (nonlinear and has_local_minima(point.terms)) else LOOP.polls))
+
     def choose_step(local: LocalErrors[LinearErrors], steps: list[Array]) -> tuple[Point, float]:
         point, count = local.known.point, local.slopes.shape[1]
         values, size = point.values, compute_parameter_sizes(point, typical)
+
+        def choose_likeliest(steps: list[Array]) -> tuple[Point, float]:
+            moves = [np.pad(step, (0, len(values) - count)) * size for step in steps]
+            points = [_bind_terms(point.with_values(values + move)) for move in moves]
+            best, gain = choose_likeliest_point(rollouts, points)
+            return best, -gain
+
         before = visited[-2].known.point.values if len(visited) > 1 else values
         if len(before) == len(values):  # else a bound parameter became free
             last_step = ((values - before) / size)[:count]
             steps = [*steps, *(steps[0] + momentum * last_step for momentum in LOOP.momenta if last_step.any())]
-        limited_steps = [step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps]
-        moves = [np.pad(step, (0, len(values) - count)) * size for step in limited_steps]
-        best, gain = choose_likeliest_point(rollouts, [_bind_terms(point.with_values(values + move)) for move in moves])
-        return best, -gain
+        best = choose_likeliest([step / max(1.0, float(np.abs(step).max(initial=0.0)) / LOOP.leap) for step in steps])
+        is_small = best[1] > local.cost - rule.compute_small_decrease(visited[0].cost, local.cost)
+        if is_small and next(polls, None) is not None:
+            best = min(best, choose_likeliest(_make_steps(local.slopes)), key=lambda candidate: candidate[1])
+        return best
 
     rule = StopRule(LOOP.iterations, LOOP.dampings, least=LOOP.enough, of_fall=share)
     best_point = gauss_newton(point, linearise, choose_step, rule)
@@ -249,6 +262,17 @@ def choose_likeliest_point(rollouts: Rollouts, points: Sequence[Point]) -> tuple
     """Return the likeliest of some points, and its log density without a constant [nat]."""
     likelihoods = compute_log_likelihood(rollouts, rollouts.compute_position_errors(points))
     return points[int(np.argmax(likelihoods))], float(likelihoods.max())
+
+
+def _make_steps(slopes: Array) -> list[Array]:
+    """Return steps (S,) of single parameters and along directions of least information, in sizes of the parameters.
+
+    Their lengths to either side, `LOOP.poll`, reach past a kink of the errors.
+    """
+    count = slopes.shape[1]
+    directions = np.vstack([np.eye(count), np.linalg.eigh(slopes.T @ slopes)[1].T[: count // 2]])
+    directions /= np.abs(directions).max(axis=1, keepdims=True)
+    return [sign * share * direction for direction in directions for share in LOOP.poll for sign in (1, -1)]
 
 
 def list_link_starts(point: Point, variants: Sequence[Term]) -> list[Point]:
