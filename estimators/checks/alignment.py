@@ -24,7 +24,7 @@ from scipy.special import ndtri
 from estimators.checks.closed_loop import find_feedback
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.criterion import Criterion
-from estimators.signals.channel import UNMIXED_SAMPLES, Channel
+from estimators.signals.channel import REACH, UNMIXED_SAMPLES, Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_noise_slope, estimate_white_noise
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
@@ -34,19 +34,13 @@ from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
 class ChannelSettings:
     """Settings of the search for delays and lags, and limits of their report."""
 
-    reach: float = 0.05  # [s], largest delay and lag of a search
-    starts: int = 51  # number of delays; a search starts from the best
+    starts: int = 100  # number of delays, even, since a delay of zero is not fitted; a search starts from the best
     z_limit: float = 4.0  # standard errors of a significant estimate
     gain_limit: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a significant gain
-    p_value: float = Criterion.p_value  # of the F-test that additional columns explain more
-    chance_gain: float = float(np.log(2 * reach / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
-    error_margin: float = Criterion.error_margin  # share by which errors differ by chance
-    kept_inertia: float = Criterion.kept_inertia  # least inertia with a late action, relative to that without
+    chance_gain: float = float(np.log(2 * REACH / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
     min_equations: int = 3  # least number of equations for each column
     stribeck_shares: tuple[float, ...] = (0.02, 0.1, 0.5)  # Stribeck velocities of friction columns, of the highest
-    orders: int = 48  # largest order of the sines of the angle
     torque_iterations: int = 3  # iterations of columns that depend on the fitted torque
-    difference: float = 1e-4  # [s], difference for derivatives
     negligible: float = 0.1  # of a sample, accuracy of clocks and of the steps of simulators
     least_sampled: float = 0.25  # of a sample, apparent delay of torque that a controller sets twice a sample
     min_recordings: int = 4  # least number of recordings for a standard error from their scatter
@@ -99,6 +93,11 @@ class Alignment:
         """Return whether torque is logged late or filtered, which no physical effect imitates."""
         return self.channel.is_late
 
+    @property
+    def acts_late(self) -> bool:
+        """Return whether torque acts late, which belongs to the drive instead of the log."""
+        return self.is_found and not self.is_late
+
     def beats(self, other: Alignment, by_chance: float = 0.0) -> bool:
         """Return whether it predicts significantly better, by the scatter between stretches of time.
 
@@ -118,7 +117,7 @@ class Alignment:
     def is_significant(self) -> bool:
         """Return whether each parameter differs significantly from zero, and lies inside the search range."""
         pairs = ((self.delay, self.delay_std), (self.lag, self.lag_std))
-        return all(CHANNEL.z_limit * std < abs(value) < CHANNEL.reach for value, std in pairs if std > 0)
+        return all(CHANNEL.z_limit * std < abs(value) < REACH for value, std in pairs if std > 0)
 
     def is_supported(self, none: Alignment) -> bool:
         """Return whether it predicts significantly better than no shift, with significant parameters."""
@@ -132,17 +131,15 @@ class Alignment:
         std = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
         return bool(abs(difference) <= CHANNEL.z_limit * std)
 
-    def apply(self, recording: Recording, later: float = 0.0, slower: float = 0.0) -> Recording:
+    def apply(self, recording: Recording) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
 
-        The last samples of each segment have no logged torque and are omitted. `later` and `slower` are added to delay
-        and lag [s]; the omitted samples do not depend on them.
+        The last samples of each segment have no logged torque and are omitted.
         """
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
         channel = replace(self.channel, delay=0.5 * period) if self.is_half_sample else self.channel
-        changed = replace(channel, delay=channel.delay + later, lag=channel.lag + slower)
         margin = 2 * self.channel.is_sampled  # samples without neighbours for a cubic
         first = max(margin, int(self.lag > 0))
         n_omitted = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + margin
@@ -150,7 +147,7 @@ class Alignment:
         joints = recording.torque.reshape(len(recording), -1).T  # (J, N)
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - n_omitted - begin - first >= 2:
-                acting = np.column_stack([changed.hold_torque(series[begin:end], period) for series in joints])
+                acting = np.column_stack([channel.hold_torque(series[begin:end], period) for series in joints])
                 kept_rows.append(np.arange(begin + first, end - n_omitted))
                 torque.append(acting[first : end - n_omitted - begin])
         if not kept_rows:

@@ -18,15 +18,22 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.channel import ChannelFits
-from estimators.checks.channel_rows import MAX_DRIVEN_SHARE, compute_driven_share, is_brake
+from estimators.checks.channel_rows import (
+    MAX_DRIVEN_SHARE,
+    MOTOR_FRICTION,
+    compute_driven_share,
+    is_brake,
+    list_load_friction,
+)
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import NO_LOAD, remove_unit_inertia
 from estimators.regression.least_squares import IdentificationError
+from estimators.signals.motion import get_load_in_newton_metres
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
-from pendulum_env.physics import Estimate, Model
+from pendulum_env.physics import LOAD, Estimate, Model
 from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant
 from pendulum_env.units import is_of_torque
 
@@ -97,11 +104,11 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
     fits = ChannelFits.from_recordings(recordings)
     if fits is None:
         return explain_unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
-    moved_loads = {loads[k] for k in np.unique(fits.data.recording_of_window[fits.rows])}
+    data = _load_windows(fits.rows.data)
+    moved_loads = {loads[k] for k in np.unique(data.recording_of_window)}
     if len(moved_loads) < 2 and not by_load_torque:
         return explain_unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
-    is_plain = compute_driven_share(fits.data, fits.data.torque()) > MAX_DRIVEN_SHARE or is_brake(fits.data)
-    inverse, std = (fits if is_plain else fits.with_motor_friction()).delay_fit.gain  # 1/K
+    inverse, std = _add_load_columns(fits, data).delay_fit.gain  # 1/K
     if abs(inverse) <= MIN_Z_SCORE * std:
         return explain_unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(inverse, std, f"{unit}/(N m)"))
     if inverse < 0:
@@ -111,6 +118,25 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
             explain_unknown_constant(Kind.CONSTANT_NEGATIVE, unit, torque_constant=negative), parameters=parameters
         )
     return TorqueConstant(1 / inverse, std / inverse**2, unit, len(moved_loads), by_load_torque)
+
+
+def _load_windows(data: TorqueWindows) -> TorqueWindows:
+    """Return windows of a current with their known loads in N m."""
+    windows = (
+        replace(w, samples=replace(w.samples, load=get_load_in_newton_metres(w.recording))) for w in data.windows
+    )
+    return replace(data, windows=tuple(windows))
+
+
+def _add_load_columns(fits: ChannelFits, data: TorqueWindows) -> ChannelFits:
+    """Return the fits with the torque of the known loads as the first column, and friction under these loads.
+
+    Friction of the motor torque is added unless nearly all motion is driven or braked. `data` has the known loads.
+    """
+    averages, is_driven = data.averages, compute_driven_share(data, data.torque()) > MAX_DRIVEN_SHARE
+    columns = np.column_stack([averages.column(law, averages.samples) for law in (LOAD, *list_load_friction(data))])
+    loaded = replace(fits, phi=np.column_stack([columns * data.weights[:, None], fits.phi]))
+    return loaded if is_driven or is_brake(data) else loaded.with_columns_of_torque([MOTOR_FRICTION])
 
 
 def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:

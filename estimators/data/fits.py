@@ -61,10 +61,10 @@ def _are_smooth(names: Sequence[str], edges: Mapping[Term, Sequence[NonlinearPar
     return np.array([name not in scanned for name in names], dtype=bool)
 
 
-def compute_parameter_changes(data: RegressionData, model: Model, changed: RegressionData) -> dict[str, float]:
-    """Return by how much the parameters of a model change, to first order, if its data change; by name.
+def compute_parameter_changes(data: RegressionData, model: Model, change: Array) -> dict[str, float]:
+    """Return by how much the parameters of a model change, to first order, with the torque of the rows; by name.
 
-    Both data have the same windows. Known parameters, those at their bounds and edges do not change.
+    `change` (R,) is that of the torque [N m]. Known parameters, those at their bounds and edges do not change.
     """
     terms, theta = model.terms, model.theta
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
@@ -73,7 +73,6 @@ def compute_parameter_changes(data: RegressionData, model: Model, changed: Regre
     is_free = np.array([model.estimates[name].std > 0 for name in names]) & is_smooth
     balance = data.equations(terms)
     slopes = balance.slopes(theta, jacobian)[:, is_free]
-    change = changed.residual(terms, theta) - data.residual(terms, theta)
     steps = solve_least_squares(slopes * balance.weights[:, None], change * balance.weights)
     return dict(zip(np.array(names)[is_free].tolist(), steps.tolist(), strict=True))
 

@@ -1,19 +1,15 @@
 """Standard errors of parameters fitted to torque with an estimated delay."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 
 import numpy as np
 
-from estimators.checks.alignment import Alignment
 from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_parameter_changes
 from estimators.data.regression_data import RegressionData
-from estimators.weak_form.windows import average_held_torque
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, find_link, has_link
+from pendulum_env.physics.actuation import ActuatorLag
 
 
 def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model:
@@ -31,33 +27,22 @@ def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model
     """
     if has_link(model.terms) and find_link(model.terms).id not in train.data.link_states:
         return model
-    laws = dict.fromkeys(law for law in data.alignments[: len(data.recordings)] if law.is_late)
-    changes = (
-        compute_parameter_changes(train, model, _change_torque(train, _list_torques(data, law, later, slower)))
-        for law in laws
-        for later, slower in ((law.delay_std, 0.0), (0.0, law.lag_std if law.lag > 0 else 0.0))
-        if np.isfinite(later + slower) and later + slower > 0
-    )
+    changes = (compute_parameter_changes(train, model, change) for change in _list_torque_changes(data, train))
     return model.add_errors(*changes)
 
 
-def _list_torques(data: FitData, law: Alignment, later: float, slower: float) -> list[Array]:
-    """Return the torque of each fitted recording, (N,) or (N, J) [N m], with changes of delay and lag of one law [s].
+def _list_torque_changes(data: FitData, train: RegressionData) -> Iterator[Array]:
+    """Yield the change of the torque of all rows (R,) [N m] by one standard error of each delay and each lag.
 
-    Recordings with another law have the torque of `data`.
+    The acting torque tau of the logged torque u changes by tau' per second of the delay, and by u' = (tau - u) / lag
+    per second of the lag.
     """
-    excluded = {outlier.recording - 1 for outlier in data.excluded}
-    untimed = (data.untimed or data).recordings
-    logged = [recording for k, recording in enumerate(untimed) if k not in excluded]
-    triples = zip(logged, data.recordings, data.alignments, strict=False)
-    return [law.apply(raw, later, slower).torque if actual == law else timed.torque for raw, timed, actual in triples]
-
-
-def _change_torque(train: RegressionData, torques: Sequence[Array]) -> RegressionData:
-    """Return rows with another torque of each recording; recordings may begin as those of the rows and last longer."""
-    windows = []
-    for k, w in enumerate(train.data.windows):
-        run, joint = (k, 0) if w.run is None else (w.run, train.data.joints.index(w.at))
-        torque = torques[run].reshape(len(torques[run]), -1)[: len(w.moving), joint]
-        windows.append(w.with_torque(torque, average_held_torque(torque)))
-    return replace(train, data=replace(train.data, windows=tuple(windows)))
+    windows, laws = train.data.windows, data.alignments
+    counts = [len(w.centers) for w in windows]
+    for law in dict.fromkeys(law for law in laws[: len(data.recordings)] if law.is_late):
+        is_timed = np.repeat([laws[k if w.run is None else w.run] == law for k, w in enumerate(windows)], counts)
+        if 0 < law.delay_std < np.inf:
+            rates = np.concatenate([w.rates.narrow @ w.samples.torque for w in windows])
+            yield law.delay_std * rates * is_timed
+        if law.lag > 0 and 0 < law.lag_std < np.inf:
+            yield law.lag_std / law.lag * train.data.columns([ActuatorLag(law.lag)])[0][1] * is_timed

@@ -1,23 +1,24 @@
 """Torque channel: the acting torque from the logged torque."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.filters import filter_lag
-from pendulum_env.physics import Samples
+from pendulum_env.physics import Column, NonlinearParameter, Samples, Term
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
+from pendulum_env.physics.term import Memory
+
+REACH = 0.05  # [s], largest delay and lag
 
 MAX_FEEDBACK = 0.8  # largest feedback of an inverse filter of a mixture of two samples; at 1 noise is unbounded
 UNMIXED_SAMPLES = int(np.ceil(np.log(0.01) / np.log(MAX_FEEDBACK)))  # samples until its response falls to 1 %
 
 
 @dataclass(frozen=True)
-class Channel:
-    """Law of the torque channel, which converts the logged torque into the acting torque.
+class Channel(Term):
+    """Law of the torque channel, which converts the logged torque u into the acting torque; a term u - C u.
 
     Attributes:
         delay: time by which torque is logged late [s]; if negative, torque acts late by -delay.
@@ -31,6 +32,16 @@ class Channel:
     lag: float = 0.0
     is_sampled: bool = False
 
+    id = "torque_channel"
+    law = "u(t) - u(t + delay) or -lag u'"
+    kind = "actuation"
+    nonlinear_parameters = tuple(NonlinearParameter(name, "s", -REACH, REACH, nominal=0.0) for name in ("delay", "lag"))
+
+    @property
+    def fixed(self) -> tuple[Column, ...]:
+        """Return the column of the logged minus the acting torque."""
+        return (Column(self.id, "1", force=lambda x: x.torque - x.memory[self.id][0]),)
+
     @property
     def is_late(self) -> bool:
         """Return whether torque is logged late or filtered, which no physical effect imitates."""
@@ -43,7 +54,7 @@ class Channel:
         """
         if self.lag <= 0:
             return torque
-        return torque + np.diff(torque, prepend=torque[0]) / np.expm1(period / self.lag)
+        return torque + np.diff(torque, prepend=torque[0]) / np.expm1(min(period / self.lag, 700.0))
 
     def hold_torque(self, torque: Array, period: float) -> Array:
         """Return the torque (N,) held from each sample to the next, before delay and filter of the log.
@@ -63,17 +74,17 @@ class Channel:
             whole_samples, acting = whole_samples + 1, _unmix_series(torque[::-1], 1 - share)[::-1]
         return acting[np.clip(np.arange(len(torque)) + int(whole_samples), 0, len(torque) - 1)]
 
-    def average_torque(self, x: Samples, torque: Array, period: float) -> Array:
+    def trace(self, x: Samples, command: Array, period: float) -> Memory:
         """Average the acting torque under a triangle from one sample before to one after each sample (N,) [N m].
 
         A negative lag is applied without the delay. `x` are the samples of the recording (N,).
         """
         if self.lag < 0:
-            return ActuatorLag(-self.lag).trace(x, torque, period)[0]
-        torque, delay = self.remove_filter(torque, period), self.delay
+            return ActuatorLag(-self.lag).trace(x, command, period)
+        torque, delay = self.remove_filter(command, period), self.delay
         if self.is_sampled:
             torque, delay = _hold_sampled_torque(torque, delay / period), 0.0
-        return DeadTime(-delay).trace(x, torque, period)[0]
+        return DeadTime(-delay).trace(x, torque, period)
 
 
 def _hold_sampled_torque(torque: Array, late: float) -> Array:

@@ -34,8 +34,10 @@ MIN_WINDOWS = 20  # least number of windows of each joint
 N_POSITIONS = 50  # approximate number of samples of each recording over which a joint's inertia is averaged
 
 
-def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> TorqueWindows:
-    """Cut recordings of an arm into windows, with the columns of its links and couplings.
+def prepare_arm(
+    recordings: Sequence[Recording], terms: Sequence[type[Term] | Term], margin: float = 0.0
+) -> TorqueWindows:
+    """Cut recordings of an arm into windows, with the columns of its links and couplings; `margin` is that of `cut`.
 
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
@@ -43,7 +45,7 @@ def prepare_arm(recordings: Sequence[Recording], terms: Sequence[type[Term] | Te
     body = find_links(terms)
     entries = [
         [
-            replace(cut(joint, width), at=name, run=run, payload=get_payload(recording))
+            replace(cut(joint, width, margin=margin), at=name, run=run, payload=get_payload(recording))
             for name, joint in zip(body.joints, recording.joints, strict=True)
         ]
         for run, recording in enumerate(recordings)

@@ -549,22 +549,28 @@ def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermCo
 
 
 def cut_all(
-    recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
+    recordings: Sequence[Recording],
+    half_widths: Sequence[float] | None = None,
+    part: Part = WHOLE,
+    margin: float = 0.0,
 ) -> TorqueWindows:
-    """Cut recordings, or a part of each, into windows, with half widths [s] chosen by their noise unless given."""
-    widths = half_widths or [choose_half_width(recording) for recording in recordings]
-    return join_windows([calibrate_noise(cut(own, width, part)) for own, width in zip(recordings, widths, strict=True)])
+    """Cut recordings into windows, with half widths [s] chosen by their noise unless given; see `cut`."""
+    pairs = zip(recordings, half_widths or map(choose_half_width, recordings), strict=True)
+    return join_windows([calibrate_noise(cut(recording, width, part, margin)) for recording, width in pairs])
 
 
 def prepare_windows(
-    recordings: Sequence[Recording], half_widths: Sequence[float] | None = None, part: Part = WHOLE
+    recordings: Sequence[Recording],
+    half_widths: Sequence[float] | None = None,
+    part: Part = WHOLE,
+    margin: float = 0.0,
 ) -> TorqueWindows:
-    """Cut recordings, or a part of each, into windows: see `cut_all`.
+    """Cut recordings into windows: see `cut_all`.
 
     Raises:
         IdentificationError: if too few windows are clear of stick.
     """
-    data = cut_all(recordings, half_widths, part)
+    data = cut_all(recordings, half_widths, part, margin)
     if (usable := len(data.weights)) < WEAK_FORM.fewest:
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(

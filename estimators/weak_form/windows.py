@@ -403,7 +403,7 @@ Part = tuple[float, float]  # begin and end of a part, as shares of a recording
 WHOLE: Part = (0.0, 1.0)
 
 
-def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
+def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: float = 0.0) -> Windows:
     """Cut a recording into windows: clear of stick, turning and resting.
 
     Windows never overlap gaps, the lead-in of a segment, or instants with an open motor. Position and velocity are
@@ -413,6 +413,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
         recording: recording, at least 0.1 s longer than a window.
         half_width: half width of a window [s], at least two samples.
         part: begin and end of the range with windows, as shares of the recording.
+        margin: least time between a window and the ends of its segment [s].
     """
     m = max(2, round(half_width * recording.rate))
     smoothing = max(2, round(0.75 * m))
@@ -422,9 +423,11 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE) -> Windows:
     moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
     guard = m + 1 + smoothing // 3  # smoothing may shift a zero of the velocity
     near_stick, is_excluded = find_near_reversals(v, moving, guard), np.zeros(len(v), dtype=bool)
+    distance = math.ceil(margin * recording.rate)
     for begin, end in pairwise((*recording.starts, len(recording))):
-        lead_in = round(min(LEAD_IN * recording.rate, 0.1 * (end - begin)))
-        is_excluded[begin : begin + guard + 1 + lead_in] = is_excluded[end - guard - 1 : end] = True
+        lead_in = max(distance, round(min(LEAD_IN * recording.rate, 0.1 * (end - begin))))
+        is_excluded[begin : begin + guard + 1 + lead_in] = True
+        is_excluded[max(begin, end - guard - 1 - distance) : end] = True
     if not recording.powered.all():
         is_excluded |= np.convolve(recording.powered == 0.0, np.ones(2 * guard + 1))[guard : guard + len(v)] > 0
     first, stop = (round(share * len(v)) for share in part)

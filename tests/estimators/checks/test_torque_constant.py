@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.checks.channel import align
 from estimators.checks.torque_constant import estimate_torque_constant, find_gain_doubts, widen_by_constant
 from estimators.comparison import compare
 from estimators.data.fit_data import FitData
@@ -88,6 +89,11 @@ def test_the_torque_constant_is_right_whatever_friction_does_under_load(law):
         assert found.value == pytest.approx(K, rel=0.005)
         assert found.std < 0.005 * K
     assert found.loads == len(LOADS)
+
+
+def test_friction_under_known_loads_is_told_from_a_delay():
+    found = align(in_newton_metres(bench("output", THREE, seed=4)))
+    assert not found.is_found and found.delay_std < 1e-4
 
 
 def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():

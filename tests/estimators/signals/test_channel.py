@@ -39,7 +39,7 @@ def test_a_log_that_is_late_by_a_share_of_a_sample_is_undone(whole, share):
 def test_windows_see_slow_torque_at_the_same_time(channel):
     """Of a ramp, the average over both sides of a sample is that of the two periods beside it, moved alike."""
     ramp = np.arange(400.0)
-    seen = channel.average_torque(Samples(ramp, ramp, ramp, ramp), ramp, PERIOD)[100:300]
+    seen = channel.trace(Samples(ramp, ramp, ramp, ramp), ramp, PERIOD)[0][100:300]
     shift = channel.delay / PERIOD
     shift += np.sign(channel.lag) * (1 / np.expm1(PERIOD / channel.lag) if channel.lag > 0 else -channel.lag / PERIOD)
     np.testing.assert_allclose(seen, ramp[100:300] - 0.5 + shift, atol=1e-6)
