@@ -23,10 +23,11 @@ import numpy as np
 from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment, make_moved_torque
 from estimators.checks.channel_rows import ANGLE_LAWS, NONLINEAR_GAIN, LawsOfRows, make_channel_rows
 from estimators.checks.closed_loop import find_feedback, is_consistent
+from estimators.data.rows import BLOCK
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.least_squares import IdentificationError, project_out, solve_least_squares
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import cross_validate_density, make_blocks
+from estimators.selection.score import Blocks, cross_validate_density
 from estimators.signals.channel import REACH, Channel
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
 from estimators.weak_form.torque_rows import TorqueRows
@@ -169,15 +170,15 @@ class ChannelFits:
         design = np.column_stack([self.phi, *slopes.values()])
         limits = np.full(design.shape[1], np.inf)
         balance = Balance(design, self.torque(law), 0.0 * design, -limits, limits, np.ones(len(design)))
-        blocks = make_blocks(self.rows.layout)
-        moved, recording = np.unique(blocks.of_block[blocks.block], return_inverse=True)
+        block, _, of_block = self.rows.data.blocks(BLOCK)
+        moved, recording = np.unique(of_block[block], return_inverse=True)
         clusters = [self.rows.data.clusters] + [recording] * (len(moved) >= CHANNEL.min_recordings)
         fits = [balance.fit(labels) for labels in clusters]
         errors = np.max([fit.std for fit in fits], axis=0).tolist()
         stds = dict(zip(slopes, errors[self.phi.shape[1] :], strict=True))
         delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
-        density = cross_validate_density(balance, blocks)
-        of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(blocks.block)
+        density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
+        of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(block)
         gain = float(fits[0].theta[0]), errors[0]
         return Alignment(law, delay_std, lag_std, gain=gain, density=np.stack([density, of_log]))
 
