@@ -51,7 +51,7 @@ class ChannelFits:
     rows: TorqueRows
     phi: Array
     is_sampled: bool = False
-    torques: dict[Channel, Array] = field(default_factory=dict)
+    torques: dict[Term, Array] = field(default_factory=dict)
 
     @classmethod
     def from_recordings(cls, recordings: Sequence[Recording], terms: Sequence[Term] = ()) -> ChannelFits | None:
@@ -75,7 +75,8 @@ class ChannelFits:
         for _ in range(CHANNEL.torque_iterations if laws else 0):
             fitted = (torque - fits.residual(torque)) / data.weights + data.torque() - data.net_torque()
             x = replace(data.samples, torque=fitted)
-            columns = [(rows, (law.force(x) + law.dry(x) * np.sign(x.velocity))[rows, None]) for rows, law in laws]
+            series = ((rows, np.asarray(law.force(x) + law.dry(x) * np.sign(x.velocity))) for rows, law in laws)
+            columns = [(rows, column[rows, None]) for rows, column in series]
             fits = self.with_columns(place_columns(len(fitted), columns))
         return fits
 
@@ -144,7 +145,7 @@ class ChannelFits:
         """Return the law of held or of sampled torque with a delay and a lag [s]; zero is not fitted."""
         return Channel(float(delay), float(lag), self.is_sampled)
 
-    def torque(self, law: Channel) -> Array:
+    def torque(self, law: Term) -> Array:
         """Return the weighted acting torque (R,) of the windows without that of known loads, cached in `torques`."""
         if law not in self.torques:
             self.torques[law] = self.rows.data.equations([law]).y * self.rows.data.weights

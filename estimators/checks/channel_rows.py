@@ -57,7 +57,7 @@ def make_channel_rows(recordings: Sequence[Recording], terms: Sequence[Term]) ->
         data = replace(data, weights=TorqueRows(data).weights(arm_base(body)))
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
     parts = [(rows, part.columns([law])[0][0]) for rows, part in joints for law in _make_smooth_laws(part)]
-    of_torque = []
+    of_torque = list[tuple[slice, Column]]()
     for term in (term for term in terms if not term.fixed):
         rows = data.locate_rows(term.at)
         if is_torque_dependent(term):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from estimators.search_hints import find_hints
 from pendulum_env._typing import Array
 from pendulum_env.physics import NonlinearParameter, Samples, Term
 
+T = TypeVar("T", bound=Term)
 ResidualFunction = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
 
 
@@ -39,7 +41,7 @@ class NonlinearSettings:
 NONLINEAR = NonlinearSettings()
 
 
-def set_values(term: Term, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> Term:
+def set_values(term: T, sought: Sequence[NonlinearParameter], values: Sequence[float] | Array) -> T:
     """Return the term with new values of some nonlinear parameters, clipped to their limits."""
     return replace(term, **{s.name: float(np.clip(v, s.low, s.high)) for s, v in zip(sought, values, strict=True)})
 
@@ -97,12 +99,12 @@ def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Seq
 
 
 def refine_nonlinear(
-    term: Term,
+    term: T,
     residuals: ResidualFunction,
     edges: Sequence[NonlinearParameter] = (),
     gain: float = 0.0,
     longest: float = np.inf,
-) -> Term:
+) -> T:
     """Find the variant of a term with locally least squared residual; parameters in `edges` stay.
 
     Gauss-Newton with derivatives by differences evaluates all variants of an iteration in one batch. Parameters with a
@@ -128,7 +130,7 @@ def refine_nonlinear(
             [get_step_unit(parameter, value) for parameter, value in zip(sought, values, strict=True)]
         )
 
-    def linearise(term: Term) -> LocalErrors[Term]:  # slopes per step unit
+    def linearise(term: T) -> LocalErrors[T]:  # slopes per step unit
         values, unit = get_values(term)
         error = known[term] if term in known else residuals([term])[0]
         steps = NONLINEAR.difference * unit * np.eye(len(sought))
@@ -136,7 +138,7 @@ def refine_nonlinear(
         slopes = (np.column_stack(residuals(nearby)) - error[:, None]) / NONLINEAR.difference  # (R, S)
         return LocalErrors(term, float(error @ error), error, slopes)
 
-    def choose_step(local: LocalErrors[Term], steps: list[Array]) -> tuple[Term, float]:
+    def choose_step(local: LocalErrors[T], steps: list[Array]) -> tuple[T, float]:
         values, unit = get_values(local.known)
         step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / NONLINEAR.leap)
         variants = [
