@@ -78,9 +78,9 @@ class EstimateParameters(MeasurementWrapper):
             ValueError: if a name is unknown or an option is out of its range; while running, if samples are off the
                 rate.
         """
-        arguments: dict[str, Any] = {"schemes": schemes, "terms": terms, "rate": rate, **options}
-        self.estimator, self._in_observation = make_estimator(env, schemes, terms, rate, options, robot), in_observation
-        super().__init__(env, self.estimator, in_observation=in_observation, robot=robot, **arguments)
+        arguments: dict[str, Any] = {"schemes": schemes, "terms": terms, "rate": rate, "robot": robot, **options}
+        self.estimator, self._in_observation = make_estimator(env, **arguments), in_observation
+        super().__init__(env, self.estimator, in_observation=in_observation, **arguments)
         if in_observation:
             self.observation_space = extend_space(env.observation_space, self.estimator)
 
@@ -122,12 +122,11 @@ class EstimateParametersVector(MeasurementVectorWrapper):
         schemes: Names = "all",
         terms: Sequence[str | Term] | None = None,
         *,
-        rate: float | None = None,
         in_observation: bool = False,
-        **options: Unpack[EstimatorOptions],
+        **options: Any,
     ) -> None:
         """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
-        self.estimator = make_estimator(env, schemes, terms, rate, options)
+        self.estimator = make_estimator(env, schemes, terms, **options)
         super().__init__(env, self.estimator)
         self._in_observation = in_observation
         if in_observation:

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 
-from pendulum_env._typing import Array, Mask
+from pendulum_env._typing import Array
 
 
 class Information:
@@ -33,28 +33,44 @@ class Information:
 
         The information of a pendulum restarts when its time restarts.
         """
-        row, time = get_regressor(info), info["time"]
+        row, time, prior = np.atleast_2d(get_regressor(info)), info["time"], np.eye(len(self._inverse[0])) / self._prior
         is_reset, self._time = np.atleast_1d(info.get("_final_info", time < self._time)), time
         if "final_info" not in info:
-            self._reset(is_reset)
-            return self._add_row(np.atleast_2d(row))
+            self._inverse[is_reset] = prior
+            return self._add_row(row)
         # include the last sample of an episode that ended within this step
         gain = self._add_row(np.where(is_reset[:, None], get_regressor(info["final_info"]), row))
-        self._reset(is_reset)
+        self._inverse[is_reset] = prior
         return gain
 
-    def _reset(self, which: Mask) -> None:
-        """Set the information of pendulums (B,) to the prior."""
-        self._inverse[which] = np.eye(self._inverse.shape[-1]) / self._prior
-
     def _add_row(self, regressor: Array) -> Array:
+        """Add a row to the information of each pendulum (B, P), and return its gain (B,) [nat]."""
         weighted = (self._inverse @ regressor[..., None])[..., 0]
         leverage = np.einsum("bi,bi->b", regressor, weighted)  # matrix determinant lemma
         self._inverse -= weighted[:, :, None] * (weighted / (1.0 + leverage)[:, None])[:, None, :]
         return np.log1p(leverage)
 
 
-class InformationReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class _InformationStep:
+    """Reset and step of the wrappers that reward information."""
+
+    env: Any
+    _information: Information
+
+    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and the information."""
+        observation, info = self.env.reset(**kwargs)
+        self._information.begin(info)
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Step the environment; the reward is the gain by the newest regressor."""
+        observation, _, terminated, truncated, info = self.env.step(action)
+        gain = self._information.compute_gain(info)
+        return observation, gain if isinstance(self, VectorEnv) else float(gain[0]), terminated, truncated, info
+
+
+class InformationReward(_InformationStep, gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Replace the reward by the gain of log det(information) [nat] (D-optimality).
 
     The information is the sum of the outer products of `info["regressor"]`, which needs an inner `EstimateParameters`.
@@ -66,36 +82,14 @@ class InformationReward(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstru
         gym.Wrapper.__init__(self, env)
         self._information = Information(prior)
 
-    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment and the information."""
-        observation, info = self.env.reset(**kwargs)
-        self._information.begin(info)
-        return observation, info
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Step the environment; the reward is the gain by the newest regressor."""
-        observation, _, terminated, truncated, info = self.env.step(action)
-        return observation, float(self._information.compute_gain(info)[0]), terminated, truncated, info
-
-
-class InformationRewardVector(VectorWrapper):
+class InformationRewardVector(_InformationStep, VectorWrapper):
     """`InformationReward` for a vector environment; a reset also resets the information of a pendulum."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], prior: float = 1e-6) -> None:
         """Wrap a vector environment with `regressor` (B, P) in `info`."""
         super().__init__(env)
         self._information = Information(prior)
-
-    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
-        """Reset the environments and the information."""
-        observation, info = self.env.reset(**kwargs)
-        self._information.begin(info)
-        return observation, info
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step the environments; the rewards are the gains by the newest regressors."""
-        observation, _, terminated, truncated, info = self.env.step(actions)
-        return observation, self._information.compute_gain(info), terminated, truncated, info
 
 
 def get_regressor(info: dict[str, Any]) -> Any:

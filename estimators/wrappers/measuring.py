@@ -30,66 +30,25 @@ def repeat_object(value: object, count: int) -> NDArray[np.object_]:
     return array
 
 
-class MeasurementWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Wrapper that passes the measurement of each reset and step to an online algorithm.
+class MeasurementPasser:
+    """Reset and step of wrappers that pass the measurements of B plants to an online algorithm.
 
-    The algorithm restarts when time restarts.
+    A plant restarts when its time restarts.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], algorithm: OnlineAlgorithm[Any], **arguments: Any) -> None:
-        """Wrap an environment; the arguments are those of the constructor, which rebuild the wrapper."""
-        gym.utils.RecordConstructorArgs.__init__(self, **arguments)
-        gym.Wrapper.__init__(self, env)
-        self._algorithm, self._clock = algorithm, Clock(algorithm.rate)
+    env: Any
+    _algorithm: OnlineAlgorithm[Any]
+    _axis: Any = ...  # index that adds the axis of the plants to a measured quantity
 
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         """Reset the environment and the algorithm."""
         observation, info = self.env.reset(**kwargs)
-        self._algorithm.reset()
-        self._clock.restart()
+        self._time = np.full(self._algorithm.batch, np.inf)  # of the last samples [s]; the next samples restart all
         return self._take(observation, info), info
 
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step the environment, and pass on its measurement."""
         observation, reward, terminated, truncated, info = self.env.step(action)
-        return self._take(observation, info), reward, terminated, truncated, info
-
-    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
-        """Pass the measurement of an info on, and write the result into the info; return the observation.
-
-        The algorithm restarts if time decreases. A fault has no measurement, and repeats the last result.
-        """
-        if "fault" not in info:
-            sample = get_measurement(info)
-            if sample[0] < self._clock.time:  # an inner wrapper, for example `Autoreset`, has reset the environment
-                self._algorithm.reset()
-                self._clock.restart()
-            self._clock.tick(sample[0])
-            self._known = self._algorithm.take(*(np.array(part, dtype=float)[None] for part in sample))
-        return self._write_info(observation, info)
-
-    @abstractmethod
-    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
-        """Write the result into an info, and return the observation."""
-
-
-class MeasurementVectorWrapper(VectorWrapper):
-    """`MeasurementWrapper` for a vector environment; a plant restarts when its time restarts."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], algorithm: OnlineAlgorithm[Any]) -> None:
-        """Wrap a vector environment."""
-        super().__init__(env)
-        self._algorithm = algorithm
-
-    def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
-        """Reset the environments and the algorithm."""
-        observation, info = self.env.reset(**kwargs)
-        self._time = np.full(self.num_envs, np.inf)  # of the last sample [s]
-        return self._take(observation, info), info
-
-    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step the environments, and pass on their measurements."""
-        observation, reward, terminated, truncated, info = self.env.step(actions)
         return self._take(observation, info), reward, terminated, truncated, info
 
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
@@ -108,10 +67,10 @@ class MeasurementVectorWrapper(VectorWrapper):
             info["final_obs"] = self._write_info(info["final_obs"], final)
             self._restart(ended, last_sample[0])
             return self._write_info(observation, info)
-        sample = [np.array(values, dtype=float) for values in get_measurement(info)]
+        sample = [np.array(values, dtype=float)[self._axis] for values in get_measurement(info)]
         for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
             values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # masked: not measured
-        self._algorithm.reset(sample[0] <= self._time)
+        self._algorithm.reset(sample[0] <= self._time)  # an inner wrapper, such as `Autoreset`, has reset a plant
         self._time = np.where(np.isfinite(sample[0]), sample[0], self._time)
         self._known = self._algorithm.take(*sample)
         return self._write_info(observation, info)
@@ -123,3 +82,33 @@ class MeasurementVectorWrapper(VectorWrapper):
     @abstractmethod
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         """Write the result into an info, and return the observation."""
+
+
+class MeasurementWrapper(MeasurementPasser, gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Wrapper that passes the measurement of each reset and step of an environment to an online algorithm."""
+
+    _axis = None
+
+    def __init__(self, env: gym.Env[Any, Any], algorithm: OnlineAlgorithm[Any], **arguments: Any) -> None:
+        """Wrap an environment; the arguments are those of the constructor, which rebuild the wrapper."""
+        gym.utils.RecordConstructorArgs.__init__(self, **arguments)
+        gym.Wrapper.__init__(self, env)
+        self._algorithm, self._clock = algorithm, Clock(algorithm.rate)
+
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Check the time of a measurement, and pass it on. A fault has no measurement, and repeats the last result."""
+        if "fault" in info:
+            return self._write_info(observation, info)
+        if (time := get_measurement(info)[0]) <= self._time[0]:
+            self._clock.restart()
+        self._clock.tick(time)
+        return super()._take(observation, info)
+
+
+class MeasurementVectorWrapper(MeasurementPasser, VectorWrapper):
+    """`MeasurementWrapper` for a vector environment."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], algorithm: OnlineAlgorithm[Any]) -> None:
+        """Wrap a vector environment."""
+        super().__init__(env)
+        self._algorithm = algorithm

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypedDict, cast
+from typing import Any, TypedDict, Unpack, cast
 
 import gymnasium as gym
 
@@ -51,32 +51,6 @@ def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
     return (*cast("tuple[Scheme, ...]", chosen), *joint)
 
 
-def find_rate(env: AnyEnv, rate: float | None) -> float:
-    """Return the sampling rate of an environment [Hz]."""
-    known = _get_attribute(env, "rate") if rate is None else rate
-    if known is None:
-        raise ValueError("the environment has no attribute rate: pass rate=... in Hz")
-    return check_rate(float(known))
-
-
-def find_smoothing(env: AnyEnv, rate: float) -> Smoothing:
-    """Choose the smoothing for the encoder or the recording of an environment; by default the paper's encoder."""
-    recording = _get_attribute(env, "recording")
-    if isinstance(recording, Recording):
-        return choose_smoothing(recording)
-    noise = find_position_noise(env)
-    return Smoothing.from_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)
-
-
-def find_position_noise(env: AnyEnv) -> float | None:
-    """Return the standard deviation of the measured position [rad]; None for an unknown encoder."""
-    recording = _get_attribute(env, "recording")
-    if isinstance(recording, Recording):
-        return estimate_encoder_noise(recording.position)
-    counts = _get_attribute(env, "counts")
-    return None if counts is None else compute_encoder_noise(counts)
-
-
 def _get_attribute(env: AnyEnv, name: str) -> Any:
     """Return an attribute of the innermost environment, or of the first one in a `SyncVectorEnv`; None if missing."""
     inner = env.unwrapped
@@ -105,13 +79,15 @@ class Plant:
 
     Attributes:
         rate: sampling rate [Hz].
-        smoothing: smoothing of the measurement.
+        position_noise: standard deviation of the measured position [rad]; None for an unknown encoder.
+        smoothing: smoothing for this noise, or for the recording that is played; by default for the paper's encoder.
         batch: number of environments.
         body: joint of a pendulum, or links of an arm.
         torque_unit: unit of the recording that the environment plays, or N m.
     """
 
     rate: float
+    position_noise: float | None
     smoothing: Smoothing
     batch: int
     body: Mechanism
@@ -124,14 +100,22 @@ class Plant:
         Raises:
             ValueError: if the rate or the links of an arm are unknown, or the environment is a vector of arms.
         """
-        rate, body = find_rate(env, rate), PENDULUM
+        known, body = _get_attribute(env, "rate") if rate is None else rate, PENDULUM
+        if known is None:
+            raise ValueError("the environment has no attribute rate: pass rate=... in Hz")
+        rate = check_rate(float(known))
         if robot is not None or _get_attribute(env, "joints") is not None:
             if not isinstance(env, gym.Env):
                 raise ValueError("a vector of arms has no online algorithm: wrap each arm environment by itself")
             body = find_body(env, robot)
-        recording = _get_attribute(env, "recording")
-        unit = recording.torque_unit if isinstance(recording, Recording) else NEWTON_METRE
-        return cls(rate, find_smoothing(env, rate), getattr(env, "num_envs", 1), body, unit)
+        recording, counts = _get_attribute(env, "recording"), _get_attribute(env, "counts")
+        batch = getattr(env, "num_envs", 1)
+        if isinstance(recording, Recording):
+            noise, smoothing = estimate_encoder_noise(recording.position), choose_smoothing(recording)
+            return cls(rate, noise, smoothing, batch, body, recording.torque_unit)
+        noise = None if counts is None else compute_encoder_noise(counts)
+        smoothing = Smoothing.from_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)
+        return cls(rate, noise, smoothing, batch, body, NEWTON_METRE)
 
     def terms(self, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
         """Return the terms of the model of a pendulum or an arm, with viscous and Coulomb friction by default.
@@ -156,11 +140,11 @@ class Plant:
 
 def make_estimator(
     env: AnyEnv,
-    schemes: Names,
-    terms: Sequence[str | Term] | None,
-    rate: float | None,
-    options: EstimatorOptions,
+    schemes: Names = "all",
+    terms: Sequence[str | Term] | None = None,
+    rate: float | None = None,
     robot: str | None = None,
+    **options: Unpack[EstimatorOptions],
 ) -> OnlineEstimator:
     """Make the estimator of an environment or a vector environment; see `OnlineEstimator` for the options.
 
@@ -172,8 +156,7 @@ def make_estimator(
         find("argument", name, dict.fromkeys(accepted))
     plant = Plant.from_env(env, rate, robot)
     arguments: dict[str, Any] = {"batch": plant.batch}
-    noise = find_position_noise(env)
-    if noise is not None and options.get("counts") is None:
-        arguments |= {"smoothing": plant.smoothing, "position_noise": noise}
+    if plant.position_noise is not None and options.get("counts") is None:
+        arguments |= {"smoothing": plant.smoothing, "position_noise": plant.position_noise}
     arguments |= {name: value for name, value in options.items() if value is not None}
     return OnlineEstimator(plant.rate, plant.terms(terms), choose_online_schemes(schemes), **arguments)
