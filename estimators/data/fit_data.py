@@ -130,11 +130,8 @@ class FitData:
         if self.whole is not None:
             return self.whole.without_timing().without_outliers(self.excluded)
         raw, corrections = self.untimed or self, self.corrections
-        earlier = tuple(
-            treatment
-            for treatment in self.treatments
-            if treatment not in corrections and treatment.kind is not Kind.TIMED_BESIDE
-        )
+        others = (treatment for treatment in self.treatments if treatment not in corrections)
+        earlier = tuple(treatment for treatment in others if treatment.kind is not Kind.TIMED_BESIDE)
         changes: dict[str, Any] = {"recordings": raw.recordings, "holdout": raw.holdout, "alignments": ()}
         return replace(self, **changes, treatments=(*earlier, Finding(Kind.TIMED_AS_LOGGED)))
 
@@ -270,10 +267,7 @@ class FitData:
     @property
     def corrections(self) -> list[Finding]:
         """Findings on torque that was logged late and is corrected."""
-        kinds = {
-            Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED,
-            Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED,
-        }
+        kinds = {Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED, Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED}
         return [replace(finding, kind=kinds[finding.kind]) for finding in self.find_timing(True)]
 
     def simulate_in_loop(self, model: Model) -> LoopMotion:

@@ -92,14 +92,9 @@ def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -
     counts = [part.data.contacts for part in with_windows]
     is_uneven = counts[0] < MOTION * sum(counts) or counts[1] == 0
     if is_uneven and sum(counts) >= repeated and data[0].recordings == data[1].recordings:
-        contacts, center_shares = (
-            np.concatenate([shares for part in parts for shares in instants(part)])
-            for parts, instants in (
-                (with_windows, lambda part: part.data.contact_instants),
-                (data, lambda part: [w.centers / len(w.recording) for w in part.data.windows]),
-            )
-        )
-        split = split_at_contacts(center_shares, contacts)
+        contacts = np.concatenate([instants for part in with_windows for instants in part.data.contact_instants])
+        motion = np.concatenate([w.centers / len(w.recording) for part in data for w in part.data.windows])
+        split = split_at_contacts(motion, contacts)
         if split is not None:
             with_windows = find_contacts(_cut_again(data[0], split[0])), find_contacts(_cut_again(data[1], split[1]))
             counts = [part.data.contacts for part in with_windows]

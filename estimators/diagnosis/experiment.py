@@ -25,7 +25,6 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import Region, makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
-from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.excitation import Excitation, draw_family
 from pendulum_env.physics import Model, Samples, simulate
 from pendulum_env.recording import NEWTON_METRE, Recording
@@ -33,25 +32,16 @@ from pendulum_env.units import JointUnits
 
 MAX_TORQUE_RATIO = 10.0  # default torque limit over the largest recorded torque, at most
 DEFAULT_TORQUE = 6.0  # [N m], default torque limit, the paper's peak torque
-
-
-@dataclass(frozen=True)
-class DesignSettings:
-    """Settings of simulated experiments, and limits of their choice."""
-
-    seconds: float = 20.0  # length of the experiment [s]
-    shown: float = 0.7  # residual of the rival model above which a question is answered [noise floors]
-    plenty: float = 20.0  # residual above which more does not count [noise floors]
-    alike: float = 0.05  # difference of worth, a sum of logarithms, up to which experiments are equal
-    fewest: int = 40  # least number of windows clear of stick
-    releases: tuple[float, ...] = (0.3, 0.6, 1.0, 1.4, 1.8, 2.2, 2.5, 2.8, 3.0)  # angles of free swings [rad]
-    shares: tuple[float, ...] = (1.0, 0.3, 0.1)  # of the torque limit, for small angles and low speeds
-    fastest: float = 30.0  # highest speed of a simulation over the highest recorded speed
-    hanging: float = 0.1  # largest distance of a recording from hanging down that counts as reaching it [rad]
-    safe: float = 0.9  # share of a limit of angle or speed that the simulated motion may use
-
-
-DESIGN = DesignSettings()
+SECONDS = 20.0  # length of the experiment [s]
+ANSWERED = 0.7  # residual of the rival model above which a question is answered [noise floors]
+MAX_RATIO = 20.0  # residual above which more does not count [noise floors]
+EQUAL_WORTH = 0.05  # difference of worth, a sum of logarithms, up to which experiments are equal
+MIN_WINDOWS = 40  # least number of windows clear of stick
+RELEASES = (0.3, 0.6, 1.0, 1.4, 1.8, 2.2, 2.5, 2.8, 3.0)  # angles of free swings [rad]
+TORQUE_SHARES = (1.0, 0.3, 0.1)  # of the torque limit, for small angles and low speeds
+MAX_SPEED_RATIO = 30.0  # highest speed of a simulation over the highest recorded speed
+HANGING_RANGE = 0.1  # largest distance of a recording from hanging down that counts as reaching it [rad]
+SAFE_SHARE = 0.9  # share of a limit of angle or speed that the simulated motion may use
 
 
 @dataclass(frozen=True)
@@ -92,7 +82,7 @@ class ExperimentLimits:
         The range includes hanging down, from which the motion begins. A joint that made whole turns may turn through
         the recorded range in either direction. A range away from hanging down is used fully.
         """
-        safe, hanging = DESIGN.safe, DESIGN.hanging
+        safe, hanging = SAFE_SHARE, HANGING_RANGE
         if self.angle is not None:
             return -safe * self.angle, safe * self.angle
         position = np.concatenate([recording.position for recording in recordings])
@@ -108,7 +98,7 @@ class ExperimentLimits:
 
     def find_largest_speed(self, recorded: Samples) -> float:
         """Return `safe` of the speed limit, or of the highest recorded speed [rad/s]."""
-        return DESIGN.safe * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
+        return SAFE_SHARE * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
 
 
 def suggest_experiment(
@@ -132,9 +122,8 @@ def suggest_experiment(
     (low, high), fastest = limits.find_angle_range(evaluator.train.recordings), limits.find_largest_speed(recorded)
     is_free = evaluator.train.recordings[0].known_inertia > 0
     if is_free:
-        runs, (low, high) = simulate_releases(evaluator, model), limits.find_release_range(evaluator.train.recordings)
-    else:
-        runs = simulate_candidates(evaluator, model, torque)
+        low, high = limits.find_release_range(evaluator.train.recordings)
+    runs = simulate_experiments(evaluator, model, None if is_free else torque)
     allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
     place = next((0.5 * (region.low + region.high) for region in regions[:1] if region.axis == "position"), None)
     if place is not None and not makes_whole_turns(recorded.position):
@@ -143,7 +132,7 @@ def suggest_experiment(
     if not unsettled:
         return suggestion, [], None
     if limits.default_torque > torque and not is_free:
-        runs = [*runs, *simulate_candidates(evaluator, model, limits.default_torque)]
+        runs = [*runs, *simulate_experiments(evaluator, model, limits.default_torque)]
     if not runs:  # the model runs away under every torque
         return None, [], None
     _, unanswerable = _choose(evaluator, runs, unsettled)
@@ -167,17 +156,17 @@ def _choose(
         return None, list(questions)
     residual_ratios = np.zeros((len(runs), len(questions)))  # [noise floors]
     for j, run in enumerate(runs):
-        if len(run.data.weights) >= DESIGN.fewest:
+        if len(run.data.weights) >= MIN_WINDOWS:
             rival_equations = {terms: run.data.equations(terms) for terms in {question.terms for question in questions}}
             residuals = [
                 question.measure_unexplained(run.data, rival_equations[question.terms]) for question in questions
             ]
             residual_ratios[j] = np.array(residuals) / evaluator.residuals.noise_floor()
-    answerable = residual_ratios.max(axis=0) > DESIGN.shown
-    worth = np.log1p(np.minimum(residual_ratios[:, answerable], DESIGN.plenty)).sum(axis=1)
-    best = min(np.flatnonzero(worth >= worth.max() - DESIGN.alike).tolist(), key=lambda j: runs[j].swing)
+    answerable = residual_ratios.max(axis=0) > ANSWERED
+    worth = np.log1p(np.minimum(residual_ratios[:, answerable], MAX_RATIO)).sum(axis=1)
+    best = min(np.flatnonzero(worth >= worth.max() - EQUAL_WORTH).tolist(), key=lambda j: runs[j].swing)
     settled = tuple(
-        question.aim for question, ratio in zip(questions, residual_ratios[best], strict=True) if ratio > DESIGN.shown
+        question.aim for question, ratio in zip(questions, residual_ratios[best], strict=True) if ratio > ANSWERED
     )
     hopeless = [question for question, hope in zip(questions, answerable, strict=True) if not hope]
     return (runs[best].make_suggestion(settled) if settled else None), hopeless
@@ -218,49 +207,32 @@ class SimulatedExperiment:
         """Return the suggestion of this experiment for some aims."""
         peak = float(np.abs(self.recording.torque).max())
         release = float(self.recording.position[0]) if self.signal is None else None
-        return Suggestion(self.signal, DESIGN.seconds, settled, peak, self.reach, self.peak_speed, release)
+        return Suggestion(self.signal, SECONDS, settled, peak, self.reach, self.peak_speed, release)
 
 
-def simulate_candidates(evaluator: ModelEvaluator, model: Model, torque: float) -> list[SimulatedExperiment]:
-    """Simulate the family of signals at each of `DESIGN.shares` of a torque [N m], from rest hanging down."""
-    seconds, shares = DESIGN.seconds, DESIGN.shares
-    signals = [signal for share in shares for signal in draw_family(np.random.default_rng(0), seconds, share * torque)]
-    time = _make_times(evaluator)
-    return _simulate_experiments(
-        evaluator, model, signals, np.column_stack([signal.signal(time) for signal in signals]), 0.0
-    )
+def simulate_experiments(evaluator: ModelEvaluator, model: Model, torque: float | None) -> list[SimulatedExperiment]:
+    """Simulate the family of signals at each of `TORQUE_SHARES` of a torque [N m], or free swings for None.
 
-
-def simulate_releases(evaluator: ModelEvaluator, model: Model) -> list[SimulatedExperiment]:
-    """Simulate free swings from each of `DESIGN.releases`."""
-    angles = np.array(DESIGN.releases)
-    zeros = np.zeros((len(_make_times(evaluator)), len(angles)))
-    return _simulate_experiments(evaluator, model, [None] * len(angles), zeros, angles)
-
-
-def _make_times(evaluator: ModelEvaluator) -> Array:
-    """Return the times of the samples of an experiment (N,) [s], at `RATE` or a lower recorded rate."""
-    rate = min(RATE, evaluator.train.data.windows[0].recording.rate)
-    return np.arange(round(DESIGN.seconds * rate)) / rate
-
-
-def _simulate_experiments(
-    evaluator: ModelEvaluator, model: Model, signals: Sequence[Excitation | None], torques: Array, position: ArrayLike
-) -> list[SimulatedExperiment]:
-    """Simulate K experiments under torques (N, K) from rest at positions (K,) [rad].
-
-    Motions above `DESIGN.fastest` times the highest recorded speed are left out. The windows are those of the first
-    recording.
+    Signals start from rest hanging down, free swings from `RELEASES`. Motions above `MAX_SPEED_RATIO` times the highest
+    recorded speed are left out. Rate and windows are those of the first recording, or `RATE` if that is lower.
     """
-    windows, time = evaluator.train.data.windows[0], _make_times(evaluator)
+    windows = evaluator.train.data.windows[0]
     recorded, half_width = windows.recording, (len(windows.kernel) // 2) / windows.recording.rate
-    fastest = DESIGN.fastest * float(np.abs(evaluator.train.samples.velocity).max())
-    path = simulate(model.terms, model.theta, 1 / min(RATE, recorded.rate), torques, position, 0.0)
+    rate, fastest = min(RATE, recorded.rate), MAX_SPEED_RATIO * float(np.abs(evaluator.train.samples.velocity).max())
+    time = np.arange(round(SECONDS * rate)) / rate
+    signals: list[Excitation | None] = [None] * len(RELEASES)
+    torques, position = np.zeros((len(time), len(RELEASES))), np.array(RELEASES)
+    if torque is not None:
+        peaks = [share * torque for share in TORQUE_SHARES]
+        drawn = [signal for peak in peaks for signal in draw_family(np.random.default_rng(0), SECONDS, peak)]
+        torques, position = np.column_stack([signal.signal(time) for signal in drawn]), np.zeros(len(drawn))
+        signals = [*drawn]
+    path = simulate(model.terms, model.theta, 1 / rate, torques, position, 0.0)
     motions = zip(signals, torques.T, path.position[:-1].T, path.velocity.T, strict=True)
     runs = []
-    for signal, torque, angle, velocity in motions:
+    for signal, applied, angle, velocity in motions:
         if (speed := float(np.abs(velocity).max())) <= fastest:
-            run = Recording(time, angle, torque, name="experiment", is_checked=True)
+            run = Recording(time, angle, applied, name="experiment", is_checked=True)
             run = scale_swing(run, recorded.known_inertia, recorded.torque_unit) if signal is None else run
             runs.append(SimulatedExperiment(signal, run, half_width, speed))
     return runs

@@ -54,12 +54,8 @@ def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
     """
     if diagnosis.selected or diagnosis.unexplained:
         return []
-    small = [
-        (candidate, gates)
-        for candidate in diagnosis.candidates
-        for gates in [{gate.name: gate for gate in candidate.gates}]
-        if [*gates][-1:] == ["explained_share"] and "p_value" in gates
-    ]
+    pairs = [(candidate, {gate.name: gate for gate in candidate.gates}) for candidate in diagnosis.candidates]
+    small = [(c, gates) for c, gates in pairs if [*gates][-1:] == ["explained_share"] and "p_value" in gates]
     if not small:
         return []
     candidate, gates = max(small, key=lambda pair: pair[1]["gain"].value)

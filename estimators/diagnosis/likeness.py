@@ -16,21 +16,13 @@ from pendulum_env.physics.table import Table, TableCurve
 Form = Literal["wave", "line", "bump", "step", "power"]
 Formula = Callable[..., Sequence[Array]]  # of the argument (N,) and nonlinear parameters: columns (N,) or constants
 
-
-@dataclass(frozen=True)
-class LikenessSettings:
-    """Limits of the search for formulas of a table, and of their report."""
-
-    most: int = 3  # largest number of reported formulas
-    least: float = 0.5  # share of the table's variance that a reported formula explains
-    by_chance: float = Criterion.p_value  # largest probability that a random table gives the same share
-    alike: float = 1e-3  # unexplained share below which formulas count as equal
-    widths: tuple[float, float] = (0.02, 1.0)  # range of the width of bumps and steps, shares of the table's range
-    powers: tuple[float, float] = (0.1, 9.0)  # range of the power of the speed
-    orders: range = range(1, 25)  # of waves per turn
-
-
-LIKENESS = LikenessSettings()
+MAX_FORMULAS = 3  # largest number of reported formulas
+MIN_SHARE = 0.5  # share of the table's variance that a reported formula explains
+MAX_P_VALUE = Criterion.p_value  # largest probability that a random table gives the same share
+EQUAL_RESIDUAL = 1e-3  # unexplained share below which formulas count as equal
+WIDTHS = (0.02, 1.0)  # range of the width of bumps and steps, shares of the table's range
+POWERS = (0.1, 9.0)  # range of the power of the speed
+ORDERS = range(1, 25)  # of waves per turn
 
 
 class Family(NamedTuple):
@@ -69,7 +61,7 @@ class Likeness:
 
 
 def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
-    """Find at most `LIKENESS.most` formulas that resemble a table, the largest explained share first.
+    """Find at most `MAX_FORMULAS` formulas that resemble a table, the largest explained share first.
 
     They are fitted to the curve of the table, weighted by its standard errors, in addition to the base laws of its
     argument. A formula with more parameters must leave less than half of the residual of simpler ones. The share that
@@ -79,10 +71,8 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
     base = np.column_stack([np.empty((len(curve.x), 0)), *(law(curve.x) for law in type(table).laws())])
     typical_std = max(float(np.median(curve.std)), 1e-3 * float(np.ptp(curve.value)), 1e-300)
     weights = 1.0 / np.maximum(curve.std, typical_std)  # no weight is above that of the median error
-    total, constant = (
-        _compute_residual_squares(curve, base, weights),
-        [np.ones_like(curve.x)] * (table.axis == "position"),
-    )
+    total = _compute_residual_squares(curve, base, weights)
+    constant = [np.ones_like(curve.x)] * (table.axis == "position")
     fits = []
     for family in _list_families(table):
 
@@ -102,28 +92,23 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
         count = len(constant) + len(family.formula(curve.x[:1], *shape)) + len(shape)
         fits.append(Likeness(family.form, (*family.known, *shape.tolist()), 1.0 - residual_of(shape) / total, count))
     fits.sort(key=lambda likeness: -likeness.share)
-    similar = [
-        likeness
-        for likeness in fits
-        if likeness.share > LIKENESS.least and _is_significant(likeness, len(table.columns), len(fits))
-    ]
-    return [nearest for nearest in similar if not any(_is_enough(other, nearest) for other in fits)][: LIKENESS.most]
+    large = (likeness for likeness in fits if likeness.share > MIN_SHARE)
+    similar = [likeness for likeness in large if _is_significant(likeness, len(table.columns), len(fits))]
+    return [nearest for nearest in similar if not any(_is_enough(other, nearest) for other in fits)][:MAX_FORMULAS]
 
 
 def _is_significant(likeness: Likeness, freedom: int, families: int) -> bool:
     """Return whether a formula explains more of a table than the best of several families would of a random table."""
     freedom_left = freedom - likeness.parameters
-    p_value = (
-        scipy.special.betainc(0.5 * freedom_left, 0.5 * likeness.parameters, 1.0 - likeness.share)
-        if freedom_left > 0
-        else 1.0
-    )
-    return bool(families * p_value <= LIKENESS.by_chance)
+    if freedom_left <= 0:
+        return False
+    p_value = scipy.special.betainc(0.5 * freedom_left, 0.5 * likeness.parameters, 1.0 - likeness.share)
+    return bool(families * p_value <= MAX_P_VALUE)
 
 
 def _is_enough(simpler: Likeness, other: Likeness) -> bool:
     """Return whether a simpler formula leaves less than twice the residual of another."""
-    simple_residual, other_residual = (max(1.0 - likeness.share, LIKENESS.alike) for likeness in (simpler, other))
+    simple_residual, other_residual = (max(1.0 - likeness.share, EQUAL_RESIDUAL) for likeness in (simpler, other))
     return simpler.parameters < other.parameters and simple_residual < 2.0 * other_residual
 
 
@@ -137,13 +122,13 @@ def _list_families(table: Table) -> list[Family]:
     """List the families for a table: powers over speed; waves of a turning joint, lines, bumps and steps over angle."""
     low, high = table.extent.low, table.extent.high
     if table.axis == "velocity":
-        return [Family("power", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (LIKENESS.powers,))]
+        return [Family("power", lambda v, p: (v**p,), [(p,) for p in (0.2, 0.5, 1.5, 2.0, 3.0)], (POWERS,))]
     places = np.linspace(low, high, 25)[1:-1].tolist()
     starts = list(product(places, ((high - low) * np.array([0.03, 0.08, 0.2, 0.5])).tolist()))
-    places_range, widths = (low, high), ((high - low) * LIKENESS.widths[0], (high - low) * LIKENESS.widths[1])
+    places_range, widths = (low, high), ((high - low) * WIDTHS[0], (high - low) * WIDTHS[1])
     waves = [
         Family("wave", lambda q, n=n: (np.sin(n * q), np.cos(n * q)), known=(n,))
-        for n in (() if table.slides else LIKENESS.orders)
+        for n in (() if table.slides else ORDERS)
     ]
     return [
         *waves,

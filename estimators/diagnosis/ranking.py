@@ -1,6 +1,6 @@
 """Verdicts on each effect of the library, and groups of effects that the data cannot distinguish."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -22,7 +22,7 @@ from pendulum_env.physics.terms import find_untested_ends
 def rank_effects(
     result: SearchResult, final: Terms, doubts: Sequence[Finding] = (), has_contacts: bool = False
 ) -> tuple[list[Candidate], list[tuple[str, ...]]]:
-    """Return the verdict on each effect of the library, and groups of ids the data cannot distinguish.
+    """Return the verdict on each effect of the library, in the order of `Verdict`, and groups of indistinguishable ids.
 
     Selected effects are compared with the table of the search in the model, others without. The selected effect comes
     first in its group.
@@ -51,26 +51,12 @@ def rank_effects(
             reason = untested or explain_rejection(gates) or Finding(Kind.OTHERS_BETTER)
             verdict = Verdict.REJECTED if untested is None else Verdict.NOT_EXCITED
             verdicts[id] = Candidate(id, 0.0, verdict, 1.0, reason, gates=gates)
-    return mark_imitators(sort_by_verdict(verdicts.values()), doubts), groups
-
-
-def mark_imitators(candidates: Sequence[Candidate], doubts: Sequence[Finding]) -> list[Candidate]:
-    """Return candidates by verdict; rejected effects that imitate a term, by `doubts`, become not excited."""
-    rivals = dict(doubt.rivals for doubt in doubts if doubt.rivals is not None)
-    return sort_by_verdict(
-        replace(
-            candidate, verdict=Verdict.NOT_EXCITED, reason=Finding(Kind.IMITATES, effects=(rivals[candidate.effect],))
-        )
-        if candidate.verdict is Verdict.REJECTED and candidate.effect in rivals
-        else candidate
-        for candidate in candidates
-    )
-
-
-def sort_by_verdict(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Return candidates in the order of `Verdict`, then by falling score."""
+    for id, imitated in (doubt.rivals for doubt in doubts if doubt.rivals is not None):
+        if id in verdicts and verdicts[id].verdict is Verdict.REJECTED:
+            reason = Finding(Kind.IMITATES, effects=(imitated,))
+            verdicts[id] = replace(verdicts.pop(id), verdict=Verdict.NOT_EXCITED, reason=reason)
     order = list(Verdict)
-    return sorted(candidates, key=lambda candidate: (order.index(candidate.verdict), -candidate.score))
+    return sorted(verdicts.values(), key=lambda candidate: (order.index(candidate.verdict), -candidate.score)), groups
 
 
 def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step) -> list[Candidate]:

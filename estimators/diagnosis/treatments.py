@@ -16,12 +16,7 @@ from pendulum_env.physics import BASE, Term, has_stop, list_ids
 from pendulum_env.recording.channel import NEWTON_METRE
 
 GOALS = {Kind.GOALS_HELD, Kind.GOALS_RUN_ON}
-INPUTS = {
-    Kind.TIMED_BESIDE,
-    Kind.TIMED_AS_LOGGED,
-    Kind.PAYLOAD,
-    *GOALS,
-}  # treatments that change the torque or the goals
+INPUTS = {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED, Kind.PAYLOAD, *GOALS}  # treatments of the torque or the goals
 WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the windows alone
 
 

@@ -12,21 +12,14 @@ from estimators.regression.recursive import PRIOR
 from estimators.selection.score import compute_log_student
 from pendulum_env._typing import Array, Index
 
-
-@dataclass(frozen=True)
-class ChangeSettings:
-    """Numbers that decide on a change; chosen on simulated plants by `benchmarks.online_diagnosis`."""
-
-    min_evidence: float = 3.0  # nat of forgetting, above which an alarm may be a change
-    prediction_time: float = 1.0  # [s] of motion that new models predict before the comparison with former models
-    report_time: float = 2.0  # [s] of motion between a change and its report
-    comparison_time: float = 5.0  # [s] of motion before parameters are compared with given ones
-    z_score: float = 4.0  # least change in standard errors, for many blocks
-    threshold_share: float = 0.5  # share of the threshold that an effect must reach after a change
-    n_splits: int = 24  # trial times of a change
-
-
-CHANGE = ChangeSettings()
+# chosen on simulated plants by `benchmarks.online_diagnosis`
+MIN_EVIDENCE = 3.0  # nat of forgetting, above which an alarm may be a change
+PREDICTION_TIME = 1.0  # [s] of motion that new models predict before the comparison with former models
+REPORT_TIME = 2.0  # [s] of motion between a change and its report
+COMPARISON_TIME = 5.0  # [s] of motion before parameters are compared with given ones
+Z_SCORE = 4.0  # least change in standard errors, for many blocks
+THRESHOLD_SHARE = 0.5  # share of the threshold that an effect must reach after a change
+N_SPLITS = 24  # trial times of a change
 
 
 @dataclass(frozen=True)
@@ -97,7 +90,7 @@ class ParameterChange:
         std = np.sqrt(np.maximum(np.diag(self.before.covariance + after.covariance), 1e-300))
         order = np.argsort(-np.abs(delta) / std)
         # Student's t: a standard error from few blocks is inaccurate
-        limit = -stdtrit(max(1.0, min(self.before.freedom, after.freedom)), ndtr(-CHANGE.z_score))
+        limit = -stdtrit(max(1.0, min(self.before.freedom, after.freedom)), ndtr(-Z_SCORE))
         significant = [j for j in order if abs(delta[j]) > limit * std[j]]
         self.changed = {self.names[j]: (float(delta[j]), float(std[j])) for j in significant}
 
@@ -123,8 +116,8 @@ def find_change(phi: Array, y: Array, first: int, last: int) -> int:
             gains.append(before[k] + _log_densities(error, error).sum())
         return int(splits[int(np.argmax(gains))])
 
-    k = find_best(np.unique(np.linspace(first, last, CHANGE.n_splits).astype(np.intp)))
-    step = -(-(last - first) // (CHANGE.n_splits - 1))
+    k = find_best(np.unique(np.linspace(first, last, N_SPLITS).astype(np.intp)))
+    step = -(-(last - first) // (N_SPLITS - 1))
     return find_best(np.arange(max(first, k - step), min(last, k + step) + 1, dtype=np.intp))
 
 

@@ -11,7 +11,6 @@ Source: Bell and McCaffrey, Survey Methodology 28(2), 2002 (jackknife).
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,19 +19,12 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics.compiled import Machine, SymbolicStep
 from pendulum_env.physics.symbols import make_symbols
 
-
-@dataclass(frozen=True)
-class CovarianceSettings:
-    """Settings of the covariances, chosen by their coverage on simulated plants."""
-
-    cluster_time: float = 0.2  # [s], shortest duration, longer than the memory of filters
-    max_clusters: int = 64  # at this number, neighbours are merged
-    min_extra_clusters: int = 10  # clusters beyond the number of parameters that a covariance needs
-    max_memory_share: float = 0.1  # longest duration relative to the memory of forgetting
-    guess_variance: float = 60.0  # variance relative to white errors before the clusters suffice
-
-
-COVARIANCE = CovarianceSettings()
+# chosen by the coverage of intervals on simulated plants
+CLUSTER_TIME = 0.2  # [s], shortest duration, longer than the memory of filters
+MAX_CLUSTERS = 64  # at this number, neighbours are merged
+MIN_EXTRA_CLUSTERS = 10  # clusters beyond the number of parameters that a covariance needs
+MAX_MEMORY_SHARE = 0.1  # longest duration relative to the memory of forgetting
+GUESS_VARIANCE = 60.0  # variance relative to white errors before the clusters suffice
 
 
 class ClusterCovariance:
@@ -41,9 +33,9 @@ class ClusterCovariance:
     def __init__(self, batch: tuple[int, int], parameters: int, period: float, forgetting: float) -> None:
         """Create the sums for a period between equations [s] and the forgetting factor of the recursion."""
         self._forgetting = forgetting
-        self._max_length = COVARIANCE.max_memory_share / (1.0 - forgetting) if forgetting < 1 else np.inf
-        self._min_length = max(2, round(min(COVARIANCE.cluster_time / period, self._max_length)))
-        self._clusters = np.zeros((COVARIANCE.max_clusters, *batch, parameters, parameters + 1))  # A and b
+        self._max_length = MAX_MEMORY_SHARE / (1.0 - forgetting) if forgetting < 1 else np.inf
+        self._min_length = max(2, round(min(CLUSTER_TIME / period, self._max_length)))
+        self._clusters = np.zeros((MAX_CLUSTERS, *batch, parameters, parameters + 1))  # A and b
         self._machine = Machine(_add_products, (parameters + 1,), *batch[::-1])
         self._scores = np.zeros((*batch, parameters, parameters))
         self._n_clusters = np.zeros(batch, dtype=int)  # clusters with equations
@@ -88,12 +80,12 @@ class ClusterCovariance:
         self._n_closed += 1
         has_equations = n_used > 0
         self._machine.reset(np.ones(1, dtype=bool))
-        if self._n_closed == COVARIANCE.max_clusters and 2 * self._length <= self._max_length:
-            half = COVARIANCE.max_clusters // 2
+        if self._n_closed == MAX_CLUSTERS and 2 * self._length <= self._max_length:
+            half = MAX_CLUSTERS // 2
             self._clusters[:half] = self._clusters[0::2] + self._clusters[1::2]
             self._clusters[half:] = 0.0
             self._n_closed, self._length = half, 2 * self._length
-        elif self._n_closed == COVARIANCE.max_clusters:
+        elif self._n_closed == MAX_CLUSTERS:
             self._clusters[:-1, has_equations] = self._clusters[1:, has_equations]  # no forgetting at rest
             self._n_closed -= 1
         A, b = np.split(self._clusters[: self._n_closed], [-1], axis=-1)
@@ -140,10 +132,10 @@ def _compute_covariances(
     parameters = P.shape[-1]
     freedom = count - parameters
     # before the first equations, the covariance is P(0)
-    noise = np.where(freedom > 0, squares / np.maximum(freedom, 1.0), 1.0 / COVARIANCE.guess_variance)
-    guess = COVARIANCE.guess_variance * noise[..., None, None] * P
+    noise = np.where(freedom > 0, squares / np.maximum(freedom, 1.0), 1.0 / GUESS_VARIANCE)
+    guess = GUESS_VARIANCE * noise[..., None, None] * P
     correction = (n_clusters - 1) / np.maximum(n_clusters, 1)
     # the second part is the variance of theta(0)
     robust = correction[..., None, None] * (P @ scores @ P) + (noise / prior)[..., None, None] * (P @ P)
-    is_robust = n_clusters >= parameters + COVARIANCE.min_extra_clusters
+    is_robust = n_clusters >= parameters + MIN_EXTRA_CLUSTERS
     return P, np.where(is_robust[..., None, None], robust, guess)

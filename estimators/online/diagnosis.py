@@ -18,7 +18,17 @@ import numpy as np
 
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Binner, PlantBins
-from estimators.online.change import CHANGE, ParameterChange, ParameterFit, find_change, fit_rows
+from estimators.online.change import (
+    COMPARISON_TIME,
+    MIN_EVIDENCE,
+    PREDICTION_TIME,
+    REPORT_TIME,
+    THRESHOLD_SHARE,
+    ParameterChange,
+    ParameterFit,
+    find_change,
+    fit_rows,
+)
 from estimators.online.evidence import ReferenceDistribution, compute_threshold
 from estimators.online.model_comparison import ModelComparison
 from estimators.online.stream import check_rate
@@ -209,7 +219,7 @@ class EffectMonitor:
         self._begin()
         self._recent: deque[Bin] = deque(maxlen=2 * self._comparison.n_fit)
         if self._given is not None:
-            self._change = self._make_change(self._given, CHANGE.comparison_time)
+            self._change = self._make_change(self._given, COMPARISON_TIME)
 
     def _begin(self, bins: Sequence[Bin] = ()) -> None:
         """Begin a comparison of models with kept bins; the comparison with given parameters ends."""
@@ -287,12 +297,8 @@ class EffectMonitor:
         change_evidence, evidence = float(comparison.e_process.log_wealth[-1]), comparison.e_process.log_mean_wealth
         is_known = self.diagnosis.kind == "missing"
         # a missing effect always gives evidence: forgetting alone must then reach the threshold
-        is_suspect = (
-            change_evidence >= threshold + np.log(len(comparison.e_process.log_wealth))
-            if is_known
-            else change_evidence >= CHANGE.min_evidence
-        )
-        if evidence >= threshold and is_suspect:
+        least = threshold + np.log(len(comparison.e_process.log_wealth)) if is_known else MIN_EVIDENCE
+        if evidence >= threshold and change_evidence >= least:
             if (change := self._locate_change()) is None:
                 return  # too early to compare a change
             if self._accept_change(change):
@@ -310,7 +316,7 @@ class EffectMonitor:
         """
         recent, plant, n_since_rise = list(self._recent), self._plant, self._comparison.n_since_change
         n_calibration = self._comparison.n_calibration
-        needed = n_calibration + plant.count_bins(CHANGE.prediction_time)
+        needed = n_calibration + plant.count_bins(PREDICTION_TIME)
         if n_since_rise < needed:
             return None
         last = len(recent) - needed
@@ -327,13 +333,11 @@ class EffectMonitor:
         for bin_ in bins_since:
             comparison.take(bin_)
         blocks = len(comparison.blocks)
-        if (
-            comparison.compute_best_density(blocks)
-            < self._comparison.compute_best_density(blocks) + self._blank.threshold
-        ):
+        gain = comparison.compute_best_density(blocks) - self._comparison.compute_best_density(blocks)
+        if gain < self._blank.threshold:
             return False
         before = fit_rows(*self._comparison.linearise_rows(recent[:change]), self._block)
-        self._change = self._make_change(before, CHANGE.report_time, recent[change].time)
+        self._change = self._make_change(before, REPORT_TIME, recent[change].time)
         self._comparison = comparison
         self._recent = deque(bins_since, maxlen=self._recent.maxlen)
         return True
@@ -372,7 +376,7 @@ class EffectMonitor:
             numbers = probability, gain.total, gain.error, gain.p_value, log_wealth
             ranking.append(RankingEntry(term.id, *numbers, term, self._name_parameters((term,), theta)))
         ranking.sort(key=lambda entry: (-round(entry.probability, 3), -entry.gain))
-        is_changing = bool(e_process.log_wealth[-1] >= CHANGE.min_evidence)
+        is_changing = bool(e_process.log_wealth[-1] >= MIN_EVIDENCE)
         is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect(is_changing)
         group = [ranking[0].effect] if is_missing else []
         group += [entry.effect for entry in ranking if is_missing and entry.probability > Criterion.tie_probability]
@@ -400,8 +404,8 @@ class EffectMonitor:
         after_change = self._change is not None and self._change.since is not None
         after_change &= len(comparison.fit_bins) < comparison.n_fit
         n_before = comparison.n_predicted - comparison.n_since_change
-        after_change &= not (is_changing and n_before >= plant.count_bins(CHANGE.prediction_time))
-        share = CHANGE.threshold_share if after_change else 1.0
+        after_change &= not (is_changing and n_before >= plant.count_bins(PREDICTION_TIME))
+        share = THRESHOLD_SHARE if after_change else 1.0
         return comparison.effect_evidence >= share * self._blank.threshold
 
     def _name_parameters(self, added: tuple[Term, ...], theta: Array) -> dict[str, float]:

@@ -85,12 +85,9 @@ class _StepWriter:
         self.terms, self.schemes, self.guards, self.period = terms, schemes, guards, period
         self.before: dict[str, Any] = {}
         self.after: dict[str, Any] = {}
-        self.index, self.instant, self.newest = (
-            make_symbols("index"),
-            make_symbols("instant", INSTANT),
-            make_symbols("newest"),
-        )
-        self.inputs: dict[str, Any] = {"index": self.index, "instant": self.instant, "newest": self.newest}
+        self.inputs: dict[str, Any] = {}
+        self.index, self.newest = self.add_input("index"), self.add_input("newest")
+        self.instant = self.add_input("instant", INSTANT)
 
     def write(self) -> SymbolicStep:
         """Write the step."""

@@ -70,21 +70,14 @@ def stack_motion(joints: Joints) -> tuple[Array, ...]:
     return stack_series(joints, "position", "velocity", "acceleration")
 
 
-def _compute_impulse(joints: Joints, body: Body) -> Array:
-    q, v, _ = stack_motion(joints)
-    return compute_increments(body.momentum(q, v)) / joints[0].period + average_over_samples(body.exchange(q, v))
-
-
-def _compute_power(joints: Joints, body: Body) -> Array:
-    q, v, _ = stack_motion(joints)
-    return compute_increments(body.energy(q, v))[:, None] / joints[0].period
-
-
-LINK_VIEWS: dict[str, Callable[[Joints, Body], Array]] = {  # regressor of base parameters by view, (N, n or 1, P)
-    "torque": lambda joints, body: body.torque(*stack_motion(joints)),
-    "impulse": _compute_impulse,
-    "energy": _compute_power,
-}
+def _compute_link_columns(joints: Joints, body: Body, view: str) -> Array:
+    """Compute the columns of the base parameters of the links in a view (N, n or 1, P)."""
+    (q, v, a), period = stack_motion(joints), joints[0].period
+    if view == "torque":
+        return body.torque(q, v, a)
+    if view == "impulse":
+        return compute_increments(body.momentum(q, v)) / period + average_over_samples(body.exchange(q, v))
+    return compute_increments(body.energy(q, v))[:, None] / period
 
 
 def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
@@ -114,7 +107,7 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
         add_states(m, [term for term in others if term.at == name]) for name, m in zip(names, joints, strict=True)
     )
     view_column, supplied = six.VIEWS[view]
-    link_columns = LINK_VIEWS[view](joints, links.body)  # (N, n or 1, P)
+    link_columns = _compute_link_columns(joints, links.body, view)  # (N, n or 1, P)
     column_index = link_columns.shape[2]
     phi = np.zeros((*link_columns.shape[:2], column_index + sum(len(term.columns) for term in others)))
     phi[:, :, :column_index] = link_columns

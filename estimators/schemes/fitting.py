@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from estimators.checks.torque_constant import widen_by_constant
-from estimators.free_swings import remove_unit_inertia, restore_known
+from estimators.free_swings import remove_unit_inertia
 from estimators.regression.least_squares import (
     Equations,
     Fit,
@@ -90,11 +90,6 @@ class Identified(Shown):
         """Convert the estimates to another joint, or another unit of torque."""
         model, unit = remove_unit_inertia(self.model.convert_units(units)), units.unit
         return replace(self, model=model, unit=unit(self.unit), units=tuple(map(unit, self.units)))
-
-    def with_known(self, terms: Sequence[Term], recordings: Sequence[Recording]) -> Identified:
-        """Scale the results of free swings to a known parameter of the original terms, see `restore_known`."""
-        model = restore_known(self.model, terms, recordings)
-        return self if model is self.model else replace(self, model=model)
 
     def with_constant_error(self, constant: TorqueConstant, changed: Model) -> Identified:
         """Add the standard error of the torque constant to those of the parameters.

@@ -1,7 +1,7 @@
 """Findings on parameters that recordings do not determine."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -21,19 +21,11 @@ from pendulum_env.recording.columns import NONE
 from pendulum_env.settings import format_setting
 from pendulum_env.units import TURNING, JointUnits
 
-
-@dataclass(frozen=True)
-class IdentifiabilitySettings:
-    """Limits below which data do not determine a parameter."""
-
-    small_angle: float = 0.3  # [rad]; up to this angle, sin q and q differ by less than 1.5 %
-    min_length: float = 1e-4  # least length of a weighted sum of independent columns of length one
-    max_unexplained: float = 0.9  # largest unexplained share of the squared torque of motion that follows the torque
-    one_sided: float = 0.002  # largest share of motion against the main direction, as noise
-    one_size: float = 0.02  # residual of a torque that depends on the direction of motion alone, as a share of its RMS
-
-
-IDENTIFIABILITY = IdentifiabilitySettings()
+SMALL_ANGLE = 0.3  # [rad]; up to this angle, sin q and q differ by less than 1.5 %
+MIN_LENGTH = 1e-4  # least length of a weighted sum of independent columns of length one
+MAX_UNEXPLAINED = 0.9  # largest unexplained share of the squared torque of motion that follows the torque
+ONE_SIDED_SHARE = 0.002  # largest share of motion against the main direction, as noise
+ONE_SIZE_RESIDUAL = 0.02  # residual of a torque that depends on the direction of motion alone, as a share of its RMS
 CONSTANT_TORQUE = 1e-6  # largest relative change of a constant torque
 N_POSITIONS = 50  # instants at which the inertia of the joints is computed
 
@@ -65,12 +57,12 @@ def find_undetermined(
         torque = Quantity(size, unit=units.unit(NEWTON_METRE))
         doubts.append(Finding(Kind.TORQUE_FOLLOWS_DIRECTION, {"torque": torque}, tuple(names)))
     forwards = float(np.mean(velocity > 0))
-    if not IDENTIFIABILITY.one_sided < forwards < 1 - IDENTIFIABILITY.one_sided:
+    if not ONE_SIDED_SHARE < forwards < 1 - ONE_SIDED_SHARE:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
         withheld = tuple(name for name in constants if name in names)
         doubts.append(Finding(Kind.ONE_DIRECTION, parameters=withheld, effects=("torque_offset", "coulomb")))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
-    if furthest < IDENTIFIABILITY.small_angle and not units.slides:
+    if furthest < SMALL_ANGLE and not units.slides:
         alike = ("gravity", "spring.stiffness")
         withheld, angle = alike if set(alike) <= set(names) else (), Quantity(furthest, unit=units.unit("rad"))
         doubts.append(Finding(Kind.SMALL_ANGLES, {"angle": angle}, withheld, ("spring", "gravity")))
@@ -226,7 +218,7 @@ def _find_size_by_direction(torque: Array, velocity: Array) -> float | None:
     direction = np.sign(velocity)
     size = float(direction @ torque / (direction @ direction))
     residual = torque - size * direction
-    return abs(size) if residual @ residual <= IDENTIFIABILITY.one_size**2 * (torque @ torque) else None
+    return abs(size) if residual @ residual <= ONE_SIZE_RESIDUAL**2 * (torque @ torque) else None
 
 
 def has_effective_torque(m: Measurements) -> bool:
@@ -238,7 +230,7 @@ def has_effective_torque(m: Measurements) -> bool:
     if len(y) <= 10 * len(BASE):
         return False
     residual = y - phi @ np.linalg.lstsq(phi, y, rcond=None)[0]
-    return bool(y @ y > 1e-18 * len(y) and residual @ residual < IDENTIFIABILITY.max_unexplained * (y @ y))
+    return bool(y @ y > 1e-18 * len(y) and residual @ residual < MAX_UNEXPLAINED * (y @ y))
 
 
 def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list[Finding]:
@@ -255,7 +247,7 @@ def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list
     nonzero = np.flatnonzero(length)
     scaled = phi[:, nonzero] / length[nonzero]
     squares, directions = np.linalg.eigh(scaled.T @ scaled)
-    for direction in directions.T[squares < IDENTIFIABILITY.min_length**2]:
+    for direction in directions.T[squares < MIN_LENGTH**2]:
         group = tuple(names[nonzero[j]] for j in np.flatnonzero(np.abs(direction) > 0.1))
         doubts.append(Finding(Kind.INDISTINGUISHABLE, parameters=group))
     return doubts

@@ -11,7 +11,7 @@ from estimators.arguments import Recordings, Terms, apply_limits, select_recordi
 from estimators.checks.completeness import check_results
 from estimators.data.fit_data import FitData
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import make_swing_terms
+from estimators.free_swings import make_swing_terms, restore_known
 from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
 from estimators.schemes.fitting import Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
@@ -83,22 +83,16 @@ def identify(
 def limit_filters(
     schemes: Sequence[Regressor], segments: Segments
 ) -> tuple[tuple[Regressor, ...], tuple[Finding, ...]]:
-    """Limit the filters of schemes to the sampling rate; return the schemes, and a finding if a filter changed."""
-    if len(segments[0][0]) > 1:
-        schemes = adapt_to_arms(schemes)
+    """Limit filters above the Nyquist frequency to one radian per sample; return the schemes, and a finding if any."""
+    limited = list(adapt_to_arms(schemes) if len(segments[0][0]) > 1 else schemes)
     rate = min(joints[0].rate for group in segments for joints in group)
-    limited = tuple(_limit_filter(scheme, rate) for scheme in schemes)
-    if limited == tuple(schemes):
-        return limited, ()
-    return limited, (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
-
-
-def _limit_filter(scheme: Regressor, rate: float) -> Regressor:
-    """Limit the filter of a scheme to one radian per sample if it is above the Nyquist frequency."""
-    operator = scheme.operator if isinstance(scheme, Scheme) else None
-    if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
-        return replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]
-    return scheme
+    findings: tuple[Finding, ...] = ()
+    for k, scheme in enumerate(limited):
+        operator = scheme.operator if isinstance(scheme, Scheme) else None
+        if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
+            limited[k] = replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]
+            findings = (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
+    return tuple(limited), findings
 
 
 def _calibrate(
@@ -115,10 +109,8 @@ def _calibrate(
     """
     recordings, constant = data.recordings, data.constant
     if constant is None:
-        return {
-            id: result.convert_units(recordings[0].units).with_known(terms, recordings)
-            for id, result in results.items()
-        }
+        converted = {id: result.convert_units(recordings[0].units) for id, result in results.items()}
+        return {id: replace(own, model=restore_known(own.model, terms, recordings)) for id, own in converted.items()}
     factor = 1 + constant.std / constant.value
     changed_recordings = [replace(r, torque=factor * r.torque) if r.torque_constant else r for r in recordings]
     changed = fit_schemes(schemes, measure_segments(changed_recordings, swing_terms), swing_terms, changed_recordings)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy
@@ -193,20 +194,11 @@ def simulate_segments(
     )
     period = repeat_for_models([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments])
     terms, theta = _stack_models(models, sum(len(segment.first) for segment in segments))
-    return simulate(
-        terms,
-        theta,
-        period,
-        np.concatenate([segment.command(delay) for delay in delays for segment in segments], axis=1),
-        position,
-        velocity,
-        repeat_for_models([segment.windows.recording.time[segment.first] for segment in segments]),
-        memory=memory,
-        longest_step=longest_step,
-        observe=observe,
-        load=load,
-        compile=partial(segments[0].windows.programs.find, compile_step),
-    )
+    compile = partial(segments[0].windows.programs.find, compile_step)
+    known: dict[str, Any] = {"memory": memory, "load": load, "compile": compile}
+    commands = np.concatenate([segment.command(delay) for delay in delays for segment in segments], axis=1)
+    start = position, velocity, repeat_for_models([f.windows.recording.time[f.first] for f in segments])
+    return simulate(terms, theta, period, commands, *start, longest_step=longest_step, observe=observe, **known)
 
 
 def _stack_models(models: Sequence[Point], count: int) -> tuple[list[Term], Array]:

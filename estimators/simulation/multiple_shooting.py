@@ -25,7 +25,7 @@ from estimators.simulation.free_running import (
     simulate_segments,
     start_memory,
 )
-from estimators.simulation.output_error import OUTPUT_ERROR, choose_grain, make_model_with_covariance, weigh_segments
+from estimators.simulation.output_error import MIN_SIZE, choose_grain, make_model_with_covariance, weigh_segments
 from estimators.weak_form.nonlinear import set_values
 from estimators.weak_form.point import Point
 from estimators.weak_form.windows import Windows
@@ -37,35 +37,26 @@ from pendulum_env.physics.term import Memory
 PERTURBATION = np.array([3e-4, 3e-3, 1e-3, 1e-2])
 SMOOTH_FACTOR = 0.03  # factor on these steps without contacts: errors of derivatives by states bias the parameters
 DAMPING = np.array([0.01, 1.0, 100.0])  # tried factors on the damping of a segment's state
-
-
-@dataclass(frozen=True)
-class ShootingSettings:
-    """Numbers of multiple shooting."""
-
-    length: float = 0.25  # length of a segment [s]
-    coarse: float = 1e-3  # step of the integrator [s]
-    fine: float = 0.25e-3  # step of the integrator in the last fit [s]; a step h shifts a resonance w by (w h)^2 / 24
-    initial_iterations: int = 2  # iterations of each start of a segment's state
-    more_iterations: int = 4  # additional iterations of segments with large errors
-    far: float = 2.0  # least large error [median errors]
-    final_iterations: int = 6  # largest number of iterations of the best start
-    fewest: int = 2  # least number of segments per parameter
-    most: int = 120  # approximate largest number of segments in a fit of parameters
-    difference: float = 1e-2  # relative change of a parameter for derivatives
-    shares: tuple[float, ...] = (1.0, 0.4, 0.1, 0.0)  # tried shares of a step of the parameters
-    largest: float = 0.3  # largest relative change of a parameter in a step
-    damping: float = 1e-4  # damping of a step of the parameters
-    iterations: int = 25  # largest number of iterations
-    trial_iterations: int = 6  # largest number of iterations of each compared start
-    stiffer: tuple[float, ...] = (1.0, 1.8)  # factors on the contact's stiffness at the starts of a fit
-    climbs: int = 4  # largest number of trials of a stiffer and wider play
-    climb: float = 0.9  # largest ratio of errors after and before a trial
-    gain: float = 0.01  # least relative decrease of the squared error in an iteration
-    patience: int = 2  # number of iterations with a smaller decrease after which a fit ends
-
-
-SHOOTING = ShootingSettings()
+LENGTH = 0.25  # length of a segment [s]
+COARSE_STEP = 1e-3  # step of the integrator [s]
+FINE_STEP = 0.25e-3  # step of the integrator in the last fit [s]; a step h shifts a resonance w by (w h)^2 / 24
+INITIAL_ITERATIONS = 2  # iterations of each start of a segment's state
+MORE_ITERATIONS = 4  # additional iterations of segments with large errors
+LARGE_ERROR = 2.0  # least large error [median errors]
+FINAL_ITERATIONS = 6  # largest number of iterations of the best start
+MIN_SEGMENTS = 2  # least number of segments per parameter
+MAX_SEGMENTS = 120  # approximate largest number of segments in a fit of parameters
+DIFFERENCE = 1e-2  # relative change of a parameter for derivatives
+STEP_SHARES = (1.0, 0.4, 0.1, 0.0)  # tried shares of a step of the parameters
+MAX_CHANGE = 0.3  # largest relative change of a parameter in a step
+STEP_DAMPING = 1e-4  # damping of a step of the parameters
+MAX_ITERATIONS = 25  # largest number of iterations
+TRIAL_ITERATIONS = 6  # largest number of iterations of each compared start
+STIFFNESS_FACTORS = (1.0, 1.8)  # factors on the contact's stiffness at the starts of a fit
+MAX_CLIMBS = 4  # largest number of trials of a stiffer and wider play
+CLIMB_RATIO = 0.9  # largest ratio of errors after and before a trial
+MIN_GAIN = 0.01  # least relative decrease of the squared error in an iteration
+PATIENCE = 2  # number of iterations with a smaller decrease after which a fit ends
 
 
 @dataclass(frozen=True)
@@ -82,7 +73,7 @@ class Shooting:
     segments: Segments
     states: Array
     damping: Array
-    step: float = SHOOTING.coarse
+    step: float = COARSE_STEP
 
     @property
     def measured(self) -> Array:
@@ -103,20 +94,27 @@ class Shooting:
         return simulate_segments([self.segments], points, q, v, link, self.step, observe)
 
     def errors(self, points: Sequence[Point], states: Array) -> Array:
-        """Return position errors of V points from V sets of states (V, S, B), each (V, B, N) [rad]."""
-        grain = choose_grain(self.segments)
-        path = self.simulate(points, states).position[grain::grain]
-        return np.moveaxis(path.reshape(len(path), len(points), -1) - self.measured[:, None], 0, 2)
+        """Return position errors (V, F, B, N) [rad] of V points, from F sets of states each (V, F, S, B)."""
+        grain, (count, times, *shape) = choose_grain(self.segments), states.shape
+        repeated = [point for point in points for _ in range(times)]
+        path = self.simulate(repeated, states.reshape(-1, *shape)).position[grain::grain]
+        return np.moveaxis(path.reshape(len(path), count, times, -1) - self.measured[:, None, None], 0, 3)
 
+    def choose_states(self, points: Sequence[Point], states: Array) -> tuple[Array, Array, Index]:
+        """Choose the best of F sets of states for each of V points and each segment (V, F, S, B).
 
-def repeat_points(points: Sequence[Point], times: int) -> list[Point]:
-    """Repeat every point several times."""
-    return [point for point in points for _ in range(times)]
+        Returns:
+            States (V, S, B), their squared errors (V, B), and the number of the chosen set (V, B).
+        """
+        squares = np.sum(self.errors(points, states) ** 2, axis=3)
+        best = np.argmin(squares, axis=1)[:, None]  # (V, 1, B)
+        chosen = np.take_along_axis(states, best[:, :, None], 1)[:, 0]
+        return chosen, np.take_along_axis(squares, best, 1)[:, 0], best[:, 0]
 
 
 def start_shooting(windows: Windows, point: Point, first: Index) -> Shooting:
     """Cut segments that start at given samples, with initial states from the measured motion."""
-    segments, link = cut_segments(windows, first, count_periods(windows, SHOOTING.length)), find_link(point.terms)
+    segments, link = cut_segments(windows, first, count_periods(windows, LENGTH)), find_link(point.terms)
     hidden = start_memory([segments], [link])[link.id]
     return Shooting(
         segments, np.array([segments.position[0], segments.velocity, *hidden]), np.full(len(first), DAMPING[0])
@@ -125,18 +123,16 @@ def start_shooting(windows: Windows, point: Point, first: Index) -> Shooting:
 
 def list_adjacent_segments(windows: Windows) -> Index:
     """Return the first samples of adjacent segments along a part of a recording."""
-    length = count_periods(windows, SHOOTING.length)
+    length = count_periods(windows, LENGTH)
     ends = [(begin, end - length - 1) for begin, end in list_spans(windows)]
     return np.concatenate([np.unique(np.append(np.arange(b, last, length), last)) for b, last in ends if last >= b])
 
 
 def compute_state_slopes(shooting: Shooting, points: Sequence[Point], states: Array) -> tuple[Array, Array]:
     """Return errors (V, B, N) of V points from V sets of states (V, S, B), and slopes by states (V, B, N, S)."""
-    count, size, segments = states.shape
     moves = PERTURBATION * (1.0 if find_hints(type(find_link(points[0].terms))).multimodal else SMOOTH_FACTOR)
-    perturbed = states[:, None] + np.vstack([np.zeros(size), np.diag(moves)])[None, :, :, None]
-    errors = shooting.errors(repeat_points(points, size + 1), perturbed.reshape(-1, size, segments))
-    errors = errors.reshape(count, size + 1, segments, -1)
+    perturbations = np.vstack([np.zeros(len(moves)), np.diag(moves)])[None, :, :, None]
+    errors = shooting.errors(points, states[:, None] + perturbations)
     return errors[:, 0], np.moveaxis((errors[:, 1:] - errors[:, :1]) / moves[:, None, None], 1, 3)
 
 
@@ -148,13 +144,8 @@ def compute_state_steps(error: Array, slopes: Array, damping: Array) -> Array:
     information = np.swapaxes(slopes, 1, 2) @ slopes
     diagonal = np.einsum("bss->bs", information)[:, :, None] * np.eye(slopes.shape[2])
     gradient = np.einsum("bns,bn->bs", slopes, error)[:, :, None]
-    steps = [
-        -np.linalg.solve(
-            information + (d * damping)[:, None, None] * diagonal + 1e-16 * np.eye(diagonal.shape[1]), gradient
-        )
-        for d in DAMPING
-    ]
-    return np.array([step[:, :, 0].T for step in steps])
+    damped = [information + (d * damping)[:, None, None] * diagonal + 1e-16 * np.eye(len(diagonal[0])) for d in DAMPING]
+    return np.array([-np.linalg.solve(matrix, gradient)[:, :, 0].T for matrix in damped])
 
 
 def refine_states(
@@ -167,32 +158,11 @@ def refine_states(
         candidates = np.array(
             [s + compute_state_steps(*arguments) for s, *arguments in zip(states, error, slopes, damping, strict=True)]
         )  # (V, F, S, B)
-        flat = candidates.reshape(-1, *states.shape[1:])
-        after = np.sum(shooting.errors(repeat_points(points, len(DAMPING)), flat) ** 2, axis=2)
-        states, damping, squares = _choose_best(
-            candidates, after.reshape(*candidates.shape[:2], -1), states, before, damping
-        )
+        tried, after, best = shooting.choose_states(points, candidates)
+        is_better, new_damping = after < before, np.clip(damping * DAMPING[best], 1e-6, 1e3)
+        states, squares = np.where(is_better[:, None], tried, states), np.minimum(after, before)
+        damping = np.where(is_better, new_damping, np.minimum(30 * damping, 1e3))
     return states, damping, squares
-
-
-def _choose_best(
-    candidates: Array, after: Array, states: Array, before: Array, damping: Array
-) -> tuple[Array, Array, Array]:
-    """Choose the best of F tried states of each segment (V, F, S, B), or the old states if none is better.
-
-    Returns:
-        States (V, S, B), their damping (V, B) and squared errors (V, B).
-    """
-    best = np.argmin(after, axis=1)[:, None]  # (V, 1, B)
-    squares = np.take_along_axis(after, best, 1)[:, 0]
-    is_better = squares < before
-    best_states = np.take_along_axis(candidates, best[:, :, None], 1)[:, 0]
-    new_damping = np.clip(damping * DAMPING[best[:, 0]], 1e-6, 1e3)
-    return (
-        np.where(is_better[:, None], best_states, states),
-        np.where(is_better, new_damping, np.minimum(30 * damping, 1e3)),
-        np.minimum(squares, before),
-    )
 
 
 def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array]:
@@ -206,21 +176,21 @@ def initialise_states(shooting: Shooting, point: Point) -> tuple[Shooting, Array
     for side in (-1, 0, 1) if gap else ():
         candidates.append(np.array([traced[0], traced[1], traced[0] + side * gap, traced[1]]))
     start, points = np.full((len(candidates), traced.shape[1]), DAMPING[0]), [point] * len(candidates)
-    fits = refine_states(shooting, points, np.array(candidates), start, SHOOTING.initial_iterations)
+    fits = refine_states(shooting, points, np.array(candidates), start, INITIAL_ITERATIONS)
     size = np.sqrt(fits[2].min(axis=0))
-    far_segments = np.flatnonzero(size > SHOOTING.far * np.median(size))
+    far_segments = np.flatnonzero(size > LARGE_ERROR * np.median(size))
     if len(far_segments):
-        _refine_some(shooting, points, fits, far_segments, SHOOTING.more_iterations)
+        _refine_some(shooting, points, fits, far_segments, MORE_ITERATIONS)
     best, segment = np.argmin(fits[2], axis=0), np.arange(len(size))
     fits = fits[0][best, :, segment].T[None], fits[1][None, best, segment], fits[2][None, best, segment]
     n_slow = np.zeros(len(segment), dtype=int)
-    for _ in range(SHOOTING.final_iterations):
-        active = np.flatnonzero(n_slow < SHOOTING.patience)
+    for _ in range(FINAL_ITERATIONS):
+        active = np.flatnonzero(n_slow < PATIENCE)
         if not len(active):
             break
         before = fits[2][0, active]
         _refine_some(shooting, [point], fits, active, 1)
-        n_slow[active] += fits[2][0, active] > before * (1 - SHOOTING.gain)
+        n_slow[active] += fits[2][0, active] > before * (1 - MIN_GAIN)
     return replace(shooting, states=fits[0][0], damping=start[0]), fits[2][0]
 
 
@@ -284,13 +254,13 @@ class Slopes:
 def _linearise(shootings: Sequence[Shooting], point: Point) -> Slopes:
     """Linearise the errors of all segments around a point and their present states."""
     values = point.values
-    size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
-    nearby = [point.with_values(values + SHOOTING.difference * size * direction) for direction in np.eye(len(values))]
+    size = np.maximum(np.abs(values), MIN_SIZE)
+    nearby = [point.with_values(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
     parts = []
     for shooting in shootings:
         (error,), (by_state,) = compute_state_slopes(shooting, [point], shooting.states[None])
-        nearby_errors = shooting.errors(nearby, np.repeat(shooting.states[None], len(nearby), axis=0))
-        parts.append((error, np.moveaxis((nearby_errors - error) / SHOOTING.difference, 0, 2), by_state))
+        nearby_errors = shooting.errors(nearby, np.repeat(shooting.states[None, None], len(nearby), axis=0))[:, 0]
+        parts.append((error, np.moveaxis((nearby_errors - error) / DIFFERENCE, 0, 2), by_state))
     free = [_project(*move) for move in parts]
     size = np.concatenate([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]) + 1e-12
     weights = tuple(np.split(weigh_segments(size), np.cumsum([len(error) for error, _, _ in parts])[:-1]))
@@ -322,7 +292,7 @@ class FittedShooting:
     cost: float = np.inf
 
 
-def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = SHOOTING.iterations) -> FittedShooting:
+def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = MAX_ITERATIONS) -> FittedShooting:
     """Fit parameters and states to the segments of all recordings."""
 
     def linearise(place: FittedShooting) -> LocalErrors[tuple[FittedShooting, Slopes]]:
@@ -336,9 +306,9 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
         local: LocalErrors[tuple[FittedShooting, Slopes]], steps: list[Array]
     ) -> tuple[FittedShooting, float]:
         place, slopes = local.known
-        values, step = place.point.values, np.clip(steps[0], -SHOOTING.largest, SHOOTING.largest)
-        size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
-        points = [place.point.with_values(values + share * step * size) for share in SHOOTING.shares]
+        values, step = place.point.values, np.clip(steps[0], -MAX_CHANGE, MAX_CHANGE)
+        size = np.maximum(np.abs(values), MIN_SIZE)
+        points = [place.point.with_values(values + share * step * size) for share in STEP_SHARES]
         trials = [
             _try_steps(shooting, points, step, move)
             for shooting, move in zip(place.shootings, slopes.parts, strict=True)
@@ -354,13 +324,13 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
             replace(shooting, states=states[0], damping=damped[0])
             for shooting, (states, damped, _) in zip(place.shootings, refined, strict=True)
         ]
-        if cost > local.cost * (1 - SHOOTING.gain):
+        if cost > local.cost * (1 - MIN_GAIN):
             restarted = [initialise_states(shooting, points[k]) for shooting in shootings]
             shootings = [shooting for shooting, _ in restarted]
             cost = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, restarted, strict=True))
         return FittedShooting(points[k], tuple(shootings), cost), cost
 
-    rule = StopRule(iterations, (SHOOTING.damping,), of_cost=SHOOTING.gain, patience=SHOOTING.patience)
+    rule = StopRule(iterations, (STEP_DAMPING,), of_cost=MIN_GAIN, patience=PATIENCE)
     return gauss_newton(FittedShooting(point, tuple(shootings)), linearise, choose_step, rule)
 
 
@@ -369,21 +339,14 @@ def _try_steps(
 ) -> tuple[Array, Array, Array]:
     """Return states, their damping and squared errors (V, B) after each share of a step of the parameters."""
     error, by_parameter, by_state = move
-    expected = [error + share * (by_parameter @ step) for share in SHOOTING.shares]
+    expected = [error + share * (by_parameter @ step) for share in STEP_SHARES]
     unchanged = np.repeat(shooting.states[None], len(points), axis=0)
     candidates = np.array(
         [shooting.states + compute_state_steps(errors, by_state, shooting.damping) for errors in expected]
     )
     candidates = np.concatenate([candidates, unchanged[:, None]], axis=1)
-    squares = np.sum(
-        shooting.errors(repeat_points(points, candidates.shape[1]), candidates.reshape(-1, *unchanged.shape[1:])) ** 2,
-        axis=2,
-    )
-    squares = squares.reshape(*candidates.shape[:2], -1)
-    best = np.argmin(squares, axis=1)[:, None]
-    states = np.take_along_axis(candidates, best[:, :, None], 1)[:, 0]
-    factors = np.append(DAMPING, DAMPING[-1])[best[:, 0]]
-    return states, np.clip(shooting.damping * factors, 1e-6, 1e3), np.take_along_axis(squares, best, 1)[:, 0]
+    states, squares, best = shooting.choose_states(points, candidates)
+    return states, np.clip(shooting.damping * np.append(DAMPING, DAMPING[-1])[best], 1e-6, 1e3), squares
 
 
 def estimate(windows: Sequence[Windows], model: Model) -> Model:
@@ -399,26 +362,19 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
     if multimodal:  # a loose contact has local minima at several stiffnesses; `model` may be at a soft contact
 
         def fit_best(starts: Sequence[Point]) -> FittedShooting:
-            fits = (fit_shooting(prepare_segments(windows, p, 3), p, SHOOTING.trial_iterations) for p in starts)
+            fits = (fit_shooting(prepare_segments(windows, p, 3), p, TRIAL_ITERATIONS) for p in starts)
             return min(fits, key=lambda fitted: fitted.cost)
 
-        fitted_shooting = fit_best(
-            [
-                change_point(start, {multimodal: f})
-                for start in (point, add_link_gravity(point))
-                for f in SHOOTING.stiffer
-            ]
-        )
-        for _ in range(SHOOTING.climbs):
-            candidate = fit_best(
-                [change_point(fitted_shooting.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)]
-            )
-            if candidate.cost > fitted_shooting.cost * SHOOTING.climb:
+        starts = [change_point(p, {multimodal: f}) for p in (point, add_link_gravity(point)) for f in STIFFNESS_FACTORS]
+        best = fit_best(starts)
+        for _ in range(MAX_CLIMBS):
+            stiffer = fit_best([change_point(best.point, {multimodal: 1.5, "gap": wider}) for wider in (1.0, 1.4)])
+            if stiffer.cost > best.cost * CLIMB_RATIO:
                 break
-            fitted_shooting = candidate
-        point = fitted_shooting.point
+            best = stiffer
+        point = best.point
     return _make_model(
-        fit_shooting([replace(shooting, step=SHOOTING.fine) for shooting in prepare_segments(windows, point)], point)
+        fit_shooting([replace(shooting, step=FINE_STEP) for shooting in prepare_segments(windows, point)], point)
     )
 
 
@@ -436,7 +392,7 @@ def prepare_segments(windows: Sequence[Windows], point: Point, share: int = 1) -
     A larger `share` selects one in `share` of these segments.
     """
     first = [list_adjacent_segments(w) for w in windows]
-    step = share * -(-sum(len(k) for k in first) // SHOOTING.most)
+    step = share * -(-sum(len(k) for k in first) // MAX_SEGMENTS)
     return tuple(
         initialise_states(start_shooting(w, point, k[::step]), point)[0] for w, k in zip(windows, first, strict=True)
     )
@@ -444,7 +400,7 @@ def prepare_segments(windows: Sequence[Windows], point: Point, share: int = 1) -
 
 def _lacks_segments(windows: Sequence[Windows], point: Point) -> bool:
     """Return whether the recordings have too few segments for the parameters."""
-    return sum(len(list_adjacent_segments(w)) for w in windows) < SHOOTING.fewest * len(point.values)
+    return sum(len(list_adjacent_segments(w)) for w in windows) < MIN_SEGMENTS * len(point.values)
 
 
 def _make_model(place: FittedShooting) -> Model:
@@ -459,12 +415,10 @@ def change_point(point: Point, factors: Mapping[str, float]) -> Point:
     """Return the point with nonlinear parameters of the link multiplied by factors, by name."""
 
     def change_term(term: Term) -> Term:
+        if not term.link:
+            return term
         parameters = [parameter for parameter in term.nonlinear_parameters if parameter.name in factors]
-        return (
-            set_values(term, parameters, [factors[s.name] * term.nonlinear_values[s.name] for s in parameters])
-            if term.link
-            else term
-        )
+        return set_values(term, parameters, [factors[s.name] * term.nonlinear_values[s.name] for s in parameters])
 
     return point._replace(terms=tuple(change_term(term) for term in point.terms))
 

@@ -13,7 +13,7 @@ Source: Ljung, System Identification, 2nd edition, section 10.2, with multiple s
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,23 +29,12 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 
 DRAWS = 16  # number of noise draws; ratios to a mean of fewer draws are biased
-
-
-@dataclass(frozen=True)
-class OutputErrorSettings:
-    """Numbers of the fit of simulated segments."""
-
-    shares: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
-    damping: float = 1e-6  # damping of this step
-    difference: float = 1e-3  # relative change of a parameter for derivatives
-    leap: float = 0.5  # largest step of a parameter from zero, in the unit of the parameter
-    smallest: float = 1e-3  # least size to which changes of a parameter are relative, in the unit of the parameter
-    grain: float = 0.004  # [s] between the positions that are compared
-
-
-OUTPUT_ERROR = OutputErrorSettings()
-
-
+STEP_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
+STEP_DAMPING = 1e-6  # damping of this step
+DIFFERENCE = 1e-3  # relative change of a parameter for derivatives
+MAX_STEP_FROM_ZERO = 0.5  # largest step of a parameter from zero, in the unit of the parameter
+MIN_SIZE = 1e-3  # least size to which changes of a parameter are relative, in the unit of the parameter
+GRAIN = 0.004  # [s] between the positions that are compared
 PERTURBATION = np.array([1e-4, 1e-3])  # of the initial position [rad] and velocity [rad/s], for their sensitivities
 Filters = Sequence[Innovations]  # one per recording; empty for unfiltered errors
 
@@ -85,7 +74,7 @@ def _compute_errors(segments: Segments, path: Array, filter: Innovations | None,
 
 def choose_grain(segments: Segments) -> int:
     """Return the number of samples from one compared position to the next, at least 1."""
-    return max(1, round(OUTPUT_ERROR.grain * segments.windows.recording.rate))
+    return max(1, round(GRAIN * segments.windows.recording.rate))
 
 
 def make_innovations(segments: Sequence[Segments], point: Point) -> list[Innovations]:
@@ -114,12 +103,10 @@ ErrorsOf = Callable[[Sequence[Point]], Array]  # weighted errors (M, V) of V poi
 def compute_slopes(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
     """Return errors (M,) at a point, and their slopes by relative changes of the parameters (M, P + S)."""
     values = point.values
-    size = np.maximum(np.abs(values), OUTPUT_ERROR.smallest)
-    nearby = [
-        point.with_values(values + OUTPUT_ERROR.difference * size * direction) for direction in np.eye(len(values))
-    ]
+    size = np.maximum(np.abs(values), MIN_SIZE)
+    nearby = [point.with_values(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
     error = errors_of([point, *nearby])
-    return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR.difference
+    return error[:, 0], (error[:, 1:] - error[:, :1]) / DIFFERENCE
 
 
 def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) -> ErrorsOf:
@@ -149,15 +136,15 @@ def minimise(errors_of: ErrorsOf, start: Point, iterations: int = 12) -> Point:
         return LocalErrors(point, float(error @ error), error, slopes)
 
     def choose_step(local: LocalErrors[Point], steps: list[Array]) -> tuple[Point, float]:
-        values, smallest = local.known.values, OUTPUT_ERROR.smallest
+        values, smallest = local.known.values, MIN_SIZE
         size = np.maximum(np.abs(values), smallest)
         # a parameter of zero needs an absolute step
-        longest = np.where(size > smallest, 0.5, OUTPUT_ERROR.leap / smallest)
+        longest = np.where(size > smallest, 0.5, MAX_STEP_FROM_ZERO / smallest)
         step = np.clip(steps[0], -longest, longest) * size
-        points = [local.known.with_values(values + share * step) for share in OUTPUT_ERROR.shares]
+        points = [local.known.with_values(values + share * step) for share in STEP_SHARES]
         return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
-    return gauss_newton(start, linearise, choose_step, StopRule(iterations, (OUTPUT_ERROR.damping,), by_offset=True))
+    return gauss_newton(start, linearise, choose_step, StopRule(iterations, (STEP_DAMPING,), by_offset=True))
 
 
 def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
@@ -226,7 +213,7 @@ def make_model(segments: Sequence[Segments], point: Point, filters: Filters = ()
 
 def make_model_with_covariance(point: Point, relative: Array) -> Model:
     """Make the model at a point, with the covariance (P + S, P + S) `relative` to the size of the parameters."""
-    std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), OUTPUT_ERROR.smallest)
+    std = np.sqrt(np.diag(relative)) * np.maximum(np.abs(point.values), MIN_SIZE)
     names, count = list_nonlinear_names(point.terms), len(point.theta)
     model = Model.build(*point, std[:count], **dict(zip(names, std[count:].tolist(), strict=True)))
     return mark_bounds(model).with_covariance([*(column.name for column in model.columns), *names], relative)

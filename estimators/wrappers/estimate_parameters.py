@@ -92,7 +92,7 @@ class EstimateParameters(MeasurementWrapper):
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         write_estimates(info, self._known, self.estimator, 0)
         if self.env.render_mode is not None:
-            self.env.unwrapped.overlay = functools.partial(self._format_lines, self._known)  # type: ignore[attr-defined]
+            self.env.unwrapped.overlay = functools.partial(self._format_lines, self._known)
         if not self._in_observation:
             return observation
         return np.concatenate([observation, observe_estimates(self._known)[0]], dtype=np.float32)

@@ -40,8 +40,7 @@ def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
     if names == "all":
         return SCHEMES
     names_or_schemes = [names] if isinstance(names, str) or not isinstance(names, Sequence) else names
-    by_id: dict[str, Scheme | JointState] = {entry.id: entry for entry in SCHEMES}
-    by_id[JointState.id] = JointState()
+    by_id: dict[str, Scheme | JointState] = {entry.id: entry for entry in (*SCHEMES, JointState())}
     listed = [find("scheme", entry, by_id) if isinstance(entry, str) else entry for entry in names_or_schemes]
     joint = [entry for entry in listed if isinstance(entry, JointState)]
     others = [entry for entry in listed if not isinstance(entry, JointState)]
@@ -111,8 +110,8 @@ class Plant:
         recording, counts = _get_attribute(env, "recording"), _get_attribute(env, "counts")
         batch = getattr(env, "num_envs", 1)
         if isinstance(recording, Recording):
-            noise, smoothing = estimate_encoder_noise(recording.position), choose_smoothing(recording)
-            return cls(rate, noise, smoothing, batch, body, recording.torque_unit)
+            known_noise, smoothing = estimate_encoder_noise(recording.position), choose_smoothing(recording)
+            return cls(rate, known_noise, smoothing, batch, body, recording.torque_unit)
         noise = None if counts is None else compute_encoder_noise(counts)
         smoothing = Smoothing.from_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)
         return cls(rate, noise, smoothing, batch, body, NEWTON_METRE)

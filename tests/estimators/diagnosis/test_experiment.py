@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.data.split import split_recordings
-from estimators.diagnosis.experiment import DESIGN, ExperimentLimits, suggest_experiment
+from estimators.diagnosis.experiment import SAFE_SHARE, ExperimentLimits, suggest_experiment
 from estimators.diagnosis.questions import Question, make_typical_effect
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Verdict
@@ -117,7 +117,7 @@ def test_an_experiment_goes_where_most_is_left(evaluator):
     for place in (0.6 * low, 0.6 * high):
         found, _ = tried(place)
         assert found is not None
-        assert DESIGN.safe * low <= found.reach[0] <= place <= found.reach[1] <= DESIGN.safe * high
+        assert SAFE_SHARE * low <= found.reach[0] <= place <= found.reach[1] <= SAFE_SHARE * high
         most = {"angle": 0.8 * max(map(abs, found.reach)), "speed": 0.8 * found.peak_speed}
         for name in most:  # less far or less fast, if at all
             less, _ = tried(place, **{name: most[name]})

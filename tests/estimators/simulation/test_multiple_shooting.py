@@ -129,6 +129,6 @@ def test_where_the_link_meets_no_contact_slopes_by_states_are_tangents(elastic: 
     (shooting,) = prepare_segments(elastic.evaluator.train.data.windows, point)
     _, (slopes,) = compute_state_slopes(shooting, [point], shooting.states[None])
     step = 1e-8 * np.eye(4)[:, :, None]
-    more, less = (shooting.errors([point] * 4, shooting.states + sign * step) for sign in (1, -1))
+    more, less = (shooting.errors([point], (shooting.states + sign * step)[None])[0] for sign in (1, -1))
     tangents = np.moveaxis(more - less, 0, 2) / 2e-8
     assert np.linalg.norm(slopes - tangents) < 1e-3 * np.linalg.norm(tangents)
