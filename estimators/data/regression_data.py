@@ -240,11 +240,11 @@ class RegressionData:
         shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
         if self.segments and model.has_known_inertia:
             position = compute_position_rms(self.segments, model.terms, model.theta)
-            fit = _fit(position, compute_deviation(self.segments))
-        torque_fit = _fit(torque, float(np.std(self.data.applied_torque())))
+            fit = _compute_fit_percent(position, compute_deviation(self.segments))
+        torque_fit = _compute_fit_percent(torque, float(np.std(self.data.applied_torque())))
         return Errors(torque, position, torque_fit, fit, joints, shares)
 
 
-def _fit(error: float, deviation: float) -> float:
+def _compute_fit_percent(error: float, deviation: float) -> float:
     """Return 100 (1 - error / deviation) [%]; 0 without deviation."""
     return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0

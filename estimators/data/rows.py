@@ -76,12 +76,12 @@ class FoldFits(NamedTuple):
     Attributes:
         terms: with nonlinear parameters that follow linear ones set.
         theta: linear parameters, fitted to all rows (P,).
-        without: linear parameters, fitted without each fold (FOLDS, P).
+        theta_without_fold: linear parameters, fitted without each fold (FOLDS, P).
     """
 
     terms: tuple[Term, ...]
     theta: Array
-    without: Array
+    theta_without_fold: Array
 
 
 class ScoredTerms(NamedTuple):

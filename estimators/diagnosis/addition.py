@@ -73,7 +73,7 @@ def add(
     case = choose_case(terms, (*recordings, *holdout))
     progress("reading the motion", 0.0)
     data, setting = case.prepare(recordings, holdout, setting)
-    data = case.reveal(data, tuple(setting.base), library[kind.id])
+    data = case.show_effect(data, tuple(setting.base), library[kind.id])
     evaluator = case.evaluator(data, setting)
     before, longer = fit_without_and_with(evaluator, library[kind.id])
     progress("refitting", 0.9)

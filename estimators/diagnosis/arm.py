@@ -46,7 +46,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
 
 ARM = Case(
-    takes=lambda base, recordings: not find_body(base).can_simulate,
+    accepts=lambda base, recordings: not find_body(base).can_simulate,
     prepare=prepare,
     evaluator=make_evaluator,
     search=search,
@@ -55,6 +55,6 @@ ARM = Case(
     unexplained=lambda trial: find_joint_residuals(trial.evaluator, trial.terms)[1],
     present=lambda trial, step, _: replace(step, model=widen_by_timing(step.model, trial.data, trial.evaluator.train)),
     conclude=conclude_arm,
-    reveal=lambda data, base, kind: data,
+    show_effect=lambda data, base, kind: data,
     treatments=(include_payload, align_with_effects),
 )

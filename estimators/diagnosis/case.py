@@ -31,7 +31,7 @@ class Case:
     """Functions in which diagnoses of a pendulum, an arm and servos differ.
 
     Attributes:
-        takes: returns whether a base model and recordings belong to the case.
+        accepts: returns whether a base model and recordings belong to the case.
         prepare: maps fitted and held-out recordings to calibrated data, and completes base model and library.
         evaluator: makes the evaluator of models.
         search: searches for effects.
@@ -41,13 +41,13 @@ class Case:
         unexplained: returns regions of the residual of the final model of a trial.
         present: returns a step in the units of the user; a final step includes the error of the law of the angle.
         conclude: adds findings and the next step to a diagnosis.
-        reveal: returns data that show an effect, given the base terms and the effect, for `add`.
+        show_effect: returns data that show an effect, given the base terms and the effect, for `add`.
         treatments: candidate treatments of the data, in the order of their trials.
         is_timed: whether the time between torque and motion is corrected first.
         refit_to_horizon: refits the final model to free-running motion; None if torque alone gives no motion.
     """
 
-    takes: Callable[[Sequence[Term], Sequence[Recording]], bool]
+    accepts: Callable[[Sequence[Term], Sequence[Recording]], bool]
     prepare: Callable[[Sequence[Recording], Sequence[Recording], Setting], tuple[FitData, Setting]]
     evaluator: Callable[[FitData, Setting], ModelEvaluator]
     search: Callable[[ModelEvaluator], SearchResult]
@@ -56,7 +56,7 @@ class Case:
     unexplained: Callable[[Trial], Sequence[Region]]
     present: Callable[[Trial, Step, bool], Step]
     conclude: Callable[[Trial, Diagnosis], Diagnosis]
-    reveal: Callable[[FitData, Terms, type[Term]], FitData]
+    show_effect: Callable[[FitData, Terms, type[Term]], FitData]
     treatments: tuple[Treatment, ...]
     is_timed: bool = True
     refit_to_horizon: Callable[[Trial], HorizonRefit | None] | None = None

@@ -16,4 +16,4 @@ def choose_case(base: Sequence[Term], recordings: Sequence[Recording]) -> Case:
     Raises:
         RecordingError: if some recordings have a known controller, and others do not.
     """
-    return next(case for case in (ARM, SERVO, PENDULUM) if case.takes(base, recordings))
+    return next(case for case in (ARM, SERVO, PENDULUM) if case.accepts(base, recordings))

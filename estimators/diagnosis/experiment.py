@@ -128,14 +128,14 @@ def suggest_experiment(
     place = next((0.5 * (region.low + region.high) for region in regions[:1] if region.axis == "position"), None)
     if place is not None and not makes_whole_turns(recorded.position):
         allowed = [run for run in allowed if run.reach[0] <= place <= run.reach[1]]
-    suggestion, unsettled = _choose(evaluator, allowed, questions)
+    suggestion, unsettled = _choose_experiment(evaluator, allowed, questions)
     if not unsettled:
         return suggestion, [], None
     if limits.default_torque > torque and not is_free:
         runs = [*runs, *simulate_experiments(evaluator, model, limits.default_torque)]
     if not runs:  # the model runs away under every torque
         return None, [], None
-    _, unanswerable = _choose(evaluator, runs, unsettled)
+    _, unanswerable = _choose_experiment(evaluator, runs, unsettled)
     aims = [question.aim for question in unanswerable]
     forbidden = [question.aim for question in unsettled if question.aim not in aims]
     if not forbidden:
@@ -148,7 +148,7 @@ def suggest_experiment(
     return suggestion, aims, Finding(Kind.BEYOND_LIMITS, numbers, pairs=pairs)
 
 
-def _choose(
+def _choose_experiment(
     evaluator: ModelEvaluator, runs: Sequence[SimulatedExperiment], questions: Sequence[Question]
 ) -> tuple[Suggestion | None, list[Question]]:
     """Choose the experiment that decides most questions, or None, and list questions that no run decides."""

@@ -53,7 +53,7 @@ def present(trial: Trial, step: Step, is_final: bool) -> Step:
 
 
 PENDULUM = Case(
-    takes=lambda base, recordings: True,
+    accepts=lambda base, recordings: True,
     prepare=prepare,
     evaluator=make_evaluator,
     search=search_by_torque,
@@ -62,7 +62,7 @@ PENDULUM = Case(
     unexplained=find_unexplained_regions,
     present=present,
     conclude=conclude,
-    reveal=lambda data, base, kind: data.with_contacts(base),
+    show_effect=lambda data, base, kind: data.with_contacts(base),
     treatments=(narrow_windows, include_contacts, exclude_outliers, align_with_effects, keep_logged_time),
     refit_to_horizon=refit_to_horizon,
 )

@@ -54,7 +54,7 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
 
 
 SERVO = Case(
-    takes=lambda base, recordings: are_driven(recordings),
+    accepts=lambda base, recordings: are_driven(recordings),
     prepare=prepare,
     evaluator=make_evaluator,
     search=search,
@@ -63,7 +63,7 @@ SERVO = Case(
     unexplained=find_loop_regions,
     present=lambda trial, step, _: present(trial, step),
     conclude=conclude,
-    reveal=lambda data, base, kind: include_back_emf(data, (*base, kind())) or data,
+    show_effect=lambda data, base, kind: include_back_emf(data, (*base, kind())) or data,
     treatments=(lambda trial: include_back_emf(trial.data, trial.final.terms), reread_goals),
     is_timed=False,
 )

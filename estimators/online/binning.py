@@ -97,7 +97,7 @@ class Binner:
         for sample in self._stream.take(time, position, torque):
             j, n_samples, ring = sample.joint, self._every, self._every + MARGIN
             instants, total, n_usable = self._parts[j]
-            instants[self._step[j] % ring] = sample.following[[TIME, POSITION, VELOCITY, TORQUE]]
+            instants[self._step[j] % ring] = sample.next_instant[[TIME, POSITION, VELOCITY, TORQUE]]
             total += np.where(sample.usable, sample.equations[:, 0], 0.0)
             n_usable += sample.usable[:, 0]
             self._step[j] += 1

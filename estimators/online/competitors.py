@@ -124,7 +124,7 @@ class CompetingModels:
             self._upper[models, : len(family_columns)] = [column.most for column in family_columns]
         self._forgets = np.arange(len(self._family)) >= len(self._family) - len(memories)  # models (V,)
         self._min_weight = np.where(self._family < self._n_named, ONLINE.min_weight, ONLINE.min_memory_weight)
-        self._fit(bins)
+        self._fit_models(bins)
         self.weight[self._forgets] = ONLINE.min_memory_weight
 
     def _evaluate_effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
@@ -136,7 +136,7 @@ class CompetingModels:
         y, y_slope = base.y[:, None] + rows.y - bins.y[:, None], base.y_slope[:, None] + rows.y_slope - 1.0
         return ModelRows(phi, y, slope, y_slope)
 
-    def _fit(self, bins: Bins) -> None:
+    def _fit_models(self, bins: Bins) -> None:
         """Fit all models and their error scales to bins, family by family, which limits the memory."""
         base, root, self.residual = _fit_running(bins.evaluate_running(self.terms))
         (rows, parameters), (count, width), P = base.phi.shape, self._lower.shape, root @ root.T
@@ -176,9 +176,9 @@ class CompetingModels:
 
     def compute_theta(self, models: slice = slice(None)) -> Array:
         """Compute the parameters of the running model and of the effect for some models (V, P + K)."""
-        return self._solve(models)[0]
+        return self._solve_parameters(models)[0]
 
-    def _solve(self, models: slice = slice(None)) -> tuple[Array, Array]:
+    def _solve_parameters(self, models: slice = slice(None)) -> tuple[Array, Array]:
         """Solve for parameters within their bounds (V, P + K), and the information of those within (V, K, K)."""
         bounds = self._lower[models], self._upper[models]
         delta, information = solve_each_within_bounds(self.information[models], self.moment[models], *bounds)
@@ -208,11 +208,12 @@ class CompetingModels:
         rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
         pairs = zip(zip(*base, strict=True), zip(*rows, strict=True), strict=True)
         densities, errors = zip(
-            *(self._take(ModelRows(*of_base), ModelRows(*of_effects)) for of_base, of_effects in pairs), strict=True
+            *(self._predict_bin(ModelRows(*of_base), ModelRows(*of_effects)) for of_base, of_effects in pairs),
+            strict=True,
         )
         return np.array(densities), np.array(errors) * bins.scale
 
-    def _take(self, base: ModelRows, rows: ModelRows) -> tuple[Array, float]:
+    def _predict_bin(self, base: ModelRows, rows: ModelRows) -> tuple[Array, float]:
         """Predict one bin with all models, then update them.
 
         `base` is the row of the running model (P,), `rows` those of the effects (V, K), see `_evaluate_effect_rows`.
@@ -220,7 +221,7 @@ class CompetingModels:
         Returns:
             The log density under each family (F,), and the error of the running model.
         """
-        (theta, information), parameters = self._solve(), len(base.phi)
+        (theta, information), parameters = self._solve_parameters(), len(base.phi)
         residual, error_slope = _predict(theta, base, rows)
         columns, y = rows.linearise(theta[:, parameters:], residual)
         phi, y = base._replace(y=y).linearise(theta[0, :parameters], residual[0])
@@ -239,7 +240,7 @@ class CompetingModels:
         density = compute_log_student(residual**2, self.square * variance_ratio)
         # a law that passes almost none of the torque always has small errors
         density = np.where(error_slope < LEAST_SLOPE, np.minimum(density, density[0]), density)
-        densities = self._mix(density)
+        densities = self._mix_variants(density)
         self._count += 1
         scale_memory = np.append(min(self._count, ONLINE.scale_memory), self._memories)[of_memory]
         step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
@@ -253,7 +254,7 @@ class CompetingModels:
         self.moment += weighted * error[:, None]
         return densities, float(residual[0])
 
-    def _mix(self, density: Array) -> Array:
+    def _mix_variants(self, density: Array) -> Array:
         """Compute the log density of a bin under the mixture of each family (F,) from those of its variants (V,).
 
         The log weights of the variants are updated; the best of a family has zero.

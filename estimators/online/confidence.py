@@ -63,7 +63,7 @@ class ClusterCovariance:
         self._n_rows += 1
         return self._n_rows >= self._length
 
-    def close(self, squares: Recursion) -> None:
+    def close_cluster(self, squares: Recursion) -> None:
         """Close the current cluster, and compute the scores of all clusters at the current estimates.
 
         A cluster without equations is dropped; others lower the weight of the earlier clusters by forgetting. At

@@ -216,12 +216,12 @@ class EffectMonitor:
     def reset(self) -> None:
         """Remove all data and added effects; given parameters are compared again."""
         self._past = [self._base]
-        self._begin()
+        self._begin_comparison()
         self._recent: deque[Bin] = deque(maxlen=2 * self._comparison.n_fit)
         if self._given is not None:
             self._change = self._make_change(self._given, COMPARISON_TIME)
 
-    def _begin(self, bins: Sequence[Bin] = ()) -> None:
+    def _begin_comparison(self, bins: Sequence[Bin] = ()) -> None:
         """Begin a comparison of models with kept bins; the comparison with given parameters ends."""
         self._comparison, self._change = self._make_comparison(bins), None
         self.diagnosis = replace(self._blank, terms=self.terms, added=self._added)
@@ -259,7 +259,7 @@ class EffectMonitor:
         if term is None:
             raise ValueError(f"{effect} has not been tried yet: wait until the diagnosis no longer calibrates")
         self._past.append((*self.terms, term))
-        self._begin(self._comparison.fit_bins)
+        self._begin_comparison(self._comparison.fit_bins)
         return term
 
     def undo(self) -> None:
@@ -273,7 +273,7 @@ class EffectMonitor:
         if len(self._past) == 1:
             raise ValueError("the model has no added effect: call add first")
         self._past.pop()
-        self._begin(self._comparison.fit_bins)
+        self._begin_comparison(self._comparison.fit_bins)
 
     # ---------------------------------------------------------------------------------------------------------- a bin
 
@@ -283,7 +283,7 @@ class EffectMonitor:
         has_block_ended = self._comparison.take(bin_)
         if self._comparison.has_begun_to_move(bin_.joint):
             change = self._change
-            self._begin(self._comparison.fit_bins)
+            self._begin_comparison(self._comparison.fit_bins)
             self._change = change
         elif has_block_ended:
             self._check_alarm()
@@ -357,9 +357,11 @@ class EffectMonitor:
             added=self._added,
             not_run={**self._blank.not_run, **comparison.not_run},
         )
-        self.diagnosis = verdict if len(comparison.blocks) < 2 else self._rank(verdict, leaders[1:])
+        self.diagnosis = verdict if len(comparison.blocks) < 2 else self._rank_effects(verdict, leaders[1:])
 
-    def _rank(self, verdict: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]) -> OnlineDiagnosis:
+    def _rank_effects(
+        self, verdict: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]
+    ) -> OnlineDiagnosis:
         """Return a verdict with the ranking of effects, and with changes of parameters.
 
         While an effect is missing, no changes of parameters are reported.

@@ -163,7 +163,7 @@ class OnlineEstimator:
             if self._noise_bias is not None:
                 self._noise_bias.take(sample.copies, sample.usable)
             if self._clusters.take(sample.equations, sample.usable):
-                self._clusters.close(squares)
+                self._clusters.close_cluster(squares)
         if sample is not None:
             self._estimates = self._make_estimates(sample.place, sample.time, sample.usable, sample.regressor)
             if self._joint is not None:

@@ -101,9 +101,8 @@ class ModelComparison:
         if self.is_stretch and len(self.fit_bins) == self.n_predicted + self._fitted:  # all bins are kept so far
             if round(len(self.fit_bins) * self._plant.length) in ONLINE.refinement_times:
                 bins = self.stack_bins(self.fit_bins)
-                self._models = self._models.refine(
-                    bins, dict(self._list_variants(CompetingModels(self.terms, bins), bins))
-                )
+                fresh = dict(self._list_variants(CompetingModels(self.terms, bins), bins))
+                self._models = self._models.refine(bins, fresh)
         return True
 
     @property

@@ -64,7 +64,7 @@ class NoiseBias:
     def make_correction(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], Correction]:
         """Make a function that computes the present correction at any time; `compute_P` computes the present P."""
         excess = self._machine.now["excess"].copy().T
-        return functools.partial(_correct, excess, squares.theta, compute_P, squares.squares)
+        return functools.partial(_compute_correction, excess, squares.theta, compute_P, squares.squares)
 
 
 @functools.cache
@@ -80,7 +80,7 @@ def _add_excess(size: int, forgetting: float) -> SymbolicStep:
     return SymbolicStep(inputs, {"excess": excess}, {"excess": fade * excess + added})
 
 
-def _correct(excess: Array, theta: Array, compute_P: Callable[[], Array], residual: Array) -> Correction:
+def _compute_correction(excess: Array, theta: Array, compute_P: Callable[[], Array], residual: Array) -> Correction:
     """Compute the correction from the triangle of the excess by noise (B, S, N) and the sum of squared errors (B, S).
 
     Noise is scaled down to explain at most the errors. At most `MAX_NOISE_SHARE` of the information is subtracted, and

@@ -29,7 +29,7 @@ class SquareRootLeastSquares:
         """Create the recursions of a batch (B, S), with P(0) = prior on the diagonal and the factor lambda."""
         check_ranges(prior, forgetting)
         self.prior, self.forgetting = prior, forgetting
-        self._machine = Machine(_update, (parameters, forgetting, prior), *batch[::-1])
+        self._machine = Machine(_write_update, (parameters, forgetting, prior), *batch[::-1])
         self.theta = np.zeros((*batch, parameters))
         self.root = np.sqrt(prior) * np.tile(np.eye(parameters), (*batch, 1, 1))
         self.error, self.squares, self.count, self.variance = np.zeros((4, *batch))
@@ -110,7 +110,7 @@ def check_ranges(prior: float, forgetting: float) -> None:
 
 
 @functools.cache
-def _update(size: int, forgetting: float, prior: float) -> SymbolicStep:
+def _write_update(size: int, forgetting: float, prior: float) -> SymbolicStep:
     """Build the update by one equation y = phi' theta, in symbols; an unused equation has no effect."""
     inputs = {"phi": make_symbols("phi", size), "y": make_symbols("y"), "used": make_symbols("used")}
     theta, root, sums = make_symbols("theta", size), make_symbols("root", size, size), make_symbols("sums", 4)

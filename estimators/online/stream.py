@@ -50,7 +50,7 @@ class StreamEquations(NamedTuple):
         usable: mask of the usable equations (B, S).
         regressor: phi of the torque balance at the sample, 0 in stick (B, P); None for an arm.
         restarted: mask of the plants that restarted with the newest sample (B,).
-        following: the next instant: time, position, velocity, acceleration, torque and held, as in `Measurements`
+        next_instant: time, position, velocity, acceleration, torque and held of the next instant, as in `Measurements`
             (6, B); a view of a ring buffer.
         joint: index of the joint.
     """
@@ -61,7 +61,7 @@ class StreamEquations(NamedTuple):
     usable: Mask
     regressor: Array | None
     restarted: Mask
-    following: Array
+    next_instant: Array
     joint: int = 0
 
     @property
@@ -174,14 +174,14 @@ class Stream:
         if np.count_nonzero(arrival.now["restarted"]):
             restarted = arrival.now["restarted"] > 0
             self.reset(restarted)
-        self._smooth(arrival.now["taken"])
-        return (self._advance(restarted),)
+        self._smooth_instant(arrival.now["taken"])
+        return (self._advance_recurrence(restarted),)
 
-    def _smooth(self, sample: Array) -> None:
+    def _smooth_instant(self, sample: Array) -> None:
         """Add a sample to the ring and smooth the newest instant.
 
         The sample (4, B) has time, position, increment of position, and torque. The instant (6, B) lies `reach` samples
-        earlier. `_advance` advances `_count`.
+        earlier. `_advance_recurrence` advances `_count`.
         """
         length = self._samples.shape[1]
         slot, instant = self._count % length, self._instants[self._count % len(self._instants)]
@@ -190,18 +190,20 @@ class Stream:
         np.matmul(self._weights, window, out=instant)
         self._index += 1
 
-    def _advance(self, restarted: Mask) -> StreamEquations:
+    def _advance_recurrence(self, restarted: Mask) -> StreamEquations:
         """Advance the recurrence by one instant; return the equations of the sample `behind` the newest instant."""
         given, now, count, ring = self._machine.given, self._machine.now, self._count, self._instants
         row = count - self._behind
-        following = ring[(row + 1) % len(ring)]
+        next_instant = ring[(row + 1) % len(ring)]
         given["index"][:], given["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
-        given["instant"][:] = following[:, None]
+        given["instant"][:] = next_instant[:, None]
         index = self._index - self._behind
         if self._noise is not None:
             given["instant"][POSITION:TORQUE] += COPIES * self._noise[:, None, (index + 1) % len(SIGNS)]
         if self._dead_time is not None:
-            given["supplied"][:] = self._delay_torque(row, *self._dead_time)[:, None]
+            whole, share = self._dead_time
+            later, earlier = (ring[(row - whole - k) % len(ring), TORQUE:] for k in (0, 1))
+            given["supplied"][:] = ((1 - share) * later + share * earlier)[:, None]
         for k, past in self._shorter_guards:
             given["halts"][k] = self._halts[(count - past) % len(self._halts)]
         for k, sums in self._sums:
@@ -223,18 +225,8 @@ class Stream:
             now["usable"][:, 0].T > 0,
             now["regressor"][:, 0].T.copy(),
             restarted,
-            following,
+            next_instant,
         )
-
-    def _delay_torque(self, row: int, whole: int, share: float) -> Array:
-        """Return the torque at instant `row` and over the sample before it (2, B).
-
-        The torque is delayed by `whole + share` samples.
-        """
-        ring = self._instants
-        return (1 - share) * ring[(row - whole) % len(ring), TORQUE:] + share * ring[
-            (row - whole - 1) % len(ring), TORQUE:
-        ]
 
     def _evaluate_laws(self, index: Index, instant: Array) -> None:
         """Evaluate states of terms, and laws that are no formulas; write them to the inputs of the recurrence.

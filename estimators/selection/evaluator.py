@@ -148,7 +148,7 @@ class ModelEvaluator:
         train_rows, holdout_rows = (part.equations(terms, by_noise=True) for part in self.parts)
         return np.concatenate(
             [
-                cross_validate_density(train_rows, first, absorbed[0], fits.without, removed[0]),
+                cross_validate_density(train_rows, first, absorbed[0], fits.theta_without_fold, removed[0]),
                 predict_density(fits.theta, holdout_rows, second, absorbed[1], removed[1]),
             ]
         )

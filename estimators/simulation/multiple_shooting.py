@@ -76,7 +76,7 @@ class Shooting:
     step: float = COARSE_STEP
 
     @property
-    def measured(self) -> Array:
+    def measured_position(self) -> Array:
         """Measured positions at the compared samples (N, B) [rad]."""
         grain = choose_grain(self.segments)
         return self.segments.position[grain::grain]
@@ -98,7 +98,7 @@ class Shooting:
         grain, (count, times, *shape) = choose_grain(self.segments), states.shape
         repeated = [point for point in points for _ in range(times)]
         path = self.simulate(repeated, states.reshape(-1, *shape)).position[grain::grain]
-        return np.moveaxis(path.reshape(len(path), count, times, -1) - self.measured[:, None, None], 0, 3)
+        return np.moveaxis(path.reshape(len(path), count, times, -1) - self.measured_position[:, None, None], 0, 3)
 
     def choose_states(self, points: Sequence[Point], states: Array) -> tuple[Array, Array, Index]:
         """Choose the best of F sets of states for each of V points and each segment (V, F, S, B).
@@ -261,7 +261,7 @@ def _linearise(shootings: Sequence[Shooting], point: Point) -> Slopes:
         (error,), (by_state,) = compute_state_slopes(shooting, [point], shooting.states[None])
         nearby_errors = shooting.errors(nearby, np.repeat(shooting.states[None, None], len(nearby), axis=0))[:, 0]
         parts.append((error, np.moveaxis((nearby_errors - error) / DIFFERENCE, 0, 2), by_state))
-    free = [_project(*move) for move in parts]
+    free = [_remove_states(*move) for move in parts]
     size = np.concatenate([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]) + 1e-12
     weights = tuple(np.split(weigh_segments(size), np.cumsum([len(error) for error, _, _ in parts])[:-1]))
     root = [np.sqrt(w) for w in weights]
@@ -275,7 +275,7 @@ def _linearise(shootings: Sequence[Shooting], point: Point) -> Slopes:
     )
 
 
-def _project(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array, Array]:
+def _remove_states(error: Array, by_parameter: Array, by_state: Array) -> tuple[Array, Array]:
     """Project the span of the derivatives by the states (B, N, S) out of errors (B, N) and slopes (B, N, P)."""
     frames, _ = np.linalg.qr(by_state / (np.linalg.norm(by_state, axis=1, keepdims=True) + 1e-300))
     columns = np.concatenate([error[:, :, None], by_parameter], axis=2)

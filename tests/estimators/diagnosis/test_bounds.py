@@ -170,7 +170,7 @@ def test_a_known_value_is_kept_to_the_last_digit_so_that_it_violates_no_bound():
         known = [limit_term(term, {"gravity": (value, value)}) for term in BASE]
         fits = data.maker.fit_folds((*known, GravityTilt()))
         np.testing.assert_array_equal(fits.theta[1], value)
-        np.testing.assert_array_equal(fits.without[:, 1], value)
+        np.testing.assert_array_equal(fits.theta_without_fold[:, 1], value)
 
 
 def test_known_parameters_are_released_and_bounds_stay():
