@@ -13,12 +13,7 @@ from estimators.selection.score import compute_log_student
 from pendulum_env._typing import Array, Index
 
 # chosen on simulated plants by `benchmarks.online_diagnosis`
-MIN_EVIDENCE = 3.0  # nat of forgetting, above which an alarm may be a change
-PREDICTION_TIME = 1.0  # [s] of motion that new models predict before the comparison with former models
-REPORT_TIME = 2.0  # [s] of motion between a change and its report
-COMPARISON_TIME = 5.0  # [s] of motion before parameters are compared with given ones
 Z_SCORE = 4.0  # least change in standard errors, for many blocks
-THRESHOLD_SHARE = 0.5  # share of the threshold that an effect must reach after a change
 N_SPLITS = 24  # trial times of a change
 
 
@@ -98,7 +93,7 @@ class ParameterChange:
 def find_change(phi: Array, y: Array, first: int, last: int) -> int:
     """Find the row after which another fit predicts best, between a first and a last row.
 
-    `first` rows have the former parameters. The best of `n_splits` equally spaced rows is refined to a single row.
+    `first` rows have the former parameters. The best of `N_SPLITS` equally spaced rows is refined to a single row.
 
     Args:
         phi: rows in the order of time (R, P).

@@ -27,7 +27,7 @@ Machine Learning 32, 1998 (mixtures that share); Ljung, System Identification, 2
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -40,29 +40,13 @@ from estimators.selection.score import compute_log_student, weigh_squares
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Term
 
-
-@dataclass(frozen=True)
-class OnlineDiagnosisSettings:
-    """Settings of the online diagnosis, chosen on simulated plants by `benchmarks.online_diagnosis`."""
-
-    scale_memory: int = 3000  # bins, memory of the error scale
-    min_weight: float = -12.0  # least log weight relative to the best variant
-    min_memory_weight: float = -4.0  # the same of models with forgetting
-    n_scale_iterations: int = 20  # iterations of the error scale
-    n_tangents: int = 4  # iterations of a fit with columns that depend on the torque
-    calibration_time: float = 1.0  # [s] of motion in the first fit of all models
-    refinement_times: tuple[int, ...] = (2, 4, 8, 16)  # [s] of motion before a refinement of the grids
-    fit_time: float = 16.0  # [s] of motion in the first fit of a later model
-    n_blocks: int = 60  # number of latest blocks of a second for the probabilities
-    bins_per_update: int = 5  # bins with equations evaluated together
-    error_time: float = 10.0  # [s] of motion, averaging time of the reported error
-    min_blocks: int = 5  # blocks of a second for the probabilities; blocks of 0.2 s are used before
-    min_gain: float = 0.01  # [nat] per bin, least gain that counts: errors smaller by 1 %
-    forgetting_times: tuple[float, ...] = (1.0, 4.0)  # [s] of motion, memories of the models with forgetting
-    max_variants: int = 12  # largest number of variants with continuous nonlinear parameters
-
-
-ONLINE = OnlineDiagnosisSettings()
+# chosen on simulated plants by `benchmarks.online_diagnosis`
+SCALE_MEMORY = 3000  # bins, memory of the error scale
+MIN_WEIGHT = -12.0  # least log weight relative to the best variant
+MIN_MEMORY_WEIGHT = -4.0  # the same of models with forgetting
+N_SCALE_ITERATIONS = 20  # iterations of the error scale
+N_TANGENTS = 4  # iterations of a fit with columns that depend on the torque
+MAX_VARIANTS = 12  # largest number of variants with continuous nonlinear parameters
 
 
 def _stack_variants(variants: Sequence[Term]) -> Term:
@@ -123,9 +107,9 @@ class CompetingModels:
             self._lower[models, : len(family_columns)] = [column.least for column in family_columns]
             self._upper[models, : len(family_columns)] = [column.most for column in family_columns]
         self._forgets = np.arange(len(self._family)) >= len(self._family) - len(memories)  # models (V,)
-        self._min_weight = np.where(self._family < self._n_named, ONLINE.min_weight, ONLINE.min_memory_weight)
+        self._min_weight = np.where(self._family < self._n_named, MIN_WEIGHT, MIN_MEMORY_WEIGHT)
         self._fit_models(bins)
-        self.weight[self._forgets] = ONLINE.min_memory_weight
+        self.weight[self._forgets] = MIN_MEMORY_WEIGHT
 
     def _evaluate_effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
@@ -148,7 +132,7 @@ class CompetingModels:
         for family, models in enumerate(self.models):
             family_rows = self._evaluate_effect_rows(family, bins, base)
             residual, delta = np.repeat(self.residual[:, None], family_rows.y.shape[1], axis=1), self.moment[models]
-            for _ in range(ONLINE.n_tangents if family_rows.slope.any() else 1):
+            for _ in range(N_TANGENTS if family_rows.slope.any() else 1):
                 columns, y = family_rows.linearise(delta, residual)
                 self.y_on_base[models] = y.T @ base.phi @ P
                 self.columns_on_base[models] = np.einsum("rvk,rp->vkp", columns, base.phi, optimize=True) @ P
@@ -165,7 +149,7 @@ class CompetingModels:
                 delta = theta[:, parameters:]
             squares = residual**2  # (R, V)
             square = np.maximum(squares.mean(axis=0), 1e-12)
-            for _ in range(ONLINE.n_scale_iterations):
+            for _ in range(N_SCALE_ITERATIONS):
                 square = np.maximum(weigh_squares(squares, square).mean(axis=0), 1e-12)
             self.square[models] = square * rows / max(1, rows - parameters - width)
         factors = (1.0, *(1.0 - 1.0 / max(memory, 2.0) for memory in self._memories))
@@ -242,7 +226,7 @@ class CompetingModels:
         density = np.where(error_slope < LEAST_SLOPE, np.minimum(density, density[0]), density)
         densities = self._mix_variants(density)
         self._count += 1
-        scale_memory = np.append(min(self._count, ONLINE.scale_memory), self._memories)[of_memory]
+        scale_memory = np.append(min(self._count, SCALE_MEMORY), self._memories)[of_memory]
         step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / scale_memory, 1e-12)
         for recursion in self._recursions:
@@ -348,7 +332,7 @@ def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
     """
     depends_on_torque = rows.slope.any(axis=0)
     theta, error = np.zeros(rows.phi.shape[1]), np.zeros(len(rows.y))
-    for k in range(ONLINE.n_tangents if depends_on_torque.any() else 1):
+    for k in range(N_TANGENTS if depends_on_torque.any() else 1):
         phi, y = rows.linearise(theta, error) if k else (rows.phi * ~depends_on_torque, rows.y)
         (theta,), (root,) = compute_history(Equations(phi, y), np.ones(len(y), dtype=bool), np.array([len(y) - 1]))[1:]
         error, _ = rows.predict(theta)
@@ -356,7 +340,7 @@ def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
 
 
 def thin_variants(variants: Sequence[Term]) -> list[Term]:
-    """Reduce a grid of variants to `max_variants`; grids with only integer parameters stay complete."""
-    if len(variants) <= ONLINE.max_variants or all(parameter.integer for parameter in variants[0].nonlinear_parameters):
+    """Reduce a grid of variants to `MAX_VARIANTS`; grids with only integer parameters stay complete."""
+    if len(variants) <= MAX_VARIANTS or all(parameter.integer for parameter in variants[0].nonlinear_parameters):
         return list(variants)
-    return [variants[k] for k in np.unique(np.linspace(0, len(variants) - 1, ONLINE.max_variants).round().astype(int))]
+    return [variants[k] for k in np.unique(np.linspace(0, len(variants) - 1, MAX_VARIANTS).round().astype(int))]

@@ -18,17 +18,7 @@ import numpy as np
 
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Binner, PlantBins
-from estimators.online.change import (
-    COMPARISON_TIME,
-    MIN_EVIDENCE,
-    PREDICTION_TIME,
-    REPORT_TIME,
-    THRESHOLD_SHARE,
-    ParameterChange,
-    ParameterFit,
-    find_change,
-    fit_rows,
-)
+from estimators.online.change import ParameterChange, ParameterFit, find_change, fit_rows
 from estimators.online.evidence import ReferenceDistribution, compute_threshold
 from estimators.online.model_comparison import ModelComparison
 from estimators.online.stream import check_rate
@@ -40,6 +30,13 @@ from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects, list_loads
+
+# chosen on simulated plants by `benchmarks.online_diagnosis`
+MIN_EVIDENCE = 3.0  # nat of forgetting, above which an alarm may be a change
+PREDICTION_TIME = 1.0  # [s] of motion that new models predict before the comparison with former models
+REPORT_TIME = 2.0  # [s] of motion between a change and its report
+COMPARISON_TIME = 5.0  # [s] of motion before parameters are compared with given ones
+THRESHOLD_SHARE = 0.5  # share of the threshold that an effect must reach after a change
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,22 @@ import numpy as np
 from estimators.data.rows import BLOCK as STRETCH
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Bins, PlantBins
-from estimators.online.competitors import ONLINE, CompetingModels, thin_variants
+from estimators.online.competitors import CompetingModels, thin_variants
 from estimators.online.evidence import EProcess, ReferenceDistribution
 from estimators.search_hints import is_possible, make_grid
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
+
+# chosen on simulated plants by `benchmarks.online_diagnosis`
+CALIBRATION_TIME = 1.0  # [s] of motion in the first fit of all models
+REFINEMENT_TIMES = (2, 4, 8, 16)  # [s] of motion before a refinement of the grids
+FIT_TIME = 16.0  # [s] of motion in the first fit of a later model
+N_BLOCKS = 60  # number of latest blocks of a second for the probabilities
+BINS_PER_UPDATE = 5  # bins with equations evaluated together
+ERROR_TIME = 10.0  # [s] of motion, averaging time of the reported error
+MIN_BLOCKS = 5  # blocks of a second for the probabilities; blocks of 0.2 s are used before
+MIN_GAIN = 0.01  # [nat] per bin, least gain that counts: errors smaller by 1 %
+FORGETTING_TIMES = (1.0, 4.0)  # [s] of motion, memories of the models with forgetting
 
 
 class ModelComparison:
@@ -58,13 +69,13 @@ class ModelComparison:
         self._models: CompetingModels | None = None
         self._pending: list[Bin] = []  # not yet predicted
         self._block_density: Array | float = 0.0  # log predictive densities in the block to come (F,)
-        self._errors: deque[float] = deque(maxlen=plant.count_bins(ONLINE.error_time))
+        self._errors: deque[float] = deque(maxlen=plant.count_bins(ERROR_TIME))
         self.reference = deepcopy(reference) or ReferenceDistribution()
-        self.blocks: deque[Array] = deque(maxlen=ONLINE.n_blocks * self._stretch_blocks)
+        self.blocks: deque[Array] = deque(maxlen=N_BLOCKS * self._stretch_blocks)
         self.not_run: dict[str, Obstacle] = {}
         self.n_predicted = self.n_since_change = 0
-        self.n_calibration = ceil(ONLINE.calibration_time / plant.length)
-        self.n_fit = plant.count_bins(ONLINE.fit_time)
+        self.n_calibration = ceil(CALIBRATION_TIME / plant.length)
+        self.n_fit = plant.count_bins(FIT_TIME)
         self._fit_when_possible()
 
     # ---------------------------------------------------------------------------------------------------------- a bin
@@ -72,34 +83,34 @@ class ModelComparison:
     def take(self, bin_: Bin) -> bool:
         """Add a bin of motion; return whether a block has ended with it.
 
-        Bins are only kept until all models can be fitted. Later bins are predicted `bins_per_update` at a time. The end
-        of a block updates the e-process, and at `refinement_times` the grids.
+        Bins are only kept until all models can be fitted. Later bins are predicted `BINS_PER_UPDATE` at a time. The end
+        of a block updates the e-process, and at `REFINEMENT_TIMES` the grids.
         """
         j = bin_.joint
-        if self._motion_time[j] < ONLINE.fit_time:
+        if self._motion_time[j] < FIT_TIME:
             self.fit_bins.append(bin_)
         self._motion_time[j] += self._plant.length * len(self._motion_time)
         if self._models is None:
             self._fit_when_possible()
             return False
         self._pending.append(bin_)
-        if len(self._pending) < ONLINE.bins_per_update:
+        if len(self._pending) < BINS_PER_UPDATE:
             return False
         bin_densities, errors = self._models.take(self.stack_bins(self._pending))
         self._pending = []
         self._errors.extend(errors.tolist())
         self._block_density = block = self._block_density + bin_densities.sum(axis=0)
-        self.n_predicted += ONLINE.bins_per_update
+        self.n_predicted += BINS_PER_UPDATE
         if self.n_predicted % BLOCK:
             return False
         self._block_density = 0.0
         self.blocks.append(block)
         gain = block[1:] - block[0]
         gain[-1] = self.reference.take_gain(float(gain[-1]))
-        self.e_process.take(gain - ONLINE.min_gain * BLOCK)
+        self.e_process.take(gain - MIN_GAIN * BLOCK)
         self.n_since_change = self.n_since_change + BLOCK if self.e_process.log_wealth[-1] > 0 else 0
         if self.is_stretch and len(self.fit_bins) == self.n_predicted + self._fitted:  # all bins are kept so far
-            if round(len(self.fit_bins) * self._plant.length) in ONLINE.refinement_times:
+            if round(len(self.fit_bins) * self._plant.length) in REFINEMENT_TIMES:
                 bins = self.stack_bins(self.fit_bins)
                 fresh = dict(self._list_variants(CompetingModels(self.terms, bins), bins))
                 self._models = self._models.refine(bins, fresh)
@@ -112,11 +123,7 @@ class ModelComparison:
 
     def has_begun_to_move(self, joint: int) -> bool:
         """Return whether a joint has moved long enough to be fitted, but had not when the models were fitted."""
-        return (
-            self._models is not None
-            and not self._is_tried[joint]
-            and self._motion_time[joint] >= ONLINE.calibration_time
-        )
+        return self._models is not None and not self._is_tried[joint] and self._motion_time[joint] >= CALIBRATION_TIME
 
     # ------------------------------------------------------------------------------------------------------ the models
 
@@ -148,7 +155,7 @@ class ModelComparison:
     def stretches(self) -> Array:
         """Return log predictive densities (N, F) in blocks of a second; in shorter blocks while these are few."""
         blocks = np.array(self.blocks)
-        if len(blocks) < ONLINE.min_blocks * self._stretch_blocks:
+        if len(blocks) < MIN_BLOCKS * self._stretch_blocks:
             return blocks
         return np.asarray(
             blocks[len(blocks) % self._stretch_blocks :].reshape(-1, self._stretch_blocks, blocks.shape[1]).sum(axis=1)
@@ -159,14 +166,14 @@ class ModelComparison:
         return float(np.array(self.blocks)[-blocks:, :-1].sum(axis=0).max())
 
     def _fit_when_possible(self) -> None:
-        """Fit all models to the kept bins if these cover `calibration_time`; the models predict from then on.
+        """Fit all models to the kept bins if these cover `CALIBRATION_TIME`; the models predict from then on.
 
         With several joints, the error scale of each joint comes from a first fit.
         """
         plant = self._plant
-        if len(self.fit_bins) * plant.length < ONLINE.calibration_time:
+        if len(self.fit_bins) * plant.length < CALIBRATION_TIME:
             return
-        self._is_tried = self._motion_time >= 0.5 * ONLINE.calibration_time
+        self._is_tried = self._motion_time >= 0.5 * CALIBRATION_TIME
         bins = self.stack_bins(self.fit_bins)
         base = CompetingModels(self.terms, bins)
         if len(plant.joints) > 1:
@@ -183,7 +190,7 @@ class ModelComparison:
             if id not in variants
         }
         self._fitted, self.e_process = len(self.fit_bins), EProcess(len(variants) + 1)
-        memories = [seconds / plant.length for seconds in ONLINE.forgetting_times]
+        memories = [seconds / plant.length for seconds in FORGETTING_TIMES]
         self._models = CompetingModels(self.terms, bins, [thin_variants(grid) for grid in variants.values()], memories)
 
     def _is_idle(self, effect: type[Term]) -> bool:

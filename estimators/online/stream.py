@@ -7,6 +7,7 @@ recurrence, except for older values: halts, and sums one window ago.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -111,7 +112,6 @@ class Stream:
         stick_guards = StickGuards(distances, behind, lead_in, smoothing.slowest)
         self.delay, self._behind = smoothing.reach + behind, behind
         self._machine = Machine(write_step, (self._terms, tuple(schemes), stick_guards, period), *lanes)
-        self._numeric_laws = self._list_numeric_laws()
         # weights of the last samples, the oldest first: time, position, its increment, and torque until this sample
         weights = np.zeros((INSTANT, length, 4))
         weights[TIME, smoothing.reach, 0] = 1.0
@@ -134,17 +134,15 @@ class Stream:
         self._count = 0
         self.reset(self._no_restart | True)
 
-    def _list_numeric_laws(self) -> dict[str, Any]:
-        """List the laws that are no formulas, by the symbol of their value."""
+    @cached_property
+    def _numeric_laws(self) -> dict[str, Any]:
+        """Laws that are no formulas, by the symbol of their value."""
         given = self._machine.given
         return {label: law for label, law in list_laws(self._terms).items() if label in given}
 
     def __getstate__(self) -> dict[str, Any]:
+        """Return the state without laws: columns hold functions, which cannot be pickled."""
         return {name: value for name, value in self.__dict__.items() if name != "_numeric_laws"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._numeric_laws = self._list_numeric_laws()  # columns hold functions, which cannot be pickled
 
     def reset(self, which: Mask) -> None:
         """Restart pendulums (B,) with their next sample; smoothing and filters start from rest."""

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 
 from estimators.online import Estimates, JointState, OnlineEstimator, SchemeEstimate, SchemeEstimates
 from estimators.schemes.six import Scheme
-from estimators.wrappers.measuring import MeasurementVectorWrapper, MeasurementWrapper, repeat_object
+from estimators.wrappers.measuring import MeasurementVectorWrapper, MeasurementWrapper
 from estimators.wrappers.options import EstimatorOptions, Names, make_estimator
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
@@ -165,7 +165,8 @@ def write_estimates(
     if estimates.regressor is not None:
         entries["regressor"] = estimates.regressor[pendulum]
     if isinstance(pendulum, slice):
-        entries["parameters"] = repeat_object(estimator.names, len(estimates.time))
+        entries["parameters"] = np.full(len(estimates.time), None)  # objects
+        entries["parameters"].fill(estimator.names)
         mask = np.ones(len(estimates.time), dtype=bool)
         by_scheme |= {f"_{name}": mask for name in by_scheme}
         entries |= {f"_{name}": mask for name in ("estimates", *entries)}

@@ -8,7 +8,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
-from numpy.typing import NDArray
 
 from estimators.online.replay import OnlineAlgorithm
 from estimators.online.stream import Clock
@@ -21,13 +20,6 @@ def get_measurement(info: dict[str, Any]) -> tuple[Any, Any, Any]:
         return info["time"], info["position"], info["torque"]
     except KeyError as error:
         raise ValueError(f"info lacks {error}: wrap an environment with time, position and torque in info") from None
-
-
-def repeat_object(value: object, count: int) -> NDArray[np.object_]:
-    """Repeat an object for a number of environments (B,), as in vector environments of Gymnasium."""
-    array = np.empty(count, dtype=object)
-    array.fill(value)
-    return array
 
 
 class MeasurementPasser:
