@@ -51,7 +51,7 @@ class Information:
         return np.log1p(leverage)
 
 
-class _InformationStep:
+class InformationSteps:
     """Reset and step of the wrappers that reward information."""
 
     env: Any
@@ -70,7 +70,7 @@ class _InformationStep:
         return observation, gain if isinstance(self, VectorEnv) else float(gain[0]), terminated, truncated, info
 
 
-class InformationReward(_InformationStep, gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class InformationReward(InformationSteps, gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     """Replace the reward by the gain of log det(information) [nat] (D-optimality).
 
     The information is the sum of the outer products of `info["regressor"]`, which needs an inner `EstimateParameters`.
@@ -83,7 +83,7 @@ class InformationReward(_InformationStep, gym.Wrapper[Any, Any, Any, Any], gym.u
         self._information = Information(prior)
 
 
-class InformationRewardVector(_InformationStep, VectorWrapper):
+class InformationRewardVector(InformationSteps, VectorWrapper):
     """`InformationReward` for a vector environment; a reset also resets the information of a pendulum."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], prior: float = 1e-6) -> None:

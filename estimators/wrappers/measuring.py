@@ -22,7 +22,7 @@ def get_measurement(info: dict[str, Any]) -> tuple[Any, Any, Any]:
         raise ValueError(f"info lacks {error}: wrap an environment with time, position and torque in info") from None
 
 
-class MeasurementPasser:
+class MeasurementSteps:
     """Reset and step of wrappers that pass the measurements of B plants to an online algorithm.
 
     A plant restarts when its time restarts.
@@ -30,12 +30,12 @@ class MeasurementPasser:
 
     env: Any
     _algorithm: OnlineAlgorithm[Any]
-    _axis: Any = ...  # index that adds the axis of the plants to a measured quantity
+    _time: Any  # of the last samples [s]
 
     def reset(self, **kwargs: Any) -> tuple[Any, dict[str, Any]]:
         """Reset the environment and the algorithm."""
         observation, info = self.env.reset(**kwargs)
-        self._time = np.full(self._algorithm.batch, np.inf)  # of the last samples [s]; the next samples restart all
+        self._time = np.inf  # the next samples restart all plants
         return self._take(observation, info), info
 
     def step(self, action: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -43,8 +43,47 @@ class MeasurementPasser:
         observation, reward, terminated, truncated, info = self.env.step(action)
         return self._take(observation, info), reward, terminated, truncated, info
 
+    @abstractmethod
     def _take(self, observation: Any, info: dict[str, Any]) -> Any:
-        """Pass the measurements of an info on, and write the results into the info; return the observations.
+        """Pass the measurements of an info on, and write the results into the info; return the observations."""
+
+    @abstractmethod
+    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Write the result into an info, and return the observation."""
+
+
+class MeasurementWrapper(MeasurementSteps, gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Wrapper that passes the measurement of each reset and step of an environment to an online algorithm."""
+
+    def __init__(self, env: gym.Env[Any, Any], algorithm: OnlineAlgorithm[Any], **arguments: Any) -> None:
+        """Wrap an environment; the arguments are those of the constructor, which rebuild the wrapper."""
+        gym.utils.RecordConstructorArgs.__init__(self, **arguments)
+        gym.Wrapper.__init__(self, env)
+        self._algorithm, self._clock = algorithm, Clock(algorithm.rate)
+
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Pass a measurement on. A fault has no measurement, and repeats the last result."""
+        if "fault" not in info:
+            sample = get_measurement(info)
+            if sample[0] <= self._time:  # an inner wrapper, for example `Autoreset`, may have reset the environment
+                self._algorithm.reset()
+                self._clock.restart()
+            self._time = sample[0]
+            self._clock.tick(self._time)
+            self._known = self._algorithm.take(*(np.array(part, dtype=float)[None] for part in sample))
+        return self._write_info(observation, info)
+
+
+class MeasurementVectorWrapper(MeasurementSteps, VectorWrapper):
+    """`MeasurementWrapper` for a vector environment."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], algorithm: OnlineAlgorithm[Any]) -> None:
+        """Wrap a vector environment."""
+        super().__init__(env)
+        self._algorithm = algorithm
+
+    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
+        """Pass measurements on.
 
         If an episode ended within the step, the plant restarts. The last sample of this episode is then passed on, and
         not the first sample of the next.
@@ -59,10 +98,11 @@ class MeasurementPasser:
             info["final_obs"] = self._write_info(info["final_obs"], final)
             self._restart(ended, last_sample[0])
             return self._write_info(observation, info)
-        sample = [np.array(values, dtype=float)[self._axis] for values in get_measurement(info)]
+        sample = [np.array(values, dtype=float) for values in get_measurement(info)]
         for name, values in zip(("_time", "_position", "_torque"), sample, strict=True):
-            values[~np.broadcast_to(info.get(name, True), values.shape)] = np.nan  # masked: not measured
-        self._algorithm.reset(sample[0] <= self._time)  # an inner wrapper, such as `Autoreset`, has reset a plant
+            if name in info:
+                values[~info[name]] = np.nan  # masked: not measured
+        self._algorithm.reset(sample[0] <= self._time)
         self._time = np.where(np.isfinite(sample[0]), sample[0], self._time)
         self._known = self._algorithm.take(*sample)
         return self._write_info(observation, info)
@@ -70,37 +110,3 @@ class MeasurementPasser:
     def _restart(self, which: Mask, time: Array) -> None:
         """Restart plants (B,); the times are those of their last samples (B,) [s]."""
         self._algorithm.reset(which)
-
-    @abstractmethod
-    def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
-        """Write the result into an info, and return the observation."""
-
-
-class MeasurementWrapper(MeasurementPasser, gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Wrapper that passes the measurement of each reset and step of an environment to an online algorithm."""
-
-    _axis = None
-
-    def __init__(self, env: gym.Env[Any, Any], algorithm: OnlineAlgorithm[Any], **arguments: Any) -> None:
-        """Wrap an environment; the arguments are those of the constructor, which rebuild the wrapper."""
-        gym.utils.RecordConstructorArgs.__init__(self, **arguments)
-        gym.Wrapper.__init__(self, env)
-        self._algorithm, self._clock = algorithm, Clock(algorithm.rate)
-
-    def _take(self, observation: Any, info: dict[str, Any]) -> Any:
-        """Check the time of a measurement, and pass it on. A fault has no measurement, and repeats the last result."""
-        if "fault" in info:
-            return self._write_info(observation, info)
-        if (time := get_measurement(info)[0]) <= self._time[0]:
-            self._clock.restart()
-        self._clock.tick(time)
-        return super()._take(observation, info)
-
-
-class MeasurementVectorWrapper(MeasurementPasser, VectorWrapper):
-    """`MeasurementWrapper` for a vector environment."""
-
-    def __init__(self, env: VectorEnv[Any, Any, Any], algorithm: OnlineAlgorithm[Any]) -> None:
-        """Wrap a vector environment."""
-        super().__init__(env)
-        self._algorithm = algorithm
