@@ -142,16 +142,14 @@ class FitData:
         data are returned.
         """
         excluded, count = {outlier.recording for outlier in outliers}, len(self.recordings)
-        kept_numbers = [k for k in range(count) if k + 1 not in excluded]
-        if len(kept_numbers) == count:
+        kept = [k for k in range(count) if k + 1 not in excluded]
+        if len(kept) == count:
             return self
-        alignments = [
-            self.alignments[k] for k in (*kept_numbers, *range(count, len(self.alignments))) if self.alignments
-        ]
-        names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in kept_numbers)
+        alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
+        names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in kept)
         return self.with_treatment(
             Finding(Kind.RECORDINGS_EXCLUDED, recordings=names),
-            recordings=tuple(self.recordings[k] for k in kept_numbers),
+            recordings=tuple(self.recordings[k] for k in kept),
             alignments=tuple(alignments),
             excluded=tuple(outliers),
             whole=self,
@@ -164,9 +162,8 @@ class FitData:
 
     def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
         """Return the data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
-        changed = tuple(
-            change(recording) if k in numbers else recording for k, recording in enumerate(self.all_recordings)
-        )
+        every = enumerate(self.all_recordings)
+        changed = tuple(change(recording) if k in numbers else recording for k, recording in every)
         untimed = None if self.untimed is None else self.untimed.with_changes(change, numbers)
         count = len(self.recordings)
         return replace(self, recordings=changed[:count], holdout=changed[count:], untimed=untimed)
@@ -290,6 +287,5 @@ class FitData:
             names[findings.index(finding)].append(recording.name)
         if all(alignment is self.alignments[0] for alignment in self.alignments):
             return tuple(findings)
-        return tuple(
-            replace(finding, recordings=tuple(own_names)) for finding, own_names in zip(findings, names, strict=True)
-        )
+        named = zip(findings, names, strict=True)
+        return tuple(replace(finding, recordings=tuple(own_names)) for finding, own_names in named)

@@ -44,14 +44,8 @@ def find_failures(
         floor = (floors or data.floors)[joint]
         at_joint = find_regions_at(data, residual, joint, most=most, floor=floor)
         if not at_joint and error > Criterion.misfit * max(floor, data.data.compute_negligible_residual(joint)):
-            at_joint = [_make_scattered_region(data, error, floor, joint)]
+            units, samples = data.units(joint), data.data.part(joint).samples
+            numbers = {"residual": Quantity(error, unit=units.unit(NEWTON_METRE)), "times": Quantity(error / floor)}
+            at_joint = [make_region_everywhere(Finding(Kind.NOWHERE, numbers), samples, error, floor, joint, units)]
         regions += at_joint
     return regions
-
-
-def _make_scattered_region(data: RegressionData, error: float, floor: float, at: str) -> Region:
-    """Return a region of all velocities at a joint, for a residual of RMS `error` above the noise `floor` [N m]."""
-    units = data.units(at)
-    residual = Quantity(error, unit=units.unit(NEWTON_METRE))
-    cause = Finding(Kind.NOWHERE, {"residual": residual, "times": Quantity(error / floor)})
-    return make_region_everywhere(cause, data.data.part(at).samples, error, floor, at, units)

@@ -82,9 +82,8 @@ class RegressionData:
         """
         candidates = self.segments if model.has_known_inertia else ()
         steady = [compute_growth(segments, model.terms, model.theta) < MAX_GROWTH for segments in candidates]
-        steady_segments = tuple(
-            select_segments(*pair) for pair in zip(candidates, steady, strict=True) if pair[1].any()
-        )
+        pairs = zip(candidates, steady, strict=True)
+        steady_segments = tuple(select_segments(*pair) for pair in pairs if pair[1].any())
         unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
         return replace(self, segments=steady_segments) if steady_segments else self, unstable
 

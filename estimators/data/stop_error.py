@@ -68,7 +68,5 @@ def _list_steps(recording: Recording, end: float) -> Array:
     """Return the steps of the position across an angle, in both directions [rad]; noise crosses it by smaller steps."""
     is_beyond, steps = recording.position > end, np.diff(recording.position)
     steps[[start - 1 for start in recording.starts if start]] = 0.0  # gaps
-    is_crossed = (is_beyond[1:] != is_beyond[:-1]) & (
-        np.abs(steps) > MIN_CROSSING * estimate_encoder_noise(recording.position)
-    )
-    return np.asarray(steps[is_crossed])
+    is_large = np.abs(steps) > MIN_CROSSING * estimate_encoder_noise(recording.position)
+    return np.asarray(steps[(is_beyond[1:] != is_beyond[:-1]) & is_large])

@@ -29,19 +29,13 @@ def find_caveats(
         terms: of the final model.
         known: detectable effects of these terms; may be empty.
     """
-    model, (low, high) = steps[-1].model, evaluator.train.get_range()
+    model, (low, high), count = steps[-1].model, evaluator.train.get_range(), len(evaluator.train.layout.clusters)
     return [
-        *_find_few_windows(evaluator),
+        *([Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < MIN_WINDOWS else []),
         *_find_part_of_turn(evaluator, steps[0].model, model, high - low),
         *_find_untested_ranges(model, low, high),
         *_find_unknown_scale(evaluator, terms, known),
     ]
-
-
-def _find_few_windows(evaluator: ModelEvaluator) -> list[Finding]:
-    """Return a finding for fewer than `MIN_WINDOWS` windows; else an empty list."""
-    count = len(evaluator.train.layout.clusters)
-    return [Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < MIN_WINDOWS else []
 
 
 def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, reach: float) -> list[Finding]:

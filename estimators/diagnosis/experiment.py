@@ -26,7 +26,7 @@ from estimators.signals.residual import Region, makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env.excitation import Excitation, draw_family
-from pendulum_env.physics import Model, Samples, simulate
+from pendulum_env.physics import Model, simulate
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.units import JointUnits
 
@@ -80,25 +80,20 @@ class ExperimentLimits:
         """Return the lowest and highest angle of the motion [rad]: `safe` of the limit, else of the recorded range.
 
         The range includes hanging down, from which the motion begins. A joint that made whole turns may turn through
-        the recorded range in either direction. A range away from hanging down is used fully.
+        the recorded range in either direction. A range away from hanging down is used fully. The release of a free
+        swing has the full limit, else the largest recorded angle, to either side.
         """
         safe, hanging = SAFE_SHARE, HANGING_RANGE
+        position = np.concatenate([recording.position for recording in recordings])
+        if recordings[0].known_inertia > 0:  # a free swing
+            bound = self.angle or float(np.abs(position).max())
+            return -bound, bound
         if self.angle is not None:
             return -safe * self.angle, safe * self.angle
-        position = np.concatenate([recording.position for recording in recordings])
         low, high = float(position.min()), float(position.max())
         if makes_whole_turns(position):
             return low - high, high - low
         return (safe * min(low, 0.0), safe * max(high, 0.0)) if -hanging < high and low < hanging else (low, high)
-
-    def find_release_range(self, recordings: Sequence[Recording]) -> tuple[float, float]:
-        """Return the lowest and highest angle of a release [rad]: the limit, or the largest recorded, either side."""
-        bound = self.angle or max(float(np.abs(recording.position).max()) for recording in recordings)
-        return -bound, bound
-
-    def find_largest_speed(self, recorded: Samples) -> float:
-        """Return `safe` of the speed limit, or of the highest recorded speed [rad/s]."""
-        return SAFE_SHARE * (float(np.abs(recorded.velocity).max()) if self.speed is None else self.speed)
 
 
 def suggest_experiment(
@@ -119,15 +114,15 @@ def suggest_experiment(
     if not questions:
         return None, [], None
     recorded, torque = evaluator.train.samples, limits.torque or limits.default_torque
-    (low, high), fastest = limits.find_angle_range(evaluator.train.recordings), limits.find_largest_speed(recorded)
-    is_free = evaluator.train.recordings[0].known_inertia > 0
-    if is_free:
-        low, high = limits.find_release_range(evaluator.train.recordings)
+    recordings = evaluator.train.recordings
+    (low, high), is_free = limits.find_angle_range(recordings), recordings[0].known_inertia > 0
+    fastest = SAFE_SHARE * (float(np.abs(recorded.velocity).max()) if limits.speed is None else limits.speed)
     runs = simulate_experiments(evaluator, model, None if is_free else torque)
-    allowed = [run for run in runs if low <= run.reach[0] and run.reach[1] <= high and run.peak_speed <= fastest]
+    slow = [run for run in runs if run.expected.peak_speed <= fastest]
+    allowed = [run for run in slow if low <= run.expected.reach[0] and run.expected.reach[1] <= high]
     place = next((0.5 * (region.low + region.high) for region in regions[:1] if region.axis == "position"), None)
     if place is not None and not makes_whole_turns(recorded.position):
-        allowed = [run for run in allowed if run.reach[0] <= place <= run.reach[1]]
+        allowed = [run for run in allowed if run.expected.reach[0] <= place <= run.expected.reach[1]]
     suggestion, unsettled = _choose_experiment(evaluator, allowed, questions)
     if not unsettled:
         return suggestion, [], None
@@ -157,19 +152,17 @@ def _choose_experiment(
     residual_ratios = np.zeros((len(runs), len(questions)))  # [noise floors]
     for j, run in enumerate(runs):
         if len(run.data.weights) >= MIN_WINDOWS:
-            rival_equations = {terms: run.data.equations(terms) for terms in {question.terms for question in questions}}
-            residuals = [
-                question.measure_unexplained(run.data, rival_equations[question.terms]) for question in questions
-            ]
+            rivals = {terms: run.data.equations(terms) for terms in {question.terms for question in questions}}
+            residuals = [question.measure_unexplained(run.data, rivals[question.terms]) for question in questions]
             residual_ratios[j] = np.array(residuals) / evaluator.residuals.noise_floor()
     answerable = residual_ratios.max(axis=0) > ANSWERED
     worth = np.log1p(np.minimum(residual_ratios[:, answerable], MAX_RATIO)).sum(axis=1)
-    best = min(np.flatnonzero(worth >= worth.max() - EQUAL_WORTH).tolist(), key=lambda j: runs[j].swing)
-    settled = tuple(
-        question.aim for question, ratio in zip(questions, residual_ratios[best], strict=True) if ratio > ANSWERED
-    )
+    equal = np.flatnonzero(worth >= worth.max() - EQUAL_WORTH).tolist()
+    best = min(equal, key=lambda j: np.ptp(runs[j].expected.reach))
+    pairs = zip(questions, residual_ratios[best], strict=True)
+    settled = tuple(question.aim for question, ratio in pairs if ratio > ANSWERED)
     hopeless = [question for question, hope in zip(questions, answerable, strict=True) if not hope]
-    return (runs[best].make_suggestion(settled) if settled else None), hopeless
+    return (replace(runs[best].expected, settles=settled) if settled else None), hopeless
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,37 +170,19 @@ class SimulatedExperiment:
     """Simulated experiment.
 
     Attributes:
-        signal: torque over time; None of a free swing.
+        expected: the experiment as a suggestion without aims.
         recording: simulated recording.
         half_width: of windows [s].
-        peak_speed: highest speed [rad/s].
     """
 
-    signal: Excitation | None
+    expected: Suggestion
     recording: Recording
     half_width: float
-    peak_speed: float
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Lowest and highest angle [rad]."""
-        return float(self.recording.position.min()), float(self.recording.position.max())
-
-    @property
-    def swing(self) -> float:
-        """Range of the angle [rad]."""
-        return self.reach[1] - self.reach[0]
 
     @cached_property
     def data(self) -> TorqueWindows:
         """Windowed equations of the recording."""
         return join_windows([cut(self.recording, self.half_width)])
-
-    def make_suggestion(self, settled: tuple[Aim, ...]) -> Suggestion:
-        """Return the suggestion of this experiment for some aims."""
-        peak = float(np.abs(self.recording.torque).max())
-        release = float(self.recording.position[0]) if self.signal is None else None
-        return Suggestion(self.signal, SECONDS, settled, peak, self.reach, self.peak_speed, release)
 
 
 def simulate_experiments(evaluator: ModelEvaluator, model: Model, torque: float | None) -> list[SimulatedExperiment]:
@@ -234,5 +209,8 @@ def simulate_experiments(evaluator: ModelEvaluator, model: Model, torque: float 
         if (speed := float(np.abs(velocity).max())) <= fastest:
             run = Recording(time, angle, applied, name="experiment", is_checked=True)
             run = scale_swing(run, recorded.known_inertia, recorded.torque_unit) if signal is None else run
-            runs.append(SimulatedExperiment(signal, run, half_width, speed))
+            peak, reach = float(np.abs(run.torque).max()), (float(angle.min()), float(angle.max()))
+            release = float(angle[0]) if signal is None else None
+            expected = Suggestion(signal, SECONDS, (), peak, reach, speed, release)
+            runs.append(SimulatedExperiment(expected, run, half_width))
     return runs

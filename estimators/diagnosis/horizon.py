@@ -71,9 +71,8 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
 
 def _make_step(last: Step, model: Model, data: Sequence[RegressionData]) -> Step:
     """Return a step with a model and its errors on fitted and held-out data."""
-    return Step(
-        last.added, model, {name: part.errors(model) for name, part in zip(("train", "holdout"), data, strict=True)}
-    )
+    errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data, strict=True)}
+    return Step(last.added, model, errors)
 
 
 def _select_steady(part: RegressionData, model: Model) -> RegressionData:

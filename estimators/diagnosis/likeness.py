@@ -79,9 +79,8 @@ def find_likenesses(table: Table, curve: TableCurve) -> list[Likeness]:
         def residual_of(shape: Array, formula: Formula = family.formula) -> float:  # residual sum of squares
             with np.errstate(all="ignore"):
                 columns = np.column_stack([*constant, *formula(curve.x, *shape)])
-            return _compute_residual_squares(
-                curve, np.column_stack([base, np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)]), weights
-            )
+            columns = np.nan_to_num(columns, nan=0.0, posinf=0.0, neginf=0.0)
+            return _compute_residual_squares(curve, np.column_stack([base, columns]), weights)
 
         start = min(family.starts, key=lambda values: residual_of(np.array(values)))
         shape = np.array(start)

@@ -83,10 +83,8 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
     else:  # without a simulation
         error_with, error_without = (_compute_held_out_rms(evaluator, terms, term.at) for terms in (final, others))
         reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(error_with / error_without)}, joints=(term.at,))
-    gates = (
-        *([] if is_hidden(term) else make_final_gates(evaluator, final, others)),
-        *evaluator.make_confirmation_gates(after, before),
-    )
+    final_gates = [] if is_hidden(term) else make_final_gates(evaluator, final, others)
+    gates = (*final_gates, *evaluator.make_confirmation_gates(after, before))
     best_gain = None if is_hidden(term) else evaluator.evidence(final, others)
     n_compared = 1 if is_hidden(term) else evaluator.count_compared_variants(final, others)
     ratio, total = error_with / error_without, score * sum(odds[id] for id in (term.id, *tied))
@@ -98,10 +96,8 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
         found_tied.append(
             Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, ties, gain, variants, rival_gates, rivals[id])
         )
-    return [
-        Candidate(term.id, total, Verdict.SELECTED, ratio, reason, best_gain, n_compared, gates, final),
-        *found_tied,
-    ]
+    selected = Candidate(term.id, total, Verdict.SELECTED, ratio, reason, best_gain, n_compared, gates, final)
+    return [selected, *found_tied]
 
 
 def _rank_other(result: SearchResult, longer: Terms, has_contacts: bool) -> Candidate:
@@ -172,12 +168,10 @@ def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) ->
         for rival in screen_replacements(evaluator, terms, term)
         if not can_reproduce(evaluator, rival[-1], term) and needs_all_parts(evaluator, rival)
     ]
-    decisions: dict[Terms, bool] = {}
+    decisions, least = dict[Terms, bool](), evaluator.criterion.tie_probability
     while True:
         odds = evaluator.bootstrap.probabilities([evaluator.density(model) for model in (terms, *rivals)])
-        likely = [
-            rival for rival, share in zip(rivals, odds[1:], strict=True) if share > evaluator.criterion.tie_probability
-        ]
+        likely = [rival for rival, share in zip(rivals, odds[1:], strict=True) if share > least]
         decisions |= {rival: can_replace(evaluator, rival, terms, others) for rival in likely if rival not in decisions}
         refuted = [rival for rival in likely if not decisions[rival]]
         if not refuted:

@@ -38,9 +38,7 @@ class Setting:
     original: Sequence[Term] = ()
 
     def evaluator(
-        self, prepared: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()
+        self, parts: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()
     ) -> ModelEvaluator:
         """Return the evaluator of models on fitted and held-out data, with tables that compete with the effects."""
-        return ModelEvaluator(
-            *prepared, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables
-        )
+        return ModelEvaluator(*parts, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables)

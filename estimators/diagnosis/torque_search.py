@@ -24,9 +24,8 @@ def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = 
     """Fit terms to windows of torque, then by likelihood as `diagnose` does; return the step with its errors."""
     is_free = all(recording.known_inertia for recording in train.recordings)  # then the terms have the known values
     evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
-    return refit_by_likelihood(
-        SearchResult(evaluator, [evaluator.fit_with_std(refit_nonlinear(evaluator, tuple(terms)))])
-    ).steps[-1]
+    step = evaluator.fit_with_std(refit_nonlinear(evaluator, tuple(terms)))
+    return refit_by_likelihood(SearchResult(evaluator, [step])).steps[-1]
 
 
 def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:

@@ -178,9 +178,8 @@ class Bins:
     def select_joint(self, name: str) -> Bins:
         """Select the bins of one joint."""
         mask = self.at == name
-        return Bins(
-            self.series[:, mask], self.y[mask], self.period, self.at[mask], self.link_columns[mask], self.scale[mask]
-        )
+        series = {field: getattr(self, field)[mask] for field in ("y", "at", "link_columns", "scale")}
+        return replace(self, series=self.series[:, mask], **series)
 
     @property
     def middle(self) -> Samples:

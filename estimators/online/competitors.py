@@ -176,11 +176,6 @@ class CompetingModels:
         families = ((variants, models, int(np.argmax(self.weight[models]))) for variants, models in pairs)
         return [(variants[k : k + 1], theta[models][k]) for variants, models, k in families]
 
-    def linearise_running(self, bins: Bins) -> tuple[Array, Array]:
-        """Linearise the rows of the running model over R bins at its estimates: phi (R, P) and y (R,)."""
-        rows, theta = bins.evaluate_running(self.terms), self.y_on_base[0]
-        return rows.linearise(theta, rows.predict(theta)[0])
-
     def take(self, bins: Bins) -> tuple[Array, Array]:
         """Predict R bins in sequence, with an update after each.
 
@@ -211,9 +206,8 @@ class CompetingModels:
         phi, y = base._replace(y=y).linearise(theta[0, :parameters], residual[0])
         roots = [recursion.root[0, 0] for recursion in self._recursions]
         of_memory = np.where(self._forgets, np.cumsum(self._forgets), 0)  # number of the recursion of each model
-        gains = np.array(
-            [root @ (phi @ root) / own.forgetting for root, own in zip(roots, self._recursions, strict=True)]
-        )
+        pairs = zip(roots, self._recursions, strict=True)
+        gains = np.array([root @ (phi @ root) / own.forgetting for root, own in pairs])
         gain = gains[of_memory]
         variance = 1.0 + gain @ phi
         gain /= variance[:, None]

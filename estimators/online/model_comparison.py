@@ -134,7 +134,8 @@ class ModelComparison:
     def linearise_rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
         """Return rows over R bins, linearised at the fitted running model: phi (R, P) and y (R,)."""
         assert self._models is not None
-        return self._models.linearise_running(self.stack_bins(bins))
+        rows, theta = self.stack_bins(bins).evaluate_running(self.terms), self._models.y_on_base[0]
+        return rows.linearise(theta, rows.predict(theta)[0])
 
     @property
     def effect_evidence(self) -> float:

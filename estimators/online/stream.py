@@ -207,9 +207,8 @@ class Stream:
         for k, sums in self._sums:
             given["oldest"][k] = sums[count % len(sums)]
         if self._numeric_laws or self._balance.has_states:
-            self._evaluate_laws(
-                np.tile(index + 1, given["index"].shape[0]), given["instant"].reshape(INSTANT, -1).copy()
-            )
+            instants = given["instant"].reshape(INSTANT, -1).copy()
+            self._evaluate_laws(np.tile(index + 1, len(given["index"])), instants)
         self._machine.step()
         if self._shorter_guards:
             self._halts[count % len(self._halts)] = now["halt"][0]

@@ -187,9 +187,8 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
     theta, std, count = np.empty(len(columns)), np.empty(len(columns)), len(free)
     theta[free], theta[list(known_estimates)] = fit.theta, given_values
     std[free], std[list(known_estimates)] = fit.std[:count], [estimate.std for estimate in known_estimates.values()]
-    model = Model.build(terms, theta, std).with_covariance(
-        [columns[j].name for j in free], fit.covariance[:count, :count]
-    )
+    free_names = [columns[j].name for j in free]
+    model = Model.build(terms, theta, std).with_covariance(free_names, fit.covariance[:count, :count])
     return Identified(
         scheme=scheme.id,
         model=make_arm_model(model),

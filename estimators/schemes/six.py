@@ -100,9 +100,8 @@ def compute_supply(m: Measurements) -> Array:
 
     Torque and velocity are linear within a sample: mean(tau v) = mean(tau) mean(v) + d tau dv / 12.
     """
-    return m.held * compute_increments(m.position) / m.period + (
-        compute_increments(m.torque) * compute_increments(m.velocity) / 12
-    )
+    products = compute_increments(m.torque) * compute_increments(m.velocity)
+    return m.held * compute_increments(m.position) / m.period + products / 12
 
 
 def compute_increments(values: Array) -> Array:

@@ -70,9 +70,8 @@ def choose_segments(windows: Windows, seconds: float = HORIZON, covers: bool = F
     """
     recording = windows.recording
     length = count_periods(windows, seconds)
-    clear = scipy.ndimage.distance_transform_cdt(
-        np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0] & windows.moving
-    )
+    keeps_direction = np.r_[False, np.diff(np.sign(windows.samples.velocity)) == 0]
+    clear = scipy.ndimage.distance_transform_cdt(keeps_direction & windows.moving)
     clear = np.minimum(clear, len(windows.kernel))
     reach = round(0.2 * seconds * recording.rate)
     first = []

@@ -108,17 +108,15 @@ def _linearise_motion(
 
     def compute_slope(name: str, perturbation: float) -> Array:
         value = getattr(x, name)
-        up, down = (
-            compute_acceleration(replace(x, **{name: value + change})) for change in (perturbation, -perturbation)
-        )
+        displaced = (replace(x, **{name: value + change}) for change in (perturbation, -perturbation))
+        up, down = map(compute_acceleration, displaced)
         values = broadcast((up - down) / (2 * perturbation))
         return 0.5 * (values[1:] + values[:-1])
 
     rates = np.zeros((len(index) - 1, index.shape[1], 2, 2))
     rates[:, :, 0, 1] = 1.0
-    rates[:, :, 1, 0] = np.clip(
-        compute_slope("position", PERTURBATION[0]), -MAX_ERROR_CHANGE / interval**2, MAX_ERROR_CHANGE / interval**2
-    )
+    limit = MAX_ERROR_CHANGE / interval**2
+    rates[:, :, 1, 0] = np.clip(compute_slope("position", PERTURBATION[0]), -limit, limit)
     rates[:, :, 1, 1] = np.clip(compute_slope("velocity", PERTURBATION[1]), -1 / interval, MAX_ERROR_CHANGE / interval)
     step = rates * interval
     transition = np.eye(2) + step + 0.5 * step @ step

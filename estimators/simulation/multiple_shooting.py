@@ -116,9 +116,8 @@ def start_shooting(windows: Windows, point: Point, first: Index) -> Shooting:
     """Cut segments that start at given samples, with initial states from the measured motion."""
     segments, link = cut_segments(windows, first, count_periods(windows, LENGTH)), find_link(point.terms)
     hidden = start_memory([segments], [link])[link.id]
-    return Shooting(
-        segments, np.array([segments.position[0], segments.velocity, *hidden]), np.full(len(first), DAMPING[0])
-    )
+    states = np.array([segments.position[0], segments.velocity, *hidden])
+    return Shooting(segments, states, np.full(len(first), DAMPING[0]))
 
 
 def list_adjacent_segments(windows: Windows) -> Index:
@@ -297,9 +296,8 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
 
     def linearise(place: FittedShooting) -> LocalErrors[tuple[FittedShooting, Slopes]]:
         slopes = _linearise(place.shootings, place.point)
-        cost = sum(
-            float(w @ np.sum(move[0] ** 2, axis=1)) for w, move in zip(slopes.weights, slopes.parts, strict=True)
-        )
+        pairs = zip(slopes.weights, slopes.parts, strict=True)
+        cost = sum(float(w @ np.sum(error**2, axis=1)) for w, (error, *_) in pairs)
         return LocalErrors((place, slopes), cost, slopes.error, slopes.by_parameter)
 
     def choose_step(
@@ -309,10 +307,8 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
         values, step = place.point.values, np.clip(steps[0], -MAX_CHANGE, MAX_CHANGE)
         size = np.maximum(np.abs(values), MIN_SIZE)
         points = [place.point.with_values(values + share * step * size) for share in STEP_SHARES]
-        trials = [
-            _try_steps(shooting, points, step, move)
-            for shooting, move in zip(place.shootings, slopes.parts, strict=True)
-        ]
+        pairs = zip(place.shootings, slopes.parts, strict=True)
+        trials = [_try_steps(shooting, points, step, move) for shooting, move in pairs]
         costs = np.sum([w @ squares.T for (_, _, squares), w in zip(trials, slopes.weights, strict=True)], axis=0)
         k, _ = choose_least(range(len(points)), costs)
         refined = [
@@ -341,10 +337,8 @@ def _try_steps(
     error, by_parameter, by_state = move
     expected = [error + share * (by_parameter @ step) for share in STEP_SHARES]
     unchanged = np.repeat(shooting.states[None], len(points), axis=0)
-    candidates = np.array(
-        [shooting.states + compute_state_steps(errors, by_state, shooting.damping) for errors in expected]
-    )
-    candidates = np.concatenate([candidates, unchanged[:, None]], axis=1)
+    steps = np.array([compute_state_steps(errors, by_state, shooting.damping) for errors in expected])
+    candidates = np.concatenate([shooting.states + steps, unchanged[:, None]], axis=1)
     states, squares, best = shooting.choose_states(points, candidates)
     return states, np.clip(shooting.damping * np.append(DAMPING, DAMPING[-1])[best], 1e-6, 1e3), squares
 
@@ -373,9 +367,8 @@ def estimate(windows: Sequence[Windows], model: Model) -> Model:
                 break
             best = stiffer
         point = best.point
-    return _make_model(
-        fit_shooting([replace(shooting, step=FINE_STEP) for shooting in prepare_segments(windows, point)], point)
-    )
+    shootings = [replace(shooting, step=FINE_STEP) for shooting in prepare_segments(windows, point)]
+    return _make_model(fit_shooting(shootings, point))
 
 
 def add_standard_errors(windows: Sequence[Windows], model: Model) -> Model:
@@ -393,9 +386,8 @@ def prepare_segments(windows: Sequence[Windows], point: Point, share: int = 1) -
     """
     first = [list_adjacent_segments(w) for w in windows]
     step = share * -(-sum(len(k) for k in first) // MAX_SEGMENTS)
-    return tuple(
-        initialise_states(start_shooting(w, point, k[::step]), point)[0] for w, k in zip(windows, first, strict=True)
-    )
+    starts = (start_shooting(w, point, k[::step]) for w, k in zip(windows, first, strict=True))
+    return tuple(initialise_states(shooting, point)[0] for shooting in starts)
 
 
 def _lacks_segments(windows: Sequence[Windows], point: Point) -> bool:
@@ -406,9 +398,8 @@ def _lacks_segments(windows: Sequence[Windows], point: Point) -> bool:
 def _make_model(place: FittedShooting) -> Model:
     """Return the fitted model with standard errors from the spread of the segments."""
     slopes = _linearise(place.shootings, place.point)
-    return make_model_with_covariance(
-        place.point, compute_robust_covariance(slopes.by_parameter, slopes.error, slopes.segment)
-    )
+    covariance = compute_robust_covariance(slopes.by_parameter, slopes.error, slopes.segment)
+    return make_model_with_covariance(place.point, covariance)
 
 
 def change_point(point: Point, factors: Mapping[str, float]) -> Point:

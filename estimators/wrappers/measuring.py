@@ -91,9 +91,8 @@ class MeasurementVectorWrapper(MeasurementSteps, VectorWrapper):
         ended: Mask | None = info.get("_final_info")
         if ended is not None:  # Gymnasium's SAME_STEP mode
             final, self._time = info["final_info"], np.asarray(info["time"])
-            last_sample = [
-                np.where(ended, a, b) for a, b in zip(get_measurement(final), get_measurement(info), strict=True)
-            ]
+            pairs = zip(get_measurement(final), get_measurement(info), strict=True)
+            last_sample = [np.where(ended, a, b) for a, b in pairs]
             self._known = self._algorithm.take(*last_sample)
             info["final_obs"] = self._write_info(info["final_obs"], final)
             self._restart(ended, last_sample[0])
