@@ -22,7 +22,7 @@ from benchmarks.independent_plant import LIBRARY, Array, Case, random_case, simu
 from benchmarks.parallel import each
 from benchmarks.scoring import Exact, compare, positive, rate, take_workers
 from estimators import Diagnosis, diagnose
-from estimators.diagnosis.experiment import DEFAULT_TORQUE, SECONDS
+from estimators.diagnosis.experiment import DEFAULT_TORQUE, EXPERIMENT_TIME
 from pendulum_env.excitation import draw_family
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
@@ -132,7 +132,7 @@ def examine(study: Study) -> Row:
         left, settled = {SUGGESTED: open_pairs}, {SUGGESTED: right}
 
         def drawn(rng: np.random.Generator, time: Array) -> Array:
-            signals = draw_family(rng, SECONDS, DEFAULT_TORQUE)
+            signals = draw_family(rng, EXPERIMENT_TIME, DEFAULT_TORQUE)
             return signals[rng.integers(len(signals))].signal(time)
 
         commands = dict(zip(ARMS, (study.poor, drawn), strict=False))
@@ -140,7 +140,7 @@ def examine(study: Study) -> Row:
             suggested = found.suggestion.signal
             commands[SUGGESTED] = lambda rng, time: suggested.signal(time)
         for arm, command in commands.items():
-            both = diagnose([first, record(study, SECONDS, command, 1)], max_angle=np.inf, max_speed=np.inf)
+            both = diagnose([first, record(study, EXPERIMENT_TIME, command, 1)], max_angle=np.inf, max_speed=np.inf)
             left[arm], settled[arm] = undecided(both), is_right(hidden, both)
         return Row(hidden, open_pairs, right, left, settled)
     except Exception as error:  # keep the other cases

@@ -32,9 +32,9 @@ from pendulum_env.units import JointUnits
 
 MAX_TORQUE_RATIO = 10.0  # default torque limit over the largest recorded torque, at most
 DEFAULT_TORQUE = 6.0  # [N m], default torque limit, the paper's peak torque
-SECONDS = 20.0  # length of the experiment [s]
-ANSWERED = 0.7  # residual of the rival model above which a question is answered [noise floors]
-MAX_RATIO = 20.0  # residual above which more does not count [noise floors]
+EXPERIMENT_TIME = 20.0  # length of the experiment [s]
+MIN_RESIDUAL_RATIO = 0.7  # residual of the rival model above which a question is decided [noise floors]
+MAX_RESIDUAL_RATIO = 20.0  # residual above which more does not count [noise floors]
 EQUAL_WORTH = 0.05  # difference of worth, a sum of logarithms, up to which experiments are equal
 MIN_WINDOWS = 40  # least number of windows clear of stick
 RELEASES = (0.3, 0.6, 1.0, 1.4, 1.8, 2.2, 2.5, 2.8, 3.0)  # angles of free swings [rad]
@@ -155,12 +155,12 @@ def _choose_experiment(
             rivals = {terms: run.data.equations(terms) for terms in {question.terms for question in questions}}
             residuals = [question.measure_unexplained(run.data, rivals[question.terms]) for question in questions]
             residual_ratios[j] = np.array(residuals) / evaluator.residuals.noise_floor()
-    answerable = residual_ratios.max(axis=0) > ANSWERED
-    worth = np.log1p(np.minimum(residual_ratios[:, answerable], MAX_RATIO)).sum(axis=1)
+    answerable = residual_ratios.max(axis=0) > MIN_RESIDUAL_RATIO
+    worth = np.log1p(np.minimum(residual_ratios[:, answerable], MAX_RESIDUAL_RATIO)).sum(axis=1)
     equal = np.flatnonzero(worth >= worth.max() - EQUAL_WORTH).tolist()
     best = min(equal, key=lambda j: np.ptp(runs[j].expected.reach))
     pairs = zip(questions, residual_ratios[best], strict=True)
-    settled = tuple(question.aim for question, ratio in pairs if ratio > ANSWERED)
+    settled = tuple(question.aim for question, ratio in pairs if ratio > MIN_RESIDUAL_RATIO)
     hopeless = [question for question, hope in zip(questions, answerable, strict=True) if not hope]
     return (replace(runs[best].expected, settles=settled) if settled else None), hopeless
 
@@ -194,12 +194,12 @@ def simulate_experiments(evaluator: ModelEvaluator, model: Model, torque: float 
     windows = evaluator.train.data.windows[0]
     recorded, half_width = windows.recording, (len(windows.kernel) // 2) / windows.recording.rate
     rate, fastest = min(RATE, recorded.rate), MAX_SPEED_RATIO * float(np.abs(evaluator.train.samples.velocity).max())
-    time = np.arange(round(SECONDS * rate)) / rate
+    time = np.arange(round(EXPERIMENT_TIME * rate)) / rate
     signals: list[Excitation | None] = [None] * len(RELEASES)
     torques, position = np.zeros((len(time), len(RELEASES))), np.array(RELEASES)
     if torque is not None:
         peaks = [share * torque for share in TORQUE_SHARES]
-        drawn = [signal for peak in peaks for signal in draw_family(np.random.default_rng(0), SECONDS, peak)]
+        drawn = [signal for peak in peaks for signal in draw_family(np.random.default_rng(0), EXPERIMENT_TIME, peak)]
         torques, position = np.column_stack([signal.signal(time) for signal in drawn]), np.zeros(len(drawn))
         signals = [*drawn]
     path = simulate(model.terms, model.theta, 1 / rate, torques, position, 0.0)
@@ -211,6 +211,6 @@ def simulate_experiments(evaluator: ModelEvaluator, model: Model, torque: float 
             run = scale_swing(run, recorded.known_inertia, recorded.torque_unit) if signal is None else run
             peak, reach = float(np.abs(run.torque).max()), (float(angle.min()), float(angle.max()))
             release = float(angle[0]) if signal is None else None
-            expected = Suggestion(signal, SECONDS, (), peak, reach, speed, release)
+            expected = Suggestion(signal, EXPERIMENT_TIME, (), peak, reach, speed, release)
             runs.append(SimulatedExperiment(expected, run, half_width))
     return runs
