@@ -122,10 +122,8 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
         """Format each parameter by name, as `0.08951 ± 0.00012`, or `no data`; of a batch, those of the first."""
         estimates, place = self._estimates, (self._pendulum, self._scheme)
         values = (np.atleast_2d(each[place])[0] for each in (estimates.theta, estimates.std, estimates.is_known))
-        return {
-            name: format_estimate(value, std) if is_known else NO_DATA
-            for name, value, std, is_known in zip(self.units, *values, strict=True)
-        }
+        numbers = zip(self.units, *values, strict=True)
+        return {name: format_estimate(value, std) if known else NO_DATA for name, value, std, known in numbers}
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, SchemeEstimate) and all(np.array_equal(self[name], other[name]) for name in self)

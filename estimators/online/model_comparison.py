@@ -158,9 +158,8 @@ class ModelComparison:
         blocks = np.array(self.blocks)
         if len(blocks) < MIN_BLOCKS * self._stretch_blocks:
             return blocks
-        return np.asarray(
-            blocks[len(blocks) % self._stretch_blocks :].reshape(-1, self._stretch_blocks, blocks.shape[1]).sum(axis=1)
-        )
+        whole = blocks[len(blocks) % self._stretch_blocks :]
+        return np.asarray(whole.reshape(-1, self._stretch_blocks, blocks.shape[1]).sum(axis=1))
 
     def compute_best_density(self, blocks: int) -> float:
         """Return the log density of a number of latest blocks under the best model without forgetting [nat]."""

@@ -103,9 +103,8 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
     links, *others = terms
     assert isinstance(links, Links)
     names = links.body.joints
-    joints = tuple(
-        add_states(m, [term for term in others if term.at == name]) for name, m in zip(names, joints, strict=True)
-    )
+    pairs = zip(names, joints, strict=True)
+    joints = tuple(add_states(m, [term for term in others if term.at == name]) for name, m in pairs)
     view_column, supplied = six.VIEWS[view]
     link_columns = _compute_link_columns(joints, links.body, view)  # (N, n or 1, P)
     column_index = link_columns.shape[2]
@@ -135,10 +134,8 @@ def apply_scheme(scheme: Scheme, balances: Sequence[Equations], joints: Joints) 
     gates = [np.all(clear, axis=0)] if scheme.adds_up else clear
     moving = np.any([m.moving for m in joints], axis=0)
     period = joints[0].period
-    return [
-        scheme.apply_operator(balance, scheme.gate(gate, moving), period)
-        for balance, gate in zip(balances, gates, strict=True)
-    ]
+    pairs = zip(balances, gates, strict=True)
+    return [scheme.apply_operator(balance, scheme.gate(gate, moving), period) for balance, gate in pairs]
 
 
 def _combine_measurements(joints: Joints, factors: Mapping[int, float]) -> Measurements:

@@ -97,11 +97,9 @@ def find_unidentifiable(
         torque = model.estimates["inertia"].value * acceleration
     withheld = collect_withheld(doubts)
     found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in withheld]
-    undetermined = ((name, model.estimates[name]) for name in found)
-    return tuple(
-        Finding(Kind.UNIDENTIFIABLE, {name: Quantity(estimate.value, estimate.std, estimate.unit)}, (name,))
-        for name, estimate in undetermined
-    )
+    estimates = {name: model.estimates[name] for name in found}
+    sizes = {name: Quantity(estimate.value, estimate.std, estimate.unit) for name, estimate in estimates.items()}
+    return tuple(Finding(Kind.UNIDENTIFIABLE, {name: size}, (name,)) for name, size in sizes.items())
 
 
 def withhold_estimates(
@@ -122,9 +120,8 @@ def withhold_estimates(
         motions = [stack_series(joints, "position", "velocity", "held") for joints in measured]
         series_of_joints = [np.concatenate(series) for series in zip(*motions, strict=True)]
         withheld = collect_withheld(doubts)
-        unknown = {
-            id: {*find_undetermined_links(result.model, *series_of_joints)} - withheld for id, result in results.items()
-        }
+        names = {id: find_undetermined_links(result.model, *series_of_joints) for id, result in results.items()}
+        unknown = {id: {*of_scheme} - withheld for id, of_scheme in names.items()}
         if shared := set.intersection(*unknown.values()):
             doubts = (*doubts, Finding(Kind.UNIDENTIFIABLE, parameters=tuple(sorted(shared))))
     else:
@@ -182,9 +179,8 @@ def find_undetermined_links(model: Model, position: Array, velocity: Array, torq
         large |= {f"viscous{at}": most / max(fast, 1e-300), f"coulomb{at}": most}
     if isinstance(model.body, Body):
         large |= _compute_error_limits(model, model.body, position, largest)
-    return [
-        name for name, estimate in model.estimates.items() if name in large and not is_determined(estimate, large[name])
-    ]
+    limited = ((name, estimate) for name, estimate in model.estimates.items() if name in large)
+    return [name for name, estimate in limited if not is_determined(estimate, large[name])]
 
 
 def _compute_error_limits(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:

@@ -311,15 +311,12 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
         trials = [_try_steps(shooting, points, step, move) for shooting, move in pairs]
         costs = np.sum([w @ squares.T for (_, _, squares), w in zip(trials, slopes.weights, strict=True)], axis=0)
         k, _ = choose_least(range(len(points)), costs)
-        refined = [
-            refine_states(shooting, points[k : k + 1], states[k : k + 1], damping[k : k + 1], 1)
-            for shooting, (states, damping, _) in zip(place.shootings, trials, strict=True)
-        ]
+        chosen = [(states[k : k + 1], damping[k : k + 1]) for states, damping, _ in trials]
+        tried = zip(place.shootings, chosen, strict=True)
+        refined = [refine_states(shooting, points[k : k + 1], *start, 1) for shooting, start in tried]
         cost = sum(float(w @ squares[0]) for w, (_, _, squares) in zip(slopes.weights, refined, strict=True))
-        shootings = [
-            replace(shooting, states=states[0], damping=damped[0])
-            for shooting, (states, damped, _) in zip(place.shootings, refined, strict=True)
-        ]
+        known = zip(place.shootings, refined, strict=True)
+        shootings = [replace(shooting, states=states[0], damping=damped[0]) for shooting, (states, damped, _) in known]
         if cost > local.cost * (1 - MIN_GAIN):
             restarted = [initialise_states(shooting, points[k]) for shooting in shootings]
             shootings = [shooting for shooting, _ in restarted]

@@ -170,11 +170,8 @@ def compute_torque_noise(segments: Sequence[Segments], point: Point) -> Array:
     """
     rng = np.random.default_rng(0)
     paths = simulate_all(segments, [point])
-    perturbed = [
-        replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0])
-        for _ in range(DRAWS)
-        for segment, path in zip(segments, paths, strict=True)
-    ]
+    pairs = [*zip(segments, paths, strict=True)] * DRAWS
+    perturbed = [replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0]) for segment, path in pairs]
     squares = compute_segment_rms(perturbed, point) ** 2
     return np.asarray(np.mean(squares.reshape(DRAWS, -1), axis=0))
 
