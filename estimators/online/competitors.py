@@ -77,13 +77,6 @@ class CompetingModels:
         weight: log weight of each variant in its family (V,).
     """
 
-    y_on_base: Array
-    columns_on_base: Array
-    information: Array
-    moment: Array
-    square: Array
-    weight: Array
-
     def __init__(
         self, terms: Sequence[Term], bins: Bins, effects: Sequence[Sequence[Term]] = (), memories: Sequence[float] = ()
     ) -> None:
