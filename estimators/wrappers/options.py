@@ -40,7 +40,8 @@ def choose_online_schemes(names: Names) -> tuple[Scheme | JointState, ...]:
     if names == "all":
         return SCHEMES
     names_or_schemes = [names] if isinstance(names, str) or not isinstance(names, Sequence) else names
-    by_id: dict[str, Scheme | JointState] = {entry.id: entry for entry in (*SCHEMES, JointState())}
+    online: tuple[Scheme | JointState, ...] = (*SCHEMES, JointState())
+    by_id = {entry.id: entry for entry in online}
     listed = [find("scheme", entry, by_id) if isinstance(entry, str) else entry for entry in names_or_schemes]
     joint = [entry for entry in listed if isinstance(entry, JointState)]
     others = [entry for entry in listed if not isinstance(entry, JointState)]
