@@ -31,6 +31,9 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
 from pendulum_env.units import is_of_torque
 
+# The base model with any zero of the position and of the torque, whose inertia estimates noise before the search.
+ANY_ZERO: tuple[Term, ...] = (*BASE, TorqueOffset(), GravityTilt())
+
 NEGLIGIBLE = 0.01  # encoder noise that hides no effect of practical use, as a share of the torque
 NEGLIGIBLE_SWING = 0.002  # the same for a free swing, where friction is a small share of the torque
 
@@ -452,9 +455,7 @@ def smooth_laws(w: Windows) -> tuple[Term, ...]:
     """Return terms that together fit nearly any smooth torque; their residual is noise."""
     fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
     return (
-        *BASE,
-        TorqueOffset(),
-        GravityTilt(),
+        *ANY_ZERO,
         ViscousAsymmetry(),
         *(Stribeck(share * fast) for share in (0.05, 0.2)),
         QuadraticDrag(),
@@ -504,7 +505,7 @@ def choose_half_width(recording: Recording) -> float:
     load_inertia = float(np.max(longest.samples.load.inertia))
     inertia, noise_factor = load_inertia, 1.0  # [kg m^2], and factor on the torque noise by calibration
     for w in map(cut_at, reversed(widths)):  # long windows have less noise
-        equations = join_windows((w,)).equations(BASE)
+        equations = join_windows((w,)).equations(ANY_ZERO)
         if len(equations.y) >= 40:
             fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
             inertia = load_inertia + abs(float(fitted))

@@ -209,6 +209,17 @@ def test_a_residual_smaller_than_the_noise_of_its_windows_has_no_structure():
     assert abs(small.z_score) < 4.5
 
 
+@pytest.mark.parametrize("loop", [{}, {"excitation": "pd_loop", "gains": (35.0, 1.2)}])
+def test_windows_and_their_noise_are_the_same_for_any_zero_of_the_position(loop):
+    """A position that is a quarter turn off leaves all of gravity to the tilt, not to the inertia."""
+    (run,) = recorded(Plant(), Experiment(rate=500, seconds=10, seed=4, **loop))
+    other = Recording(run.time, run.position + np.pi / 2, run.torque)
+    assert choose_half_width(run) == choose_half_width(other)
+    first, second = (RegressionData.from_recordings([log]) for log in (run, other))
+    assert second.inertias(BASE)[""] == pytest.approx(first.inertias(BASE)[""], rel=1e-3)
+    assert second.floors[""] == pytest.approx(first.floors[""], rel=1e-3)
+
+
 def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWindows:
     return add_contacts((prepared, prepared), terms)[0].data
 
