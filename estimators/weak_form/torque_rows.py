@@ -363,7 +363,7 @@ class TorqueRows:
 
     @cached_property
     def base_inertia(self) -> float:
-        """Inertia [kg m^2] by the base model with any zero, without contacts, or the largest if known in all recordings."""
+        """Inertia [kg m^2] by the base model with any zero, without contacts; the largest if all are known."""
         if all(known := [w.recording.known_inertia for w in self.data.windows]):
             return max(known)
         if self.data.contacts:
