@@ -148,7 +148,7 @@ def _combine_measurements(joints: Joints, factors: Mapping[int, float]) -> Measu
         return first
     weights = np.array(list(factors.values()))
     position, velocity, acceleration = (series[:, list(factors)] @ weights for series in stack_motion(joints))
-    return replace(first, position=position, velocity=velocity, acceleration=acceleration)
+    return replace(first, position=position, velocity=velocity, acceleration=acceleration, unfiltered=None)
 
 
 def measure_segments(recordings: Sequence[Recording], terms: Sequence[Term]) -> Segments:

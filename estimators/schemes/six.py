@@ -76,14 +76,16 @@ class Regressor(Protocol):
 
 def compute_torque_view(m: Measurements, column: Column) -> Array:
     """Compute the torque at the instants per unit of the parameter, mass q'' + force + dry sgn q' (N,)."""
-    return np.broadcast_to(np.asarray(column.torque(m.samples, m.acceleration), dtype=float), m.time.shape)
+    torque = column.torque(m.samples, m.acceleration) + m.compute_smoothing_error(column)
+    return np.broadcast_to(np.asarray(torque, dtype=float), m.time.shape)
 
 
 def compute_impulse_view(m: Measurements, column: Column) -> Array:
     """Compute the mean torque over the sample before, (mass dq' + integral of force + dry sgn q') / period (N,)."""
     x = m.samples
     momentum = average_over_sample(column.mass(x), m) * compute_increments(m.velocity)
-    return momentum / m.period + average_over_sample(column.force(x) + column.dry(x) * np.sign(m.velocity), m)
+    force = column.force(x) + m.compute_smoothing_error(column) + column.dry(x) * np.sign(m.velocity)
+    return momentum / m.period + average_over_sample(force, m)
 
 
 def compute_energy_view(m: Measurements, column: Column) -> Array:
@@ -92,7 +94,8 @@ def compute_energy_view(m: Measurements, column: Column) -> Array:
     stored = average_over_sample(column.mass(x), m) * compute_increments(0.5 * m.velocity**2)
     if column.potential is not None:
         stored = stored + compute_increments(column.potential(x) * np.ones(len(m)))
-    return stored / m.period + average_over_sample(column.power(x), m)
+    power = column.power(x) + m.compute_smoothing_error(column) * m.velocity
+    return stored / m.period + average_over_sample(power, m)
 
 
 def compute_supply(m: Measurements) -> Array:

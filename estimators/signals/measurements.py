@@ -2,7 +2,8 @@
 
 The torque balance stays true if each part passes the same linear filter. All quantities here pass one symmetric window
 w without second and fourth moments. It does not change polynomials of fifth degree; sin q of smoothed motion has an
-error of sixth order in its length.
+error of sixth order in its length. In fast rotation this error is large: `Measurements.compute_smoothing_error`
+measures it, offline, for forces of the angle alone.
 
 Command k - 1 acts between samples k - 1 and k. The second difference of the position at k is the average acceleration
 under a triangle over k - 1 to k + 1. The average torque under this triangle is the mean of commands k - 1 and k.
@@ -22,7 +23,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_scatter, find_near_reversals
 from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, get_known_load, get_temperature
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics import KnownLoad, Samples, Term
+from pendulum_env.physics import Column, KnownLoad, Samples, Term
 from pendulum_env.physics.term import ROOM, UNLOADED, Memory
 from pendulum_env.recording import Recording
 
@@ -62,6 +63,8 @@ class Measurements:
         memory: state variables of terms with state, by term id, see `add_states`.
         load: known load of the joint.
         temperature: temperature of the joint [deg C].
+        unfiltered: samples before the filter, at rest, with `reach` - 1 more at each end; None if unknown.
+        window: weights of the filter (2 reach - 1,).
     """
 
     time: Array
@@ -77,6 +80,8 @@ class Measurements:
     memory: Mapping[str, Memory] = field(default_factory=dict)
     load: KnownLoad = UNLOADED
     temperature: ArrayLike = ROOM
+    unfiltered: Samples | None = None
+    window: Array | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -90,6 +95,18 @@ class Measurements:
     def samples(self) -> Samples:
         """Return the samples on which columns depend, (N,) each."""
         return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load, self.temperature)
+
+    def compute_smoothing_error(self, column: Column) -> Array | float:
+        """Compute the filtered force of a column with a potential minus its force at the smoothed position (N,).
+
+        It is large where the angle changes by more than about a radian within the window. It is 0 for other columns.
+        """
+        if self.unfiltered is None or self.window is None or column.potential is None:
+            return 0.0
+        before, after = (
+            np.broadcast_to(column.force(x) - column.loss(x), x.time.shape) for x in (self.unfiltered, self.samples)
+        )
+        return np.asarray(np.convolve(before, self.window, "valid") - after)
 
     def find_clear(self, guard: float | None) -> Mask:
         """Find samples farther than `guard` [s] and the reach of the filter from stick and reversals (N,).
@@ -238,10 +255,17 @@ def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]
     width = max(smoothing.half_width for smoothing in chosen)
     chosen = [replace(smoothing, half_width=width) for smoothing in chosen]
     return [
-        tuple(measure(*pair) for pair in zip(segment, chosen, strict=True))
+        tuple(_measure_with_unfiltered(*pair) for pair in zip(segment, chosen, strict=True))
         for segment in segments
         if len(segment[0]) >= 2 * width + SPARE_SAMPLES
     ]
+
+
+def _measure_with_unfiltered(recording: Recording, smoothing: Smoothing) -> Measurements:
+    """Filter a recording and keep its samples before the filter, for `Measurements.compute_smoothing_error`."""
+    rest, load = np.zeros(len(recording)), get_known_load(recording)
+    unfiltered = Samples(recording.time, recording.position, rest, recording.torque, load=load)
+    return replace(measure(recording, smoothing), unfiltered=unfiltered, window=smoothing.make_position_kernel())
 
 
 def add_states(m: Measurements, terms: Sequence[Term]) -> Measurements:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.independent_plant import Experiment
+from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.run import diagnose
@@ -45,6 +45,17 @@ def test_standard_errors_are_honest():
     for scheme in schemes:
         rms = float(np.sqrt(np.mean(np.square(z[scheme]))))
         assert 0.6 < rms < 1.5, scheme
+
+
+def test_fast_rotation_does_not_bias_gravity():
+    """The angle turns by up to two radians within the filter of a coarse encoder, so sin q is not that of its mean."""
+    plant = Plant(inertia=0.09, gravity=2.0, viscous=0.03, coulomb=0.15)
+    fast = {"rate": 200.0, "seconds": 15.0, "counts": 8192, "torque_noise": 0.0, "start": (0.0, 25.0)}
+    truth = np.array([plant.inertia, plant.gravity, plant.viscous, plant.coulomb])
+    for seed in range(2):
+        for scheme, result in identify(recorded(plant, Experiment(seed=seed, **fast))).items():
+            assert np.all(np.abs(result.model.theta - truth) < 3 * std(result.model)), scheme
+            assert result.model.theta[1] == pytest.approx(2.0, rel=1e-3), scheme
 
 
 def test_convergence_ends_at_the_model(paper_run):
