@@ -278,6 +278,8 @@ def _refuse_missing(
         hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
     elif len(suggested) < len(missing):
         hints.append(f"name the columns {HEADER} (in s, rad, N m), or say which with {option}")
+    if "time" in missing:
+        hints.append("if the log has no times, add a column of them: the number of the row over the rate in Hz")
     if "torque" in missing and len(joints) < 2:
         drive = f", or {format_setting('drive', Blank('...'))} if a controller follows the goal" if has_goal else ""
         none = format_setting("columns", {**told, "torque": NONE}) if missing == ["torque"] else f"write torque={NONE}"
