@@ -31,8 +31,8 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
 from pendulum_env.units import is_of_torque
 
-# The base model with any zero of the position and of the torque, whose inertia estimates noise before the search.
-ANY_ZERO: tuple[Term, ...] = (*BASE, TorqueOffset(), GravityTilt())
+# The base model with any zero of the position, whose inertia estimates noise before the search.
+ANY_ZERO: tuple[Term, ...] = (*BASE, GravityTilt())
 
 NEGLIGIBLE = 0.01  # encoder noise that hides no effect of practical use, as a share of the torque
 NEGLIGIBLE_SWING = 0.002  # the same for a free swing, where friction is a small share of the torque
@@ -456,6 +456,7 @@ def smooth_laws(w: Windows) -> tuple[Term, ...]:
     fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
     return (
         *ANY_ZERO,
+        TorqueOffset(),
         ViscousAsymmetry(),
         *(Stribeck(share * fast) for share in (0.05, 0.2)),
         QuadraticDrag(),
