@@ -35,7 +35,7 @@ from estimators.weak_form.nonlinear import (
     search_by_cross_entropy,
 )
 from estimators.weak_form.point import Point
-from estimators.weak_form.torque_windows import ANY_ZERO, TorqueWindows
+from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, Term
 
@@ -157,7 +157,7 @@ class TorqueRows:
         data = self.data
         if any(w.at or w.recording.known_inertia for w in data.windows):
             return np.zeros(len(data.weights))
-        fit = solve(data.equations(ANY_ZERO), data.weights, data.clusters)
+        fit = solve(data.equations(data.base), data.weights, data.clusters)
         inertia = max(float(fit.theta[0] - SIGNIFICANT * fit.std[0]), 0.0)
         if inertia == 0.0:
             return np.zeros(len(data.weights))
@@ -363,14 +363,14 @@ class TorqueRows:
 
     @cached_property
     def base_inertia(self) -> float:
-        """Inertia [kg m^2] by the base model with any zero, without contacts; the largest if all are known."""
+        """Inertia [kg m^2] by the base model without contacts, or the largest if known in all recordings."""
         if all(known := [w.recording.known_inertia for w in self.data.windows]):
             return max(known)
         if self.data.contacts:
             return TorqueRows(self.data.without_contacts).base_inertia
         # below zero if the sign of torque is wrong
-        theta = self.equations(ANY_ZERO).with_bounds(*list_law_bounds(ANY_ZERO)).solve()
-        return abs(float(theta[[term.id for term in ANY_ZERO].index("inertia")]))
+        theta = self.equations(self.data.base).with_bounds(*list_law_bounds(self.data.base)).solve()
+        return abs(float(theta[[term.id for term in self.data.base].index("inertia")]))
 
     def fit(self, terms: Terms, exactly: bool = False) -> Point:
         """Fit the linear parameters of some terms, to convergence also without `exactly`."""

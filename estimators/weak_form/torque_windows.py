@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.data.rows import ResidualStructure
-from estimators.regression.least_squares import Equations, IdentificationError
+from estimators.regression.least_squares import Equations, IdentificationError, solve_least_squares
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.windows import (
     WHOLE,
@@ -31,9 +31,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
 from pendulum_env.units import is_of_torque
 
-# The base model with any zero of the position, whose inertia estimates noise before the search.
-ANY_ZERO: tuple[Term, ...] = (*BASE, GravityTilt())
-
+TILTED = 0.5  # residual with tilted gravity, share of that without, below which the zero of the position is wrong
 NEGLIGIBLE = 0.01  # encoder noise that hides no effect of practical use, as a share of the torque
 NEGLIGIBLE_SWING = 0.002  # the same for a free swing, where friction is a small share of the torque
 
@@ -365,6 +363,15 @@ class TorqueWindows:
         phi = np.column_stack([linear for linear, _ in parts])
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
+    @cached_property
+    def base(self) -> tuple[Term, ...]:
+        """Base model, whose inertia estimates noise before the search; with tilted gravity if the zero is wrong."""
+        terms = (*BASE, GravityTilt())
+        equations = self.equations(terms)
+        phi, y = equations.phi * self.weights[:, None], equations.y * self.weights
+        errors = [np.linalg.norm(y - part @ solve_least_squares(part, y)) for part in (phi[:, :-1], phi)]
+        return terms if errors[1] < TILTED * errors[0] else BASE
+
     def compute_absorbed_noise(self, term: Term) -> float:
         """Return the variance of torque noise that a term's fixed columns absorb, mean over all rows [(N m)^2]."""
         counts = [len(w.centers) for w in self.windows]
@@ -455,8 +462,9 @@ def smooth_laws(w: Windows) -> tuple[Term, ...]:
     """Return terms that together fit nearly any smooth torque; their residual is noise."""
     fast = max(float(np.percentile(np.abs(w.samples.velocity), 95)), 0.1)
     return (
-        *ANY_ZERO,
+        *BASE,
         TorqueOffset(),
+        GravityTilt(),
         ViscousAsymmetry(),
         *(Stribeck(share * fast) for share in (0.05, 0.2)),
         QuadraticDrag(),
@@ -506,8 +514,9 @@ def choose_half_width(recording: Recording) -> float:
     load_inertia = float(np.max(longest.samples.load.inertia))
     inertia, noise_factor = load_inertia, 1.0  # [kg m^2], and factor on the torque noise by calibration
     for w in map(cut_at, reversed(widths)):  # long windows have less noise
-        equations = join_windows((w,)).equations(ANY_ZERO)
-        if len(equations.y) >= 40:
+        data = join_windows((w,))
+        if len(w.centers) >= 40:
+            equations = data.equations(data.base)
             fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
             inertia = load_inertia + abs(float(fitted))
             noise_factor = calibrate_noise(w).torque_noise / max(w.torque_noise, 1e-300)

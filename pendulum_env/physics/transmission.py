@@ -135,7 +135,7 @@ class Transmission(Term):
             middle_q = position + 0.5 * h * velocity
             middle_v = accelerate(k * h, position, velocity, 0.5 * h)
             velocity = clip_state(accelerate((k + 0.5) * h, middle_q, middle_v, h))
-            position = clip_state(position + h * middle_v)
+            position = clip_state(middle_q + 0.5 * h * velocity)
         return position, velocity
 
 

@@ -48,18 +48,13 @@ def test_a_wrong_start_leads_to_the_link_and_its_play(found: Model):
         assert 0 < found.estimates[name].std < 0.05 * value, name
 
 
-def test_errors_of_rounding_in_the_recording_do_not_change_the_fit(loose: RegressionData, found: Model):
+def test_an_error_of_rounding_in_the_recording_does_not_change_the_fit(loose: RegressionData, found: Model):
     (recording,) = (windows.recording for windows in loose.data.windows)
-    fits = []
-    for seed in (1, 2, 3):  # a single draw may exceed the bound by chance
-        rounded = 1 + 1e-12 * np.random.default_rng(seed).standard_normal((2, len(recording)))
-        other = Recording(
-            recording.time, recording.position * rounded[0], recording.torque * rounded[1], name="rounded"
-        )
-        fits.append(estimate(RegressionData.from_recordings([other]).data.windows, START))
+    rounded = 1 + 1e-12 * np.random.default_rng(1).standard_normal((2, len(recording)))
+    other = Recording(recording.time, recording.position * rounded[0], recording.torque * rounded[1], name="rounded")
+    again = estimate(RegressionData.from_recordings([other]).data.windows, START)
     for name, estimated in found.estimates.items():
-        deviations = [fit.estimates[name].value - estimated.value for fit in fits]
-        assert np.sqrt(np.mean(np.square(deviations))) < 0.25 * estimated.std, name
+        assert again.estimates[name].value == pytest.approx(estimated.value, abs=0.25 * estimated.std), name
 
 
 def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried_along(loose: RegressionData):
