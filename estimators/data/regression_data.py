@@ -27,7 +27,6 @@ from estimators.weak_form.torque_windows import TorqueWindows, join_windows, pre
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import BASE, Model, Samples, Term, find_link, has_link, list_loads
-from pendulum_env.physics.term import zero
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
@@ -141,7 +140,7 @@ class RegressionData:
         return self.torque.compute_absorbed_noise(terms) if self.layout.predicts_torque else []
 
     def compute_removed_noise(self, terms: Terms, theta: Array, inertia: Mapping[str, float]) -> Array:
-        """Return the variance of encoder noise that effects with inertia remove from each row (R,) [(N m)^2].
+        """Return the variance of encoder noise that payload changes remove from each row (R,) [(N m)^2].
 
         Encoder noise enters the rows times the inertia. An effect must not become likelier by removing it: where
         nothing accelerates, a payload of minus the inertia leaves torque without noise. `theta` (P,) are the
@@ -150,7 +149,7 @@ class RegressionData:
         variance = np.zeros(len(self.layout.fold))
         columns = [(term, column) for term in terms for column in term.columns]
         for (term, column), value in zip(columns, theta.tolist(), strict=True):
-            if column.mass is not zero and self.layout.predicts_torque and term.at in inertia:
+            if term.kind == "time-varying" and self.layout.predicts_torque and term.at in inertia:
                 part, before = self.data.part(term.at), inertia[term.at]
                 noise = np.repeat([w.acceleration_noise for w in part.windows], [len(w.centers) for w in part.windows])
                 after = np.clip(before + value * column.mass(part.samples), 0.0, before)

@@ -65,7 +65,7 @@ class MeasurementWrapper(MeasurementSteps, gym.Wrapper[Any, Any, Any, Any], gym.
         """Pass a measurement on. A fault has no measurement, and repeats the last result."""
         if "fault" not in info:
             sample = get_measurement(info)
-            if sample[0] <= self._time:  # an inner wrapper, for example `Autoreset`, may have reset the environment
+            if sample[0] < self._time:  # an inner wrapper, for example `Autoreset`, may have reset the environment
                 self._algorithm.reset()
                 self._clock.restart()
             self._time = sample[0]

@@ -5,6 +5,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 from pendulum_env.physics import (
@@ -180,6 +181,26 @@ def test_two_short_advances_are_one_long_advance(id):
     once = term.advance(start, x, 0.01)
     twice = term.advance(term.advance(start, x, 0.004), x, 0.006)
     np.testing.assert_allclose(once, twice, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("resonance", "damping"), [(40.0, 4.0), (150.0, 2.0), (350.0, 20.0), (500.0, 5.0)])
+def test_an_elastic_link_along_a_motion_is_that_of_an_independent_integrator(resonance, damping):
+    """The link follows a motor that turns by 0.7 sin 3t + 0.2 sin 17t, sampled at 1 kHz."""
+    time = np.arange(3000) / 1000
+    q = 0.7 * np.sin(3 * time) + 0.2 * np.sin(17 * time)
+    v = 2.1 * np.cos(3 * time) + 3.4 * np.cos(17 * time)
+    gravity = 20.0
+
+    def derive(t, state):
+        motor = 0.7 * np.sin(3 * t) + 0.2 * np.sin(17 * t), 2.1 * np.cos(3 * t) + 3.4 * np.cos(17 * t)
+        twist, speed = motor[0] - state[0], motor[1] - state[1]
+        return state[1], resonance**2 * twist + damping * speed - gravity * np.sin(state[0])
+
+    term = effect("joint_flexibility")(resonance, damping, gravity)
+    zeros = np.zeros_like(time)
+    link, _ = term.trace(Samples(time, q, v, zeros), zeros, 1e-3)
+    exact = solve_ivp(derive, (0.0, time[-1]), (0.0, v[0]), t_eval=time, rtol=1e-9, atol=1e-12, max_step=1e-3).y[0]
+    assert np.sqrt(np.mean((link - exact) ** 2)) < 3e-5  # [rad]
 
 
 @pytest.mark.parametrize(
