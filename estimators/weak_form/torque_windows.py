@@ -31,7 +31,8 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
 from pendulum_env.units import is_of_torque
 
-TILTED = 0.5  # residual with tilted gravity, share of that without, below which the zero of the position is wrong
+UNEXPLAINED = 3.0  # residual of the base model, in noise floors, above which the zero of the position may be wrong
+TILTED = 0.5  # residual with tilted gravity, share of that without, if the zero of the position is wrong
 NEGLIGIBLE = 0.01  # encoder noise that hides no effect of practical use, as a share of the torque
 NEGLIGIBLE_SWING = 0.002  # the same for a free swing, where friction is a small share of the torque
 
@@ -365,12 +366,18 @@ class TorqueWindows:
 
     @cached_property
     def base(self) -> tuple[Term, ...]:
-        """Base model, whose inertia estimates noise before the search; with tilted gravity if the zero is wrong."""
-        terms = (*BASE, GravityTilt())
-        equations = self.equations(terms)
-        phi, y = equations.phi * self.weights[:, None], equations.y * self.weights
-        errors = [np.linalg.norm(y - part @ solve_least_squares(part, y)) for part in (phi[:, :-1], phi)]
-        return terms if errors[1] < TILTED * errors[0] else BASE
+        """Base model, whose inertia estimates noise before the search; with tilted gravity if the zero is wrong.
+
+        A wrong zero leaves a residual above the noise, which tilted gravity halves at least. A residual of noise may
+        become smaller, too: for motion at one frequency, cos q takes the place of a noisy acceleration.
+        """
+        tilted, weights = (*BASE, GravityTilt()), self.weights
+        equations = self.equations(tilted)
+        phi, y = equations.phi * weights[:, None], equations.y * weights
+        theta = solve_least_squares(phi[:, :-1], y)
+        errors = [np.linalg.norm(y - phi[:, :-1] @ theta), np.linalg.norm(y - phi @ solve_least_squares(phi, y))]
+        floor = self.noise(abs(float(theta[0]))) * np.linalg.norm(weights)
+        return tilted if errors[0] > UNEXPLAINED * floor and errors[1] < TILTED * errors[0] else BASE
 
     def compute_absorbed_noise(self, term: Term) -> float:
         """Return the variance of torque noise that a term's fixed columns absorb, mean over all rows [(N m)^2]."""

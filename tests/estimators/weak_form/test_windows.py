@@ -220,6 +220,18 @@ def test_windows_and_their_noise_are_the_same_for_any_zero_of_the_position(loop)
     assert second.floors[""] == pytest.approx(first.floors[""], rel=1e-3)
 
 
+def test_motion_of_one_frequency_keeps_its_inertia_though_tilted_gravity_fits_better():
+    """Around a level arm cos q replaces an acceleration with the noise of the encoder, without a wrong zero."""
+    time = np.arange(10_000) / 500
+    q = np.pi / 2 + 0.3 * np.sin(2 * np.pi * time + 1.0)
+    v, a = 0.6 * np.pi * np.cos(2 * np.pi * time + 1.0), -1.2 * np.pi**2 * np.sin(2 * np.pi * time + 1.0)
+    noise = 0.02 * np.random.default_rng(0).standard_normal(len(time))
+    torque = 0.09 * a + 2.0 * np.sin(q) + 0.35 * v + 0.8 * np.sign(v) + noise
+    step = 2 * np.pi / 20_000
+    run = Recording(time, np.round(q / step) * step, torque)
+    assert RegressionData.from_recordings([run]).inertias(BASE)[""] == pytest.approx(0.09, rel=0.03)
+
+
 def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWindows:
     return add_contacts((prepared, prepared), terms)[0].data
 
