@@ -100,7 +100,7 @@ def compare_policies(
 
     A policy is one of these:
 
-    - an object with `predict(observation, deterministic=...)`: a model of stable-baselines3. It gets the
+    - an object with `predict(observation, deterministic=...)`, such as a model of stable-baselines3. It gets the
       observations (B, 20) of `ExcitationDesignVector` and returns shares of the peak torque (B, 1). `state` and
       `episode_start` are passed if `predict` takes them;
     - a class of such objects, created without arguments;

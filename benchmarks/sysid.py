@@ -85,7 +85,7 @@ def fit_simulation(recording: ArmRecording) -> dict[str, np.ndarray]:
 
 
 def _set(spec: Any, parameter: Any) -> None:
-    """Write a parameter (`damping@elbow`) into a specification; higher orders of damping are zero."""
+    """Write a parameter such as `damping@elbow` into a specification; higher orders of damping are zero."""
     quantity, _, joint = parameter.name.partition("@")
     value = np.zeros_like(np.asarray(getattr(spec.joint(joint), quantity), dtype=float))
     value.flat[0] = parameter.value[0]

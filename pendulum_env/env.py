@@ -78,7 +78,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
 
         Args:
             backend: "pymunk", "mujoco" (extra `export`), "replay" or "dm1015b", the rig.
-            effects: hidden effects of the simulated plant, `stribeck=0.4` or `{"stribeck": 0.4}`;
+            effects: hidden effects of the simulated plant, such as `stribeck=0.4` or `{"stribeck": 0.4}`;
                 `pendulum-ident effects` lists them.
             theta: parameters of the plant that differ from the paper's, by name.
             model: identified model, or its file, to simulate as the plant.

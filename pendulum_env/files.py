@@ -40,7 +40,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 def replace_file(path: str | Path) -> Iterator[BinaryIO]:
     """Open a hidden temporary file that replaces `path` when all content is on the disk.
 
-    Links are followed, and permissions of a replaced file are kept. A device (/dev/null) is written directly.
+    Links are followed, and permissions of a replaced file are kept. A device, such as /dev/null, is written directly.
 
     Raises:
         OSError: if the file cannot be written; the error names it.

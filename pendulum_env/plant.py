@@ -1,4 +1,4 @@
-"""Simulated plants: the paper's pendulum with hidden effects, given as texts, `stribeck=0.4`."""
+"""Simulated plants: the paper's pendulum with hidden effects, given as texts such as `stribeck=0.4`."""
 
 import math
 import re
@@ -165,7 +165,7 @@ def list_effects(effects: Effects) -> tuple[str, ...]:
     """Convert effects to texts for `hide`.
 
     Args:
-        effects: a text, `stribeck=0.4`, several texts, sizes by id `{"stribeck": 0.4}`, parameters by id and
+        effects: a text such as `stribeck=0.4`, several texts, sizes by id `{"stribeck": 0.4}`, parameters by id and
             name `{"stribeck": {"stribeck": 0.4}}`, or None.
 
     Raises:
@@ -200,7 +200,7 @@ def make_plant(
 
     Args:
         theta: parameters by name that differ from the paper.
-        effects: hidden effects, `stribeck=0.4` or `{"stribeck": 0.4}`; see `list_effects`.
+        effects: hidden effects, such as `stribeck=0.4` or `{"stribeck": 0.4}`; see `list_effects`.
         model: identified model, or its file, in place of the paper's plant.
 
     Raises:

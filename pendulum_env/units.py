@@ -74,7 +74,7 @@ class JointUnits:
     slides: bool = False
 
     def unit(self, si: str) -> str:
-        """Return the unit of a quantity from its unit at a revolute joint with torque in N m (`kg m^2`)."""
+        """Return the unit of a quantity from its unit at a revolute joint with torque in N m, such as `kg m^2`."""
         unit = si
         if self.torque_unit != "N m" and is_of_torque(si):
             product = PRODUCTS.get(si, si)

@@ -47,7 +47,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
     Actions (B, 1) and observations (B, 3) are those of `DirectDrivePendulum`. `info` has the layout of Gymnasium's
     `SyncVectorEnv`: arrays (B,), each with a mask; `info["plant"]` holds an array (B,) for each parameter. The
     pendulums start at rest, hanging down, and each is truncated after max_episode_steps. Rewards are 0 without a
-    wrapper (`InformationRewardVector`). Rendering is not supported.
+    wrapper such as `InformationRewardVector`. Rendering is not supported.
     """
 
     @refuse_unknown_arguments

@@ -1,4 +1,4 @@
-"""Plots as plain data for Plotly; colours are CSS variables of the page (`--measured`)."""
+"""Plots as plain data for Plotly; colours are CSS variables of the page such as `--measured`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

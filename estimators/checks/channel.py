@@ -36,6 +36,8 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.recording import Recording
 
+FREE_ZERO = 1e-9  # [s], delay that is fitted from zero; a delay of exactly zero is not fitted
+
 
 @dataclass(frozen=True, eq=False)
 class ChannelFits:
@@ -134,7 +136,7 @@ class ChannelFits:
     @cached_property
     def delay_fit(self) -> Alignment:
         """Law with a free delay."""
-        return self.fit([self.law(1e-9), self.start])
+        return self.fit([self.law(FREE_ZERO), self.start])
 
     @property
     def period(self) -> float:
@@ -309,9 +311,8 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     if shift + CHANNEL.z_limit * shift_std < CHANNEL.least_sampled:
         return law
     is_within_sample = shift < 0.5 + CHANNEL.z_limit * shift_std
-    answers_row = bool(
-        find_feedback([w.recording for w in fits.rows.data.windows])
-    )  # the log is not that of an earlier row
+    # the log is not that of an earlier row
+    answers_row = bool(find_feedback([w.recording for w in fits.rows.data.windows]))
     is_sampled = answers_row or not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
     if not (is_sampled and sampled_law.is_late):
         return law

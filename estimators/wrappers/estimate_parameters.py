@@ -63,9 +63,9 @@ class EstimateParameters(MeasurementWrapper):
             env: the environment.
             schemes: ids of schemes, or schemes; "all" for the six. `joint_state_ukf`, with position, velocity and
                 parameters in one state, is the last in the estimates and has no delay, see `JointState`.
-            terms: all terms of the model, ids or `Term` objects: `(*BASE, Stribeck(stribeck_velocity=0.4))`; None for
-                the four of the paper. A term without linear parameters (`dead_time`) is known. For an arm, terms at
-                joints, `viscous@elbow`; None for viscous and Coulomb friction at each joint.
+            terms: all terms of the model, ids or `Term` objects, such as `(*BASE, Stribeck(stribeck_velocity=0.4))`;
+                None for the four of the paper. A term without linear parameters, such as `dead_time`, is known. For an
+                arm, terms at joints, such as `viscous@elbow`; None for viscous and Coulomb friction at each joint.
             rate: sampling rate [Hz]; None reads it from the environment. The resolution of the encoder is `counts`, or
                 that of the environment, or estimated from the first samples of motion.
             in_observation: append theta and the standard errors of all schemes to a Box observation.
@@ -112,7 +112,7 @@ class EstimateParametersVector(MeasurementVectorWrapper):
     """`EstimateParameters` for a vector environment; the entries of `info` have a first axis over its environments.
 
     The layout of `info` is that of `gymnasium.make_vec(..., vectorization_mode="sync", wrappers=[EstimateParameters])`:
-    each entry has a mask (`_regressor`), and `parameters` holds the names once for each environment. The
+    each entry has a mask, such as `_regressor`, and `parameters` holds the names once for each environment. The
     estimates of an environment restart when its time restarts.
     """
 

@@ -30,12 +30,16 @@ def find_joint_columns(
         except ValueError as error:
             raise ColumnError(f"{label}: {error}") from None
     plain, found = strip_units(headers), match_joints(headers, (*joints, *held)) | given
+    exact = {plain.get(name) for name in wanted}
     for quantity in OF_JOINTS:
-        labelled = find_labelled_columns(quantity, headers)
-        numbered = sorted((int(*label), text) for label, text in labelled.items() if "".join(label).isdecimal())
-        missing = [joint for joint in joints if f"{quantity}_{joint}" not in found]
-        if len(missing) == len(joints) == len(numbered):
-            found |= {f"{quantity}_{joint}": text for joint, (_, text) in zip(joints, numbered, strict=True)}
+        labelled = find_labelled_columns(quantity, [text for text in headers if text not in exact])
+        numbered = [labelled[label] for label in sorted(filter(_is_number, labelled), key=lambda label: int(*label))]
+        names = [f"{quantity}_{joint}" for joint in joints]
+        missing = [joint for joint, name in zip(joints, names, strict=True) if name not in found]
+        is_named = any(name in given or found[name] not in numbered for name in names if name in found)
+        if missing and not is_named and len(names) == len(numbered):  # numbered in order, not by the joints
+            found = {name: text for name, text in found.items() if name in given or text not in numbered}
+            found |= dict(zip(names, numbered, strict=True))
         elif missing and quantity in QUANTITIES:
             need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
             first = f"{quantity}_{missing[0]}"
@@ -56,15 +60,29 @@ def find_joint_columns(
 
 
 def match_joints(headers: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
-    """Find the columns of joints by quantity, `position_<joint>`, of this name or labelled: `q_elbow`, `elbow/tau`."""
+    """Find the columns of joints by quantity, `position_<joint>`, of this name or labelled: `q_elbow`, `elbow/tau`.
+
+    Columns with numbers alone, `q_1`, are those of `joint_1` and so on if all are of joints, or all joints have one.
+    """
     plain, found = strip_units(headers), dict[str, str]()
+    exact = {plain.get(f"{quantity}_{joint}") for quantity in OF_JOINTS for joint in joints}
+    others = [header for header in headers if header not in exact]
+    labelled = {quantity: find_labelled_columns(quantity, others) for quantity in OF_JOINTS}
+    numbers = {label for columns in labelled.values() for label in columns if _is_number(label)}
+    labels = {joint: find_label(joint) for joint in joints}
+    unread = set() if numbers <= {*labels.values()} or numbers >= {*labels.values()} else numbers
     for quantity in OF_JOINTS:
-        exact = {name: plain[name] for joint in joints if (name := f"{quantity}_{joint}") in plain}
-        found |= {name: add_si_unit(quantity, header) if header == name else header for name, header in exact.items()}
-        labelled = find_labelled_columns(quantity, [header for header in headers if header not in exact.values()])
-        by_label = {f"{quantity}_{joint}": labelled.get(find_label(joint)) for joint in joints}
-        found |= {name: text for name, text in by_label.items() if text is not None and name not in exact}
+        for joint, joint_label in labels.items():
+            name = f"{quantity}_{joint}"
+            if header := plain.get(name):
+                found[name] = add_si_unit(quantity, header) if header == name else header
+            elif joint_label in labelled[quantity] and joint_label not in unread:
+                found[name] = labelled[quantity][joint_label]
     return found
+
+
+def _is_number(label: Collection[str]) -> bool:
+    return len(label) == 1 and "".join(label).isdecimal()
 
 
 def read_held_position(label: str, look: Preview, text: str) -> Array:

@@ -141,7 +141,7 @@ class PlanarArm(SimulatedArm):
         Args:
             links: links from the base on, with the friction of their joints.
             joints: names of the joints; by default `shoulder`, `elbow`, `wrist`, `joint4`, ...
-            effects: hidden effects at joints, `stribeck@elbow=0.4` or `{"stribeck@elbow": 0.4}`.
+            effects: hidden effects at joints, such as `stribeck@elbow=0.4` or `{"stribeck@elbow": 0.4}`.
             rate: samples and actions per second [Hz].
             substeps: integration steps per sample.
             max_torque: bound of each joint's action [N m].

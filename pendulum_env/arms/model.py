@@ -26,7 +26,7 @@ HINT = "identify or diagnose the arm to have one"
 class ArmModel(Model):
     """Model of an arm: `Links` as its first term, then terms at joints.
 
-    Estimates are named `viscous@elbow`, nonlinear parameters `stribeck.stribeck_velocity@elbow`. The
+    Estimates have names such as `viscous@elbow`, nonlinear parameters such as `stribeck.stribeck_velocity@elbow`. The
     methods of one joint, `torque` and `simulate`, do not apply.
     """
 

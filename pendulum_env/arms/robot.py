@@ -1,6 +1,6 @@
 """Read robots from URDF or MJCF, with moving, held and mimic joints.
 
-Held joints are removed, and their links merged with the previous ones. Mimic joints (those of a gripper) keep
+Held joints are removed, and their links merged with the previous ones. Mimic joints, such as those of a gripper, keep
 their links: with independent joints at q, the joints of all links are at R q + r.
 """
 

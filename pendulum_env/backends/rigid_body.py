@@ -103,7 +103,7 @@ class StepTorque(NamedTuple):
 
 
 def _compute_step_torque(balance: TorqueBalance, x: Samples, h: Any) -> tuple[StepTorque, Samples]:
-    """Return the step_torque and the samples at the middle of the step, of numbers or symbols.
+    """Return the torque of a step and the samples at the middle of the step, of numbers or symbols.
 
     If the body reverses within the step, the torque is corrected for the friction before the reversal.
     """
@@ -119,7 +119,7 @@ def _compute_step_torque(balance: TorqueBalance, x: Samples, h: Any) -> tuple[St
 
 
 def _write_half(terms: tuple[Term, ...], longest: float, is_first: bool) -> SymbolicStep:
-    """Write the first half of a step, with the step_torque, or the second half, in symbols."""
+    """Write the first half of a step, with its torque, or the second half, in symbols."""
     balance, x, nonlinear = write_balance(terms)
     h: Any = make_symbol("h", most=longest)
     given = {

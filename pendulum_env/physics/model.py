@@ -39,7 +39,7 @@ NO_INERTIA = "the model lacks the term inertia: add it"
 class Model(Mapping[str, Estimate], Shown):
     """Terms and parameters of the torque balance; `model["gravity"]` is an estimate.
 
-    A model is a mapping of its estimates by full name (`dead_time.dead_time`). Indexing also accepts the
+    A model is a mapping of its estimates by full name, such as `dead_time.dead_time`. Indexing also accepts the
     displayed short name, `dead_time`.
 
     Attributes:
@@ -178,7 +178,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def derived(self) -> dict[str, Estimate]:
-        """Compute derived parameters (`backlash.k`) with standard errors to first order."""
+        """Compute derived parameters, such as `backlash.k`, with standard errors to first order."""
         return derive_estimates(self.terms, self.estimates, self.assumed_covariance, self.units())
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Self:

@@ -2,8 +2,8 @@
 
 A table is a term that is fitted, confirmed on held-out data, simulated and exported, but not proposed as a cause. It
 competes with the effects by the same score. If a table predicts significantly better and explains most of the effects'
-residual, the effects are imitations. A table is orthogonal to functions that the model contains (gravity, an
-offset, Coulomb friction). It has zero curvature at its ends and is constant beyond them. A function of time differs
+residual, the effects are imitations. A table is orthogonal to functions that the model contains, such as gravity, an
+offset or Coulomb friction. It has zero curvature at its ends and is constant beyond them. A function of time differs
 between recordings, so models do not keep it.
 
 Source: de Boor, A Practical Guide to Splines, 2001.

@@ -1,6 +1,6 @@
 """Physical terms, used by regressors, simulation and report.
 
-The torque balance is linear in the parameters theta for given nonlinear parameters (a Stribeck velocity):
+The torque balance is linear in the parameters theta for given nonlinear parameters, such as a Stribeck velocity:
 
     torque = sum_k theta_k (mass_k q'' + force_k + dry_k sgn q')
 
@@ -404,4 +404,8 @@ def trace_variants(
         history = program(inputs, np.array(constants), states)
     else:
         history = repeat(lambda given, rows: stacked.advance(tuple(rows), Samples(*given), period), inputs, states)
-    return [[tuple(history[:n, :, v, k].T) for v in range(len(variants))] for k, n in enumerate(counts)]
+    # history (longest N, states, variants, recordings)
+    return [
+        [tuple(history[:count, :, variant, run].T) for variant in range(len(variants))]
+        for run, count in enumerate(counts)
+    ]

@@ -117,7 +117,8 @@ class State:
 
     def make_fit_task(self) -> partial[BaseFit]:
         """Make the task that fits the base model."""
-        train, holdout = (tuple(one.recording for one in self.loaded if one.held_out is so) for so in (False, True))
+        train = tuple(item.recording for item in self.loaded if not item.held_out)
+        holdout = tuple(item.recording for item in self.loaded if item.held_out)
         fit = fit_pendulum if self.body.can_simulate else fit_arm
         return partial(fit, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
 

@@ -224,7 +224,7 @@ def _describe_incomplete(finding: Finding) -> str:
 
 
 def describe_violations(finding: Finding) -> list[str]:
-    """Return a phrase for each violated physical bound: "a negative inertia"."""
+    """Return a phrase for each violated physical bound, such as "a negative inertia"."""
     numbers = {name: measure(finding.numbers[name], is_parameter=True) for name in finding.parameters}
     return [PHRASES.get(name, f"{name} = {{}}").format(number) for name, number in numbers.items()]
 
@@ -287,10 +287,9 @@ def _describe_limits(finding: Finding) -> str:
     aims = describe_aims(finding.pairs, "or")
     place = finding.numbers.get("place")
     there = "" if place is None else f" and go to {measure(place, 2)}, where the residual is largest"
-    options = "--max-angle, --max-speed" + ", --max-torque" * (
-        "torque" in finding.numbers
-    )  # a free swing has no torque
+    torque = ", --max-torque" if "torque" in finding.numbers else ""  # a free swing has none
     limits = list_limits(finding.numbers)
+    options = f"--max-angle, --max-speed{torque}"
     return f"No experiment within {limits} would {aims}{there}. Allow more ({options}) if the rig bears it."
 
 

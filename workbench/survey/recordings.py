@@ -89,7 +89,7 @@ def is_future(date: datetime) -> bool:
 
 
 def parse_date(text: str) -> datetime | None:
-    """Parse a date, `2026-03-01`, `20260301T1405` or `2026-03-01_14-05-30` as UTC; None for other texts."""
+    """Parse a date such as `2026-03-01`, `20260301T1405` or `2026-03-01_14-05-30` as UTC; None for other texts."""
     if not DATE.fullmatch(text):
         return None
     try:

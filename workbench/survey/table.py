@@ -92,7 +92,7 @@ def find_series(rows: Iterable[JSON]) -> list[Series]:
     """Collect the parameters of every joint over time, and find those that change.
 
     A parameter depends on the other effects in the model, so each set of effects has a separate series. Biased
-    estimates and those without a standard error (known values) are left out. Changes are significant at a
+    estimates and those without a standard error, such as known values, are left out. Changes are significant at a
     false discovery rate of 1 % for independent tests (Benjamini and Hochberg).
     """
     points: dict[tuple[str, str, str, str, str], list[JSON]] = {}
@@ -159,7 +159,8 @@ def tabulate_changes(series: Sequence[Series]) -> TextTable:
         jump, low, high = changed.trend.jump, *changed.trend.interval
         size = f"{changed.trend.drift:+.3g} ({low:+.3g} to {high:+.3g}) a week"
         if changed.change == "jump" and jump is not None:
-            size = f"{'+' * (jump.size > 0)}{format_estimate(jump.size, jump.std)} on {changed.jump_date:%Y-%m-%d}"
+            sign = "+" if jump.size > 0 else ""
+            size = f"{sign}{format_estimate(jump.size, jump.std)} on {changed.jump_date:%Y-%m-%d}"
         mean = format_number(float(np.mean([estimate["value"] for estimate in changed.estimates])))
         effects = f"(with {changed.effects})" if changed.effects else ""
         label = " ".join(filter(None, (changed.machine, changed.joint, changed.parameter, effects)))

@@ -95,8 +95,8 @@ class SerialDrive:
                 if state.sequence in asked:
                     return state, asked[state.sequence], time.monotonic()
         damaged = self._splitter.damaged
-        fault = f"{damaged} damaged frames came, check cable and baud rate" if damaged else "check its supply and cable"
-        raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * patience:.0f} ms: {fault}")
+        hint = f"{damaged} damaged frames came, check cable and baud rate" if damaged else "check its supply and cable"
+        raise DriveError(f"the drive on {self._link.port} did not answer within {1e3 * patience:.0f} ms: {hint}")
 
     def _send(self, kind: int, *values: int) -> int:
         self._sequence = (self._sequence + 1) % 256

@@ -76,6 +76,36 @@ def test_spellings_of_a_pendulum_are_found_with_a_joint(tmp_path, names, joints)
     assert np.allclose(recording.position, POSITION) and np.allclose(recording.torque, TORQUE)
 
 
+@pytest.mark.parametrize(
+    ("joints", "numbers"),
+    [
+        (("joint_1", "joint_2"), (0, 1)),  # no joint has the number 0: in the order of the robot
+        (("joint_2", "joint_3"), (1, 2)),
+        (("joint_2", "joint_1"), (2, 1)),  # by the numbers of the joints, not in the order of the robot
+    ],
+    ids=str,
+)
+def test_numbers_are_joints_only_if_all_of_them_can_be(tmp_path, joints, numbers):
+    columns = {f"position_{number}": q for number, q in zip(numbers, POSITION.T, strict=True)}
+    columns |= {f"torque_{number}": tau for number, tau in zip(numbers, TORQUE.T, strict=True)}
+    path = table(tmp_path / "run.csv", time=TIME, **columns)
+    assert find_logged_joints(path, joints) == joints
+    for held in ((), ("joint_1",), ("joint_4",)):
+        recording = read_arm_recording(path, joints, held=set(held) - {*joints})
+        assert np.allclose(recording.position, POSITION) and np.allclose(recording.torque, TORQUE)
+        assert not recording.still
+
+
+def test_numbers_of_some_joints_are_those_of_these_joints(tmp_path):
+    joints = "joint_1", "joint_2", "joint_3"
+    columns = {f"{joint}/position": q for joint, q in zip(joints[1:], POSITION.T, strict=True)}
+    columns |= {f"{joint}/effort": tau for joint, tau in zip(joints[1:], TORQUE.T, strict=True)}
+    path = table(tmp_path / "run.csv", time=TIME, **columns)
+    assert find_logged_joints(path, joints) == joints[1:]
+    recording = read_arm_recording(path, joints[1:], held=joints[:1])
+    assert np.allclose(recording.position, POSITION) and np.allclose(recording.torque, TORQUE)
+
+
 OFF = np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])
 
 
