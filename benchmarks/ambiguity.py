@@ -136,9 +136,9 @@ def examine(study: Study) -> Row:
             return signals[rng.integers(len(signals))].signal(time)
 
         commands = dict(zip(ARMS, (study.poor, drawn), strict=False))
-        if found.suggestion is not None:
-            suggested = found.suggestion.signal
-            commands[SUGGESTED] = lambda rng, time: suggested.signal(time)
+        if found.suggestion is not None and found.suggestion.signal is not None:
+            suggested = found.suggestion.signal.signal
+            commands[SUGGESTED] = lambda rng, time: suggested(time)
         for arm, command in commands.items():
             both = diagnose([first, record(study, EXPERIMENT_TIME, command, 1)], max_angle=np.inf, max_speed=np.inf)
             left[arm], settled[arm] = undecided(both), is_right(hidden, both)

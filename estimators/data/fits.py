@@ -64,7 +64,9 @@ def _are_smooth(names: Sequence[str], edges: Mapping[Term, Sequence[NonlinearPar
 def compute_parameter_changes(data: RegressionData, model: Model, change: Array) -> dict[str, float]:
     """Return by how much the parameters of a model change, to first order, with the torque of the rows; by name.
 
-    `change` (R,) is that of the torque [N m]. Known parameters, those at their bounds and edges do not change.
+    `change` (R,) is that of the torque [N m], and equals that of the residual, as the predicted torque follows from
+    motion alone, with load friction too; a filter of torque among the terms is ignored. Known parameters, those at
+    their bounds and edges do not change.
     """
     terms, theta = model.terms, model.theta
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)

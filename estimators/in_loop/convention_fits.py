@@ -86,8 +86,8 @@ def fit_conventions(
 def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], ties: float = TIE) -> Choice:
     """Choose the first fit that is less likely than the best by at most `ties` standard errors.
 
-    So is one by less than the logarithm of their number, as the best of them may be by chance. Alternatives differ in
-    settings of `names`.
+    A fit that is less likely by at most ln(n) is chosen too, with n fits: the best of n may gain as much by chance.
+    Alternatives differ in settings of `names`.
     """
     best = max(fits, key=lambda fit: fit.likelihood)
     bootstrap = Bootstrap(best.rows.rollouts.blocks(BLOCK)[2], np.random.default_rng(0))

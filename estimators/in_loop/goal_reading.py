@@ -9,6 +9,7 @@ import numpy as np
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding, Kind
+from estimators.in_loop.convention_fits import TIE
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.refit import refine_rows
 from estimators.in_loop.rollout_rows import RolloutRows
@@ -17,8 +18,6 @@ from estimators.selection.moves import SearchState, drop_effect
 from estimators.weak_form.point import Point
 from pendulum_env.servo.drive import Goal
 from pendulum_env.servo.torque import replace_drive
-
-OPEN = 2.0  # standard errors of a gain, within which the base model leaves the course of the goals open
 
 
 def reread_goals(trial: Trial) -> FitData | None:
@@ -33,7 +32,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
         return None
     gain = readings[0].numbers.get("gain")
-    if gain is None or abs(gain.value) > OPEN * (gain.std or 0.0):
+    if gain is None or abs(gain.value) > TIE * (gain.std or 0.0):
         return None
     goal: Goal = "ramp" if readings[0].kind is Kind.GOALS_HELD else "held"
     fitted, held_out = (

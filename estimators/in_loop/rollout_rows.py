@@ -327,27 +327,21 @@ class RolloutRows:
         """
         kept, values = tuple(term for term in point.terms if term.id != variants[0].id), point.linear_values
         point = Point(kept, np.array([values[column.name] for term in kept for column in term.columns]))
-        sizes = [self._compute_typical_sizes(variant) for variant in variants]
-        has_constant = [
-            bool(variant.fixed) or (variant.link and self.rollouts.servos.at_output) for variant in variants
-        ]
-        shifts = [
-            np.vstack([np.zeros((int(is_first), len(size))), np.diag(size)])
-            for size, is_first in zip(sizes, has_constant, strict=True)
-        ]
-        points = [
-            Point((*point.terms, variant), np.r_[point.theta, shift])
-            for variant, variant_shifts in zip(variants, shifts, strict=True)
-            for shift in variant_shifts
-        ]
-        smooth = self.rollouts.without_counts
-        changes = smooth.compute_position_errors(points) - smooth.compute_position_errors([point])
-        ends = np.cumsum([len(variant_shifts) for variant_shifts in shifts])
-        columns = []
-        for change, size, is_first in zip(np.split(changes, ends[:-1], axis=1), sizes, has_constant, strict=True):
-            constant = change[:, 0] if is_first else np.zeros(len(change))
-            slopes = (change[:, int(is_first) :] - constant[:, None]) / size
-            columns.append(Columns(slopes, constant, np.zeros_like(slopes)))
+        points, places = [], []
+        for variant in variants:
+            size, at_zero = self._compute_typical_sizes(variant), 0  # column of the model without the effect
+            if variant.fixed or (variant.link and self.rollouts.servos.at_output):
+                points.append(Point((*point.terms, variant), np.r_[point.theta, np.zeros(len(size))]))
+                at_zero = len(points)
+            first = len(points) + 1
+            points += [Point((*point.terms, variant), np.r_[point.theta, shift]) for shift in np.diag(size)]
+            places.append((size, at_zero, slice(first, len(points) + 1)))
+        smooth, columns = self.rollouts.without_counts, []
+        errors = np.column_stack([smooth.compute_position_errors([point]), smooth.compute_position_errors(points)])
+        changes = errors - errors[:, :1]
+        for size, at_zero, place in places:
+            slopes = (changes[:, place] - changes[:, at_zero, None]) / size
+            columns.append(Columns(slopes, changes[:, at_zero], np.zeros_like(slopes)))
         return columns
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:

@@ -139,7 +139,7 @@ class _Filter:
         n_commands = 2 + int(sum(term.delay for term in terms) / period)  # commands that act within a period
         self._commands = deque(n_commands * [0.0], maxlen=n_commands)
         self._memory: Mapping[str, Memory] | None = None
-        self._compile = functools.partial(StepPrograms().find, compile_step)
+        self._compiler = functools.partial(StepPrograms().find, compile_step)
         size = 2 + len(theta)
         points = MerweScaledSigmaPoints(size, alpha=1.0, beta=0.0, kappa=0.0)  # equal weights, none for the mean
         self._ukf = UnscentedKalmanFilter(size, 1, period, _measure, self._simulate_period, points)
@@ -221,7 +221,7 @@ class _Filter:
     ) -> Array:
         """Simulate one sigma point over a period that begins at `time`."""
         *before, command = self._commands
-        known: dict[str, Any] = {"memory": self._memory, "observe": observe, "compile": self._compile}
+        known: dict[str, Any] = {"memory": self._memory, "observe": observe, "compiler": self._compiler}
         start = state[0], state[1], time
         motion = simulate(self._terms, state[2:], period, np.array([command]), *start, before=np.array(before), **known)
         return np.r_[motion.position[-1], motion.velocity[-1], state[2:]]

@@ -193,8 +193,8 @@ def simulate_segments(
     )
     period = repeat_for_models([np.full(len(f.first), 1.0 / f.windows.recording.rate) for f in segments])
     terms, theta = _stack_models(models, sum(len(segment.first) for segment in segments))
-    compile = partial(segments[0].windows.programs.find, compile_step)
-    known: dict[str, Any] = {"memory": memory, "load": load, "compile": compile}
+    compiler = partial(segments[0].windows.programs.find, compile_step)
+    known: dict[str, Any] = {"memory": memory, "load": load, "compiler": compiler}
     commands = np.concatenate([segment.command(delay) for delay in delays for segment in segments], axis=1)
     start = position, velocity, repeat_for_models([f.windows.recording.time[f.first] for f in segments])
     return simulate(terms, theta, period, commands, *start, longest_step=longest_step, observe=observe, **known)

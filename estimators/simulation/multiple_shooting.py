@@ -46,8 +46,8 @@ LARGE_ERROR = 2.0  # least large error [median errors]
 FINAL_ITERATIONS = 6  # largest number of iterations of the best start
 MIN_SEGMENTS = 2  # least number of segments per parameter
 MAX_SEGMENTS = 120  # approximate largest number of segments in a fit of parameters
-DIFFERENCE = 1e-2  # relative change of a parameter for derivatives
-STEP_SHARES = (1.0, 0.4, 0.1, 0.0)  # tried shares of a step of the parameters
+SHOOTING_DIFFERENCE = 1e-2  # relative change of a parameter for derivatives
+SHOOTING_SHARES = (1.0, 0.4, 0.1, 0.0)  # tried shares of a step of the parameters
 MAX_CHANGE = 0.3  # largest relative change of a parameter in a step
 STEP_DAMPING = 1e-4  # damping of a step of the parameters
 MAX_ITERATIONS = 25  # largest number of iterations
@@ -254,12 +254,12 @@ def _linearise(shootings: Sequence[Shooting], point: Point) -> Slopes:
     """Linearise the errors of all segments around a point and their present states."""
     values = point.values
     size = np.maximum(np.abs(values), MIN_SIZE)
-    nearby = [point.with_values(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
+    nearby = [point.with_values(values + SHOOTING_DIFFERENCE * size * direction) for direction in np.eye(len(values))]
     parts = []
     for shooting in shootings:
         (error,), (by_state,) = compute_state_slopes(shooting, [point], shooting.states[None])
         nearby_errors = shooting.errors(nearby, np.repeat(shooting.states[None, None], len(nearby), axis=0))[:, 0]
-        parts.append((error, np.moveaxis((nearby_errors - error) / DIFFERENCE, 0, 2), by_state))
+        parts.append((error, np.moveaxis((nearby_errors - error) / SHOOTING_DIFFERENCE, 0, 2), by_state))
     free = [_remove_states(*move) for move in parts]
     size = np.concatenate([np.sqrt(np.mean(error**2, axis=1)) for error, _, _ in parts]) + 1e-12
     weights = tuple(np.split(weigh_segments(size), np.cumsum([len(error) for error, _, _ in parts])[:-1]))
@@ -306,7 +306,7 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
         place, slopes = local.known
         values, step = place.point.values, np.clip(steps[0], -MAX_CHANGE, MAX_CHANGE)
         size = np.maximum(np.abs(values), MIN_SIZE)
-        points = [place.point.with_values(values + share * step * size) for share in STEP_SHARES]
+        points = [place.point.with_values(values + share * step * size) for share in SHOOTING_SHARES]
         pairs = zip(place.shootings, slopes.parts, strict=True)
         trials = [_try_steps(shooting, points, step, move) for shooting, move in pairs]
         costs = np.sum([w @ squares.T for (_, _, squares), w in zip(trials, slopes.weights, strict=True)], axis=0)
@@ -332,7 +332,7 @@ def _try_steps(
 ) -> tuple[Array, Array, Array]:
     """Return states, their damping and squared errors (V, B) after each share of a step of the parameters."""
     error, by_parameter, by_state = move
-    expected = [error + share * (by_parameter @ step) for share in STEP_SHARES]
+    expected = [error + share * (by_parameter @ step) for share in SHOOTING_SHARES]
     unchanged = np.repeat(shooting.states[None], len(points), axis=0)
     steps = np.array([compute_state_steps(errors, by_state, shooting.damping) for errors in expected])
     candidates = np.concatenate([shooting.states + steps, unchanged[:, None]], axis=1)

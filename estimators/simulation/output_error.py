@@ -29,9 +29,9 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 
 DRAWS = 16  # number of noise draws; ratios to a mean of fewer draws are biased
-STEP_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
+OUTPUT_ERROR_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
 STEP_DAMPING = 1e-6  # damping of this step
-DIFFERENCE = 1e-3  # relative change of a parameter for derivatives
+OUTPUT_ERROR_DIFFERENCE = 1e-3  # relative change of a parameter for derivatives
 MAX_STEP_FROM_ZERO = 0.5  # largest step of a parameter from zero, in the unit of the parameter
 MIN_SIZE = 1e-3  # least size to which changes of a parameter are relative, in the unit of the parameter
 GRAIN = 0.004  # [s] between the positions that are compared
@@ -104,9 +104,11 @@ def compute_slopes(errors_of: ErrorsOf, point: Point) -> tuple[Array, Array]:
     """Return errors (M,) at a point, and their slopes by relative changes of the parameters (M, P + S)."""
     values = point.values
     size = np.maximum(np.abs(values), MIN_SIZE)
-    nearby = [point.with_values(values + DIFFERENCE * size * direction) for direction in np.eye(len(values))]
+    nearby = [
+        point.with_values(values + OUTPUT_ERROR_DIFFERENCE * size * direction) for direction in np.eye(len(values))
+    ]
     error = errors_of([point, *nearby])
-    return error[:, 0], (error[:, 1:] - error[:, :1]) / DIFFERENCE
+    return error[:, 0], (error[:, 1:] - error[:, :1]) / OUTPUT_ERROR_DIFFERENCE
 
 
 def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) -> ErrorsOf:
@@ -141,7 +143,7 @@ def minimise(errors_of: ErrorsOf, start: Point, iterations: int = 12) -> Point:
         # a parameter of zero needs an absolute step
         longest = np.where(size > smallest, 0.5, MAX_STEP_FROM_ZERO / smallest)
         step = np.clip(steps[0], -longest, longest) * size
-        points = [local.known.with_values(values + share * step) for share in STEP_SHARES]
+        points = [local.known.with_values(values + share * step) for share in OUTPUT_ERROR_SHARES]
         return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
     return gauss_newton(start, linearise, choose_step, StopRule(iterations, (STEP_DAMPING,), by_offset=True))

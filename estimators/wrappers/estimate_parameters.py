@@ -122,11 +122,12 @@ class EstimateParametersVector(MeasurementVectorWrapper):
         schemes: Names = "all",
         terms: Sequence[str | Term] | None = None,
         *,
+        rate: float | None = None,
         in_observation: bool = False,
-        **options: Any,
+        **options: Unpack[EstimatorOptions],
     ) -> None:
         """Wrap a vector environment; the arguments are those of `EstimateParameters`."""
-        self.estimator = make_estimator(env, schemes, terms, **options)
+        self.estimator = make_estimator(env, schemes, terms, rate, **options)
         super().__init__(env, self.estimator)
         self._in_observation = in_observation
         if in_observation:

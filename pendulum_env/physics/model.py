@@ -146,7 +146,10 @@ class Model(Mapping[str, Estimate], Shown):
         if not self.correlation:
             return None
         std = np.array([estimate.std for estimate in self.estimates.values()])
-        return np.array(self.correlation) * np.outer(std, std)
+        covariance = np.array(self.correlation)
+        i, j = np.nonzero(covariance)  # uncorrelated errors have zero covariance, infinite ones too
+        covariance[i, j] *= std[i] * std[j]
+        return covariance
 
     @property
     def assumed_covariance(self) -> Array:
@@ -171,10 +174,15 @@ class Model(Mapping[str, Estimate], Shown):
         return replace(self, estimates={**self.estimates, **wider}).with_covariance(names, covariance)
 
     def add_errors(self, *changes: Mapping[str, float]) -> Self:
-        """Return the model with d d' added to its covariance for each independent change d of parameters, by name."""
-        names = list(self.estimates)
+        """Return the model with d d' added to its covariance for each independent change d of parameters, by name.
+
+        Infinite standard errors stay infinite, without correlations.
+        """
+        is_finite = np.isfinite([estimate.std for estimate in self.estimates.values()])
+        names = [name for name, known in zip(self.estimates, is_finite, strict=True) if known]
         steps = np.array([[change.get(name, 0.0) for name in names] for change in changes])
-        return self.with_errors(names, self.assumed_covariance + steps.T @ steps) if steps.any() else self
+        covariance = self.assumed_covariance[np.ix_(is_finite, is_finite)]
+        return self.with_errors(names, covariance + steps.T @ steps) if steps.any() else self
 
     @property
     def derived(self) -> dict[str, Estimate]:

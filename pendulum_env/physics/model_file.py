@@ -48,7 +48,7 @@ class Covariance(Struct):
     """Covariance of all parameters in a model file."""
 
     parameters: list[str]
-    matrix: list[list[Number]]
+    matrix: list[list[Annotated[float, Meta(ge=-1e200, le=1e200)]]]  # squares of large errors
 
     def read(self, known: Sequence[str]) -> Array:
         """Return the covariance (Q, Q) of the parameters `known`; the file may have more."""

@@ -241,7 +241,7 @@ def simulate(
     longest_step: float = LONGEST_STEP,
     load: KnownLoad = UNLOADED,
     observe: Callable[[Samples], None] | None = None,
-    compile: Callable[..., Recurrence | None] | None = None,
+    compiler: Callable[..., Recurrence | None] | None = None,
 ) -> Trajectory:
     """Simulate B pendulums under a torque command that is held over each period.
 
@@ -258,7 +258,7 @@ def simulate(
         longest_step: longest integration step [s].
         load: known load, with inertia and gravity () or (B,), and torque () or its mean over each period (N, B).
         observe: function called after the run with the samples at the start of each period and at the end.
-        compile: function with the arguments and the result of `compile_step`, the default.
+        compiler: function with the arguments and the result of `compile_step`, the default.
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
@@ -281,7 +281,7 @@ def simulate(
     x = _apply_command(Samples(t, q, v, np.zeros(1), load=load), at_first)
     x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in balance.start(x).items()})
     states = np.array([np.broadcast_to(row, batch) for row in stack_rows(x)])
-    program = (compile or compile_step)(terms, balance.loaded, round_up(h))
+    program = (compiler or compile_step)(terms, balance.loaded, round_up(h))
     kept = range(1, 3) if observe is None else range(len(states))
     if program is not None:
         nonlinear = [value for term in terms for value in term.free_values]
@@ -366,12 +366,12 @@ class StepPrograms:
         return StepPrograms, ()  # compiled programs cannot be pickled
 
     def find(
-        self, compile: Callable[..., Recurrence | None], terms: Sequence[Term], *others: Hashable
+        self, compiler: Callable[..., Recurrence | None], terms: Sequence[Term], *others: Hashable
     ) -> Recurrence | None:
-        """Return the step of `compile(terms, *others)`, cached by the terms' classes and free parameters."""
+        """Return the step of `compiler(terms, *others)`, cached by the terms' classes and free parameters."""
         key = (tuple((type(term), tuple(parameter.name for parameter in term.free)) for term in terms), *others)
         if key not in self._known:
-            self._known[key] = compile(terms, *others)
+            self._known[key] = compiler(terms, *others)
         return self._known[key]
 
 

@@ -141,14 +141,23 @@ def test_a_transmission_is_also_told_as_a_spring_and_a_damper():
     assert d.std == pytest.approx(0.04 * np.hypot(0.02, 0.05), rel=1e-4)
 
 
-def test_a_saved_model_keeps_the_covariance(tmp_path):
-    covariance = np.diag([1e-4, 1e-2, 1e-3, 1e-2]) ** 2
+@pytest.mark.parametrize("of_gravity", [1e-2, 1e5])
+def test_a_saved_model_keeps_the_covariance(of_gravity, tmp_path):
+    covariance = np.diag([1e-4, of_gravity, 1e-3, 1e-2]) ** 2
     covariance[2, 3] = covariance[3, 2] = -0.8 * 1e-3 * 1e-2
     model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9], np.sqrt(np.diag(covariance)))
     model = model.with_covariance(["inertia", "gravity", "viscous", "coulomb"], covariance)
     model.save(tmp_path / "model.json")
     np.testing.assert_allclose(Model.load(tmp_path / "model.json").covariance, covariance, rtol=1e-12)
     assert model.with_values({"gravity": 1.9}).covariance is None  # nobody has told that of another model
+
+
+def test_an_infinite_standard_error_stays_if_errors_are_added():
+    model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9], [0.01, np.inf, 0.01, 0.0])
+    for _ in range(2):  # without and with known correlations
+        model = model.add_errors({"inertia": 0.02, "gravity": 0.5, "viscous": -0.02})
+    assert [e.std for e in model.estimates.values()] == pytest.approx([0.03, np.inf, 0.03, 0.0])
+    assert model.correlation[0] == pytest.approx((1.0, 0.0, -8 / 9, 0.0))
 
 
 def test_a_model_at_other_values_has_them_in_estimates_and_terms():
