@@ -107,5 +107,10 @@ class Setup:
     recording: str | None = None  # file to replay
     config: str | None = None  # file of the rig, rig.toml
 
+    @property
+    def period(self) -> float:
+        """Return the time between samples [s]."""
+        return 1.0 / self.rate
+
 
 Maker = Callable[[Setup], Backend]
