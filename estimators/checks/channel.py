@@ -21,7 +21,14 @@ from functools import cached_property
 import numpy as np
 
 from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment, make_moved_torque
-from estimators.checks.channel_rows import ANGLE_LAWS, NONLINEAR_GAIN, LawsOfRows, make_channel_rows
+from estimators.checks.channel_rows import (
+    ANGLE_LAWS,
+    FRICTION_SLOPE,
+    MOTOR_FRICTION,
+    NONLINEAR_GAIN,
+    LawsOfRows,
+    make_channel_rows,
+)
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.data.rows import BLOCK
 from estimators.regression.balance import Balance, place_columns
@@ -46,12 +53,14 @@ class ChannelFits:
     Attributes:
         rows: R rows of the torque.
         phi: weighted columns (R, P).
+        by_torque: derivatives of the columns by the torque (R, P), not weighted; None: none depends on it.
         is_sampled: whether torque is sampled instead of held.
         torques: cache of `torque` by law.
     """
 
     rows: TorqueRows
     phi: Array
+    by_torque: Array | None = None
     is_sampled: bool = False
     torques: dict[Term, Array] = field(default_factory=dict)
 
@@ -63,9 +72,19 @@ class ChannelFits:
             return None
         return cls(rows, phi * rows.data.weights[:, None]).with_columns_of_torque(of_torque)
 
-    def with_columns(self, columns: Array) -> ChannelFits:
-        """Return the fits with more columns (R, P)."""
-        return replace(self, phi=np.column_stack([self.phi, columns * self.rows.data.weights[:, None]]))
+    def with_columns(self, columns: Array, by_torque: Array | None = None) -> ChannelFits:
+        """Return the fits with more columns (R, P), and their derivatives by the torque (R, P)."""
+        phi = np.column_stack([self.phi, columns * self.rows.data.weights[:, None]])
+        if by_torque is not None:
+            before = np.zeros_like(self.phi) if self.by_torque is None else self.by_torque
+            return replace(self, phi=phi, by_torque=np.column_stack([before, by_torque]))
+        return replace(self, phi=phi)
+
+    def with_motor_friction(self) -> ChannelFits:
+        """Return the fits with friction by the recorded torque of the motor, and its derivative by that torque."""
+        averages = self.rows.data.averages
+        laws = MOTOR_FRICTION[1], FRICTION_SLOPE
+        return self.with_columns(*(averages.column(law, averages.samples)[:, None] for law in laws))
 
     def with_columns_of_torque(self, laws: LawsOfRows) -> ChannelFits:
         """Return the fits with columns that depend on the fitted torque, each on some rows.
@@ -172,7 +191,10 @@ class ChannelFits:
             slopes = compute_nonlinear_slopes(law, lambda variants: [-self.torque(own) for own in variants])
         design = np.column_stack([self.phi, *slopes.values()])
         limits = np.full(design.shape[1], np.inf)
-        balance = Balance(design, self.torque(law), 0.0 * design, -limits, limits, np.ones(len(design)))
+        by_torque = np.zeros_like(design)
+        if self.by_torque is not None:
+            by_torque[:, : self.by_torque.shape[1]] = self.by_torque
+        balance = Balance(design, self.torque(law), by_torque, -limits, limits, np.ones(len(design)))
         block, _, of_block = self.rows.data.blocks(BLOCK)
         moved, recording = np.unique(of_block[block], return_inverse=True)
         clusters = [self.rows.data.clusters] + [recording] * (len(moved) >= CHANNEL.min_recordings)

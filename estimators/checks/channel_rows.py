@@ -28,6 +28,7 @@ OWN_FRICTION = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
 LOAD_FRICTION = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
 # friction by the torque of the motor, |tau| sgn q', and errors of its gain, tau^2 and tau^3, on all rows
 MOTOR_FRICTION = (slice(None), Column("motor", "1", dry=lambda x: np.abs(x.torque)))
+FRICTION_SLOPE = Column("slope", "1", dry=lambda x: np.sign(x.torque))  # its derivative by that torque
 NONLINEAR_GAIN: LawsOfRows = [
     MOTOR_FRICTION,
     (slice(None), Column("square", "1", force=lambda x: x.torque**2)),

@@ -91,6 +91,13 @@ def test_the_torque_constant_is_right_whatever_friction_does_under_load(law):
     assert found.loads == len(LOADS)
 
 
+@pytest.mark.parametrize("scale", [0.5, 1.0])
+def test_friction_by_the_torque_of_the_motor_leaves_the_torque_constant_exact(scale):
+    """The torque changes its sign within windows, where the mean of |tau| is not that of the mean torque."""
+    found = estimate_torque_constant(bench("motor", THREE, seed=1, **EXACT | {"scale": scale}))
+    assert found.value == pytest.approx(K, rel=1e-5)
+
+
 def test_friction_under_known_loads_is_told_from_a_delay():
     found = align(in_newton_metres(bench("output", THREE, seed=4)))
     assert not found.is_found and found.delay_std < 1e-4
