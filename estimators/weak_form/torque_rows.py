@@ -157,7 +157,7 @@ class TorqueRows:
         data = self.data
         if any(w.at or w.recording.known_inertia for w in data.windows):
             return np.zeros(len(data.weights))
-        fit = solve(data.equations(data.base), data.weights, data.clusters)
+        fit = solve(data.equations(data.base_terms), data.weights, data.clusters)
         inertia = max(float(fit.theta[0] - SIGNIFICANT * fit.std[0]), 0.0)
         if inertia == 0.0:
             return np.zeros(len(data.weights))
@@ -369,8 +369,8 @@ class TorqueRows:
         if self.data.contacts:
             return TorqueRows(self.data.without_contacts).base_inertia
         # below zero if the sign of torque is wrong
-        theta = self.equations(self.data.base).with_bounds(*list_law_bounds(self.data.base)).solve()
-        return abs(float(theta[[term.id for term in self.data.base].index("inertia")]))
+        theta = self.equations(self.data.base_terms).with_bounds(*list_law_bounds(self.data.base_terms)).solve()
+        return abs(float(theta[[term.id for term in self.data.base_terms].index("inertia")]))
 
     def fit(self, terms: Terms, exactly: bool = False) -> Point:
         """Fit the linear parameters of some terms, to convergence also without `exactly`."""

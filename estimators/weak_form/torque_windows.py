@@ -365,8 +365,8 @@ class TorqueWindows:
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
     @cached_property
-    def base(self) -> tuple[Term, ...]:
-        """Base model, whose inertia estimates noise before the search; with tilted gravity if the zero is wrong.
+    def base_terms(self) -> tuple[Term, ...]:
+        """Base model, with tilted gravity if the zero is wrong: its inertia estimates noise before the search.
 
         A wrong zero leaves a residual above the noise, which tilted gravity halves at least. A residual of noise may
         become smaller, too: for motion at one frequency, cos q takes the place of a noisy acceleration.
@@ -523,7 +523,7 @@ def choose_half_width(recording: Recording) -> float:
     for w in map(cut_at, reversed(widths)):  # long windows have less noise
         data = join_windows((w,))
         if len(w.centers) >= 40:
-            equations = data.equations(data.base)
+            equations = data.equations(data.base_terms)
             fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
             inertia = load_inertia + abs(float(fitted))
             noise_factor = calibrate_noise(w).torque_noise / max(w.torque_noise, 1e-300)
