@@ -14,7 +14,7 @@ from pendulum_env.physics import Model, Term, list_nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import MAX_NUMBER, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
-from pendulum_env.recording.vocabulary import TOLD
+from pendulum_env.recording.vocabulary import UNIT_NAMES
 from pendulum_env.servo import KEYS, WORDS, ServoDrive
 from workbench.errors import InputError
 
@@ -179,7 +179,7 @@ SHARED: dict[str, dict[str, Any]] = {  # arguments of `add_argument`
         "help": "columns of time, position, torque, velocity, reference, load_torque, segment, supply, enabled and "
         "temperature whose names are not known, with unit and conversion, as "
         "time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=none; torque=none: nothing drives the "
-        f"joint; units: {'; '.join(TOLD[kind] for kind in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
+        f"joint; units: {'; '.join(UNIT_NAMES[q] for q in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
     },
     "--unwrap": {"action": "store_true", "help": "undo jumps of a turn in position"},
     "--drive": {

@@ -61,10 +61,10 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
     counts = Counter(note for recording in recordings for note in set(_collect_notes(recording)))
     for source, recording in zip(sources, recordings, strict=True):
         terminal.say(f"{source.file}: {recording.summary}")
-        if source.said_by:
+        if source.format_source:
             columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
             others = (f"with its {key}" for key in source.format if key != "columns")
-            terminal.say(f"  read as {source.said_by} says: {join_words([*columns, *others])}")
+            terminal.say(f"  read as {source.format_source} says: {join_words([*columns, *others])}")
         for note in _collect_notes(recording):
             if counts[note] == 1:
                 _print_note(note, terminal)

@@ -127,7 +127,7 @@ class Stream:
         self._shorter_guards = [(k, behind - n) for k, n in enumerate(distances) if n is not None and n < behind]
         width = self._machine.now["total"].shape[1]
         self._sums = [(k, np.zeros((n, width, *lanes))) for k, n in enumerate(list_windows(schemes, period)) if n]
-        self._arrival = Machine(_receive_sample, (CLEANING.long * period,), batch)
+        self._arrival = Machine(_receive_sample, (CLEANING.long_step * period,), batch)
         self._index = np.full(batch, -length, dtype=np.intp)
         self._no_restart = np.zeros(batch, dtype=bool)
         self._last_instant: Samples | None = None
@@ -305,7 +305,7 @@ class Clock:
             )
         is_on_time, has_previous = 0.9 < elapsed * self._rate < 1.1, math.isfinite(elapsed)
         is_gap = has_previous and not is_on_time
-        if is_gap and not (self._was_on_time and elapsed * self._rate > CLEANING.long):
+        if is_gap and not (self._was_on_time and elapsed * self._rate > CLEANING.long_step):
             raise ValueError(f"samples come every {elapsed:.4g} s, not at {self._rate:g} Hz: pass rate=")
         self.time, self._was_on_time = time, self._was_on_time or is_on_time
         return is_gap

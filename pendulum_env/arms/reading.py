@@ -21,7 +21,7 @@ from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.channel import NEWTON_METRE
-from pendulum_env.recording.columns import NONE, check_named, parse_column
+from pendulum_env.recording.columns import NONE, check_columns_option, parse_column
 from pendulum_env.recording.formats import Readable, get_label
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.storage import describe_reading, read_rows
@@ -58,8 +58,8 @@ def read_arm_recording(
         RecordingError: as `read_recording`, and if columns are missing, belong to other joints, or are currents without
             a torque constant.
     """
-    check_named(columns)
-    look = read_preview(source, most=500)  # columns, enough for 64 joints with further signals
+    check_columns_option(columns)
+    look = read_preview(source, max_columns=500)  # columns, enough for 64 joints with further signals
     named = find_joint_columns(get_label(source), look.headers, joints, held, dict(columns or {}))
     single = [_read_joint(source, look, joint, named, unwrap) for joint in joints]
     _refuse_twice(get_label(source), joints, single)
@@ -91,7 +91,7 @@ def read_arm_recording(
 def read_logged(body: Mechanism, source: Readable, format: Source, name: str | None = None) -> Recording:
     """Read a recording of a pendulum or an arm in a log format; raises as `read_recording` and `read_arm_recording`."""
     if not isinstance(body, Body):
-        return replace(read_recording(source, name=name, **format.reading), load=format.load)
+        return replace(read_recording(source, name=name, **format.reading_options), load=format.load)
     still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
     columns = format.columns or None
     return read_arm_recording(source, body.joints, held=still, name=name, columns=columns, unwrap=format.unwrap)
@@ -104,7 +104,7 @@ def find_logged_joints(
 
     A joint without a column of torque is omitted if its position stays within `STILL`.
     """
-    look = read_preview(source, most=500)
+    look = read_preview(source, max_columns=500)
     named = {name: text for name, text in (columns or {}).items() if text.strip() != NONE}
     named = match_joints(look.headers, joints) | named
 

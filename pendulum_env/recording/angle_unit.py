@@ -90,8 +90,8 @@ class AccelerationFit:
         v, a, odd = self.velocity, self.acceleration, self.is_odd
         phi = np.column_stack([self.torque, v, np.sign(v), np.ones_like(v), *gravity])
         phi /= np.abs(phi).max(axis=0) + np.finfo(float).tiny
-        left = [a[~h] - phi[~h] @ np.linalg.lstsq(phi[h], a[h], rcond=None)[0] for h in (odd, ~odd)]
-        return float(np.linalg.norm(np.concatenate(left)))
+        residuals = [a[~h] - phi[~h] @ np.linalg.lstsq(phi[h], a[h], rcond=None)[0] for h in (odd, ~odd)]
+        return float(np.linalg.norm(np.concatenate(residuals)))
 
     def compute_misfit_in_unit(self, factor: float) -> float:
         """Return the misfit [rad/s^2] with gravity, if position times `factor` is in radians."""
@@ -128,27 +128,27 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
         return None
     if turns:
         q = fit.position
-        gravity, other = fit.compute_misfit_in_unit(1.0), fit.compute_misfit_in_unit(TURN)
+        gravity_over_radians, gravity_over_turns = fit.compute_misfit_in_unit(1.0), fit.compute_misfit_in_unit(TURN)
         radians = min(
             fit.compute_misfit(),
             fit.compute_misfit(q),
             fit.compute_misfit(q, np.sin(q)),
             fit.compute_misfit(q, np.sin(q), np.cos(q)),
         )
-        is_bent = (
+        has_turn_period = (
             len(position) > LONG * rate
-            and other < BETTER * gravity
-            and other < 1.05 * radians
+            and gravity_over_turns < BETTER * gravity_over_radians
+            and gravity_over_turns < 1.05 * radians
             and fit.has_wave_number(TURN)
         )
         cogging = min(fit.compute_misfit(np.sin(order * q), np.cos(order * q)) for order in ORDERS)
-        is_turned = (other < CLEAR * radians or is_bent) and other < 1.05 * cogging
-        if radians > 1e-3 * np.sqrt(len(q)) and is_turned:
-            return UnitSuspicion("rev", _find_range(position), other / max(radians, gravity))
-    found = _suspect_degrees(position, fit)
-    if found is None or not found.is_certain:
-        return found
-    return replace(found, is_certain=not (torque.any() and has_one_frequency(fit.position, fit.period)))
+        is_turns = (gravity_over_turns < CLEAR * radians or has_turn_period) and gravity_over_turns < 1.05 * cogging
+        if radians > 1e-3 * np.sqrt(len(q)) and is_turns:
+            return UnitSuspicion("rev", _find_range(position), gravity_over_turns / max(radians, gravity_over_radians))
+    suspicion = _suspect_degrees(position, fit)
+    if suspicion is None or not suspicion.is_certain:
+        return suspicion
+    return replace(suspicion, is_certain=not (torque.any() and has_one_frequency(fit.position, fit.period)))
 
 
 def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | None:
@@ -156,19 +156,20 @@ def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | N
     if np.ptp(position) <= 2 * np.pi:
         return None
     v, count = fit.velocity, len(fit.velocity)
-    radians, degrees, none = fit.compute_misfit_in_unit(1.0), fit.compute_misfit_in_unit(DEGREE), fit.compute_misfit()
+    radians, degrees = (fit.compute_misfit_in_unit(factor) for factor in (1.0, DEGREE))
+    no_gravity = fit.compute_misfit()
     # In 100 real and simulated runs, the ratio is below 0.945 for degrees and above 0.975 for radians.
-    if degrees >= 0.96 * min(radians, none) or none <= 1e-3 * np.sqrt(count):  # [rad/s^2], noise only
+    if degrees >= 0.96 * min(radians, no_gravity) or no_gravity <= 1e-3 * np.sqrt(count):  # [rad/s^2], noise only
         return None
     time = np.linspace(-1.0, 1.0, count)
-    other = min(
+    alternative = min(
         radians,
         fit.compute_misfit(np.maximum(v, 0.0)),
         fit.compute_misfit(v * np.abs(v)),
         fit.compute_misfit(time, time**2),
     )
-    spare = 0.01 * none  # ignores differences of tiny misfits
-    if degrees + spare >= 0.96 * (min(other, none) + spare):
+    tolerance = 0.01 * no_gravity  # ignores differences of tiny misfits
+    if degrees + tolerance >= 0.96 * (min(alternative, no_gravity) + tolerance):
         return None
     return UnitSuspicion("deg", _find_range(position), degrees / radians, is_certain=bool(np.ptp(position) > WOUND))
 

@@ -54,7 +54,7 @@ def read_arrays(data: Mapping[str, Any] | NDArray[Any], find: ColumnFinder) -> R
 
 
 def read_json(path: Path, find: ColumnFinder) -> RawTable:
-    """Read objects of a row each, in a list or in lines, or columns by name; rows may stand in a larger object."""
+    """Read a list of rows, a row per line, or columns by name; rows may be part of a larger object."""
     text = path.read_text(encoding="utf-8-sig")
     try:
         content = json.loads(text)
@@ -69,11 +69,11 @@ def _stack(value: Any) -> Any:
     """Make arrays of the lists of values in a structure, also of lists of rows."""
     if isinstance(value, dict):
         values = list(value.values())
-        is_column = len(values) > WIDEST and not any(isinstance(one, dict | list) for one in values)
-        return np.array(values, dtype=object) if is_column else {name: _stack(one) for name, one in value.items()}
-    if not isinstance(value, list) or any(isinstance(one, dict) for one in value):
+        is_column = len(values) > WIDEST and not any(isinstance(item, dict | list) for item in values)
+        return np.array(values, dtype=object) if is_column else {name: _stack(item) for name, item in value.items()}
+    if not isinstance(value, list) or any(isinstance(item, dict) for item in value):
         return value
-    return np.array(value, dtype=None if all(isinstance(one, int | float | list) for one in value) else object)
+    return np.array(value, dtype=None if all(isinstance(item, int | float | list) for item in value) else object)
 
 
 def flatten_structures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
@@ -107,24 +107,26 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
     places = [(name, k) for name, width in widths.items() if width <= WIDEST for k in range(width)]
     headers = [name if widths[name] == 1 else f"{name}[{k}]" for name, k in places]
     load = cache(lambda name: stored[name][()])
-    firsts = {name: _find_first_text(item) for name, item in stored.items()}
+    texts = {name: _find_first_text(item) for name, item in stored.items()}
 
     def is_number(name: str) -> bool:
-        kind, first = stored[name].dtype.kind, firsts[name]
+        kind, first = stored[name].dtype.kind, texts[name]
         if first is None:  # arrays of objects may have numbers, Arrow columns have texts
             return kind in "iuf" or (kind == "O" and not isinstance(stored[name], Series))
         return can_be_number(first, name)
 
-    wordy = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
-    dated = [k for k, (name, _) in enumerate(places) if stored[name].dtype.kind == "M" or is_stamp(firsts[name] or "")]
-    columns = add_labels(find(headers, wordy=wordy, dated=dated), headers, [firsts[name] or "" for name, _ in places])
+    text_columns = [k for k, (name, _) in enumerate(places) if math.prod(sides[name]) < 2 or not is_number(name)]
+    cells = [texts[name] or "" for name, _ in places]
+    date_columns = [k for k, (name, _) in enumerate(places) if stored[name].dtype.kind == "M" or is_stamp(cells[k])]
+    columns = add_labels(find(headers, text_columns=text_columns, date_columns=date_columns), headers, cells)
     values: dict[str, Array] = {}
-    date, texts = None, False
+    date, has_texts = None, False
     for quantity, column in columns.items():
         name, k = places[column.index]
         shape, dtype = sides[name], stored[name].dtype
-        dates, labels = quantity == "time" and dtype.kind in "mM", quantity == "segment" and firsts[name] is not None
-        if not (dates or labels or dtype.kind in "biufUO") or len(shape) not in (1, 2):
+        is_date = quantity == "time" and dtype.kind in "mM"
+        is_label = quantity == "segment" and texts[name] is not None
+        if not (is_date or is_label or dtype.kind in "biufUO") or len(shape) not in (1, 2):
             raise RecordingError(
                 f"array {name!r} ({quantity}) has type {dtype} and shape {shape}: "
                 "store real numbers, one of each per sample"
@@ -132,20 +134,20 @@ def build_table(stored: Mapping[str, Any], find: ColumnFinder) -> RawTable:
         array = np.reshape(load(name), shape)
         if array.ndim == 2:
             array = array[:, k] if shape[0] >= shape[1] else array[k]
-        if dates:
+        if is_date:
             array, date = count_seconds(array)
-        if labels:
+        if is_label:
             array = rank_words(array)
-        if dtype.kind in "UO" and not labels and any(isinstance(cell, str) for cell in array):
-            values[quantity], texts = array, True
+        if dtype.kind in "UO" and not is_label and any(isinstance(cell, str) for cell in array):
+            values[quantity], has_texts = array, True
         else:
             values[quantity] = np.array(array, dtype=np.float64)  # copy of the caller's array
     if len({len(array) for array in values.values()}) > 1:
         lengths = ", ".join(f"{quantity} {len(array)}" for quantity, array in values.items())
         raise RecordingError(f"the arrays differ in length ({lengths}): store one value of each per sample")
-    if texts:
-        read = read_cells(columns, values)
-        return replace(read, date=read.date or date)
+    if has_texts:
+        text_table = read_cells(columns, values)
+        return replace(text_table, date=text_table.date or date)
     return RawTable(columns, values, date=date)
 
 

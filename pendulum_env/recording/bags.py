@@ -30,23 +30,23 @@ def read_bag(path: Path, find: ColumnFinder) -> RawTable:
     with closing(_open_reader(path)) as reader:
         samples: dict[str, dict[str, float]] = {}
         for connection in reader.connections:
-            first = next(iter(reader.messages([connection])), None)
-            if first is not None:
+            message = next(iter(reader.messages([connection])), None)
+            if message is not None:
                 samples.setdefault(
-                    connection.topic, dict(_list_numbers(reader.deserialize(first[2], connection.msgtype)))
+                    connection.topic, dict(_list_numbers(reader.deserialize(message[2], connection.msgtype)))
                 )
         owners = [(topic, field) for topic, fields in samples.items() for field in fields]
         headers = [TIME, *(f"{topic}/{field}" for topic, field in owners)]
         columns = find(headers)
-        wanted: dict[str, list[str]] = {}
+        fields_by_topic: dict[str, list[str]] = {}
         for column in columns.values():
             if column.index:
                 topic, field = owners[column.index - 1]
-                wanted.setdefault(topic, []).append(field)
-        series = {topic: _read_series(reader, topic, fields) for topic, fields in wanted.items()}
+                fields_by_topic.setdefault(topic, []).append(field)
+        series = {topic: _read_series(reader, topic, fields) for topic, fields in fields_by_topic.items()}
     values, notes = _merge_topics(columns, owners, series)
-    first = series[owners[columns["position"].index - 1][0]][0][0]
-    return RawTable(columns, values, notes, datetime.fromtimestamp(float(first) / 1e9, UTC))
+    message = series[owners[columns["position"].index - 1][0]][0][0]
+    return RawTable(columns, values, notes, datetime.fromtimestamp(float(message) / 1e9, UTC))
 
 
 def _open_reader(path: Path) -> Any:
@@ -67,13 +67,13 @@ def _open_reader(path: Path) -> Any:
 def _read_series(reader: Any, topic: str, fields: Sequence[str]) -> tuple[NDArray[np.int64], dict[str, Array]]:
     """Read time since 1970 [ns] and fields of the messages of a topic, ordered by time, (N,) each."""
     times, rows = [], []
-    for connection, received, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
+    for connection, reception, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
         message = reader.deserialize(raw, connection.msgtype)
-        found = dict(_list_numbers(message))
+        numbers = dict(_list_numbers(message))
         stamp = getattr(getattr(message, "header", None), "stamp", None)
         nanoseconds = 0 if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec
-        times.append(nanoseconds or received)
-        rows.append([found.get(field, np.nan) for field in fields])
+        times.append(nanoseconds or reception)
+        rows.append([numbers.get(field, np.nan) for field in fields])
     order = np.argsort(times, kind="stable")
     time = np.array(times, dtype=np.int64)[order]
     values = np.array(rows, dtype=np.float64)[order]
@@ -91,17 +91,17 @@ def _merge_topics(
         if column.index == 0:
             values[quantity] = 1e-9 * (base - base[0])
             continue
-        other, field = owners[column.index - 1]
-        stamps, fields = series[other]
-        if other == topic:
+        column_topic, field = owners[column.index - 1]
+        stamps, fields = series[column_topic]
+        if column_topic == topic:
             values[quantity] = fields[field]
         elif quantity == "torque":
             last = np.searchsorted(stamps, base, side="right") - 1
             values[quantity] = np.where(last >= 0, fields[field][last], np.nan)
         else:
             values[quantity] = np.interp(1e-9 * (base - base[0]), 1e-9 * (stamps - base[0]), fields[field])
-        if other != topic:
-            notes.append(Note(NoteKind.OTHER_TOPIC, (quantity,), headers=(other, topic)))
+        if column_topic != topic:
+            notes.append(Note(NoteKind.OTHER_TOPIC, (quantity,), headers=(column_topic, topic)))
     return values, tuple(notes)
 
 

@@ -27,7 +27,7 @@ def build_recording(
     table: RawTable,
     unwrap: bool,
     drive: ServoDrive | None,
-    named: Mapping[str, str],
+    named_columns: Mapping[str, str],
     log_format: JSON,
     *,
     can_resample: bool,
@@ -47,13 +47,13 @@ def build_recording(
     counted = unwrap_clock(values["time"])
     notes += [Note(NoteKind.CLOCK_RESTARTED)] * (counted is not values["time"])
     values["time"] = counted
-    unix = None if columns["time"].is_unit_told else find_unix_unit(values["time"])
+    unix = None if columns["time"].has_unit else find_unix_unit(values["time"])
     if unix is not None:
         columns["time"] = replace(columns["time"], unit=unix)
-    origin = Origin(columns, named, _are_counts(columns["position"], values["position"]))
+    origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))
     if "torque" in values:
         checks.refuse_large_current(values["torque"], origin)
-        checks.refuse_counted_torque(values["torque"], origin)
+        checks.refuse_torque_counts(values["torque"], origin)
     for quantity, column in columns.items():
         with np.errstate(over="ignore", invalid="ignore"):  # overflows are treated as empty cells
             values[quantity] *= column.scale
@@ -67,7 +67,7 @@ def build_recording(
     if "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # with a drive, computed below
         if not actuator.is_controller:
-            notes.append(Note(NoteKind.NO_TORQUE if "torque" in named else NoteKind.NO_TORQUE_COLUMN))
+            notes.append(Note(NoteKind.NO_TORQUE if "torque" in named_columns else NoteKind.NO_TORQUE_COLUMN))
     checks.refuse_too_few(values["time"])
 
     def unwrap_position() -> Array:
@@ -90,7 +90,7 @@ def build_recording(
         jitter.resample_slow_encoder(log, unwrap_position())
     cleaning.drop_spoilt_positions(log, unwrap_position())
     checks.refuse_too_few(log.values["time"])
-    checks.refuse_still(log.values["position"])
+    checks.refuse_motionless(log.values["position"])
     jitter.replace_late_stamps(log, unwrap_position())
     sampling.cut_at_gaps(log, unwrap_position())
     checks.refuse_jumps(
@@ -120,7 +120,7 @@ def build_recording(
     recording = complete_torque(recording)
     checks.refuse_too_short(recording, origin)
     checks.refuse_foreign_reference(recording, origin)
-    checks.refuse_torque_twice(recording, origin)
+    checks.refuse_doubled_torque(recording, origin)
     if recording.velocity is not None:
         checks.refuse_foreign_velocity(recording, origin)
     if not jumps:  # jumps of 2 pi confirm the unit
@@ -140,6 +140,6 @@ def _find_doubts(recording: Recording, origin: Origin) -> tuple[Note, ...]:
         checks.refuse_too_fast(recording, origin)
         return checks.check_unit(recording, origin)
     except ColumnError as error:
-        if not origin.columns["position"].is_unit_told:
+        if not origin.columns["position"].has_unit:
             raise
         return (Note(NoteKind.IMPLAUSIBLE, ("position",), text=str(error)),)

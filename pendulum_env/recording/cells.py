@@ -33,12 +33,12 @@ def read_excel(path: Path, find: ColumnFinder) -> RawTable:
 
 def read_cells(columns: dict[str, FileColumn], cells: Mapping[str, NDArray[Any]]) -> RawTable:
     """Read arrays by quantity, some of texts, like the columns of a text file."""
-    made = {quantity: _make_cells(values) for quantity, values in cells.items()}
+    columns_of_text = {quantity: _make_cells(values) for quantity, values in cells.items()}
     file = pa.BufferOutputStream()
-    pacsv.write_csv(pa.table(made), file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
-    content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(made)}
-    found = read_text_table(lambda: pa.BufferReader(content), lambda *_, **__: places)
-    return replace(found, columns={quantity: columns[quantity] for quantity in found.columns})
+    pacsv.write_csv(pa.table(columns_of_text), file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
+    content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(columns_of_text)}
+    table = read_text_table(lambda: pa.BufferReader(content), lambda *_, **__: places)
+    return replace(table, columns={quantity: columns[quantity] for quantity in table.columns})
 
 
 def _make_cells(values: NDArray[Any]) -> pa.Array:

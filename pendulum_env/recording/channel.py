@@ -54,5 +54,5 @@ class TorqueConstant:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
-        found = {"value": self.value, "std": self.std, "unit": self.unit, "loads": self.loads}
-        return {**found, "by_load_torque": self.by_load_torque}
+        values = {"value": self.value, "std": self.std, "unit": self.unit, "loads": self.loads}
+        return {**values, "by_load_torque": self.by_load_torque}

@@ -11,7 +11,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index
 from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.recording.angle_unit import suspect_unit
-from pendulum_env.recording.cleaning import WITHIN
+from pendulum_env.recording.cleaning import WRAPPED_RANGE
 from pendulum_env.recording.clock import STEPS, list_plausible_units
 from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.notes import Note
@@ -29,11 +29,11 @@ class Bounds:
     slowest: float = 10.0  # [Hz]; an arm swings at about 1 Hz
     fastest: float = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
     window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
-    current: float = 200.0  # [A], of the motor of a joint
-    constant: float = 0.01  # [N m/A], least torque constant at a joint
-    whole: int = 50  # different torques, from which whole numbers alone are those of a counter
-    followed: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
-    same: float = 0.95  # correlation of two torques beyond which they may be one
+    largest_current: float = 200.0  # [A], of the motor of a joint
+    least_constant: float = 0.01  # [N m/A], least torque constant at a joint
+    counter_values: int = 50  # different torques, from which whole numbers alone are those of a counter
+    goal_distance: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
+    equal_correlation: float = 0.95  # correlation of two torques beyond which they may be one
 
 
 BOUNDS = Bounds()
@@ -56,24 +56,24 @@ def refuse_large_current(values: Array, origin: Origin) -> None:
     First gains below `BOUNDS.constant` are no torque constant of a joint: they convert counts to a current or a torque.
     """
     column = origin.columns["torque"]
-    most = float(np.nanquantile(np.abs(values), 0.99)) if np.isfinite(values).any() else 0.0
+    largest = float(np.nanquantile(np.abs(values), 0.99)) if np.isfinite(values).any() else 0.0
     factors = column.expression.factors
     gains = [abs(Expression("", factors=factors[:k]).gain) for k in range(1, len(factors) + 1)]
-    most *= next((gain for gain in gains if gain < BOUNDS.constant), 1.0)
-    if column.is_current_by_guess and most > BOUNDS.current:
+    largest *= next((gain for gain in gains if gain < BOUNDS.least_constant), 1.0)
+    if column.is_current_by_guess and largest > BOUNDS.largest_current:
         raise ColumnError(
-            f"the current of column {column.header!r} reaches {most:.4g}, too much in A: read it with "
+            f"the current of column {column.header!r} reaches {largest:.4g}, too much in A: read it with "
             f"{_format_columns(origin.change_column('torque', unit='mA'))} if it is in mA, or give the unit in the "
             "name of the column"
         )
 
 
-def refuse_counted_torque(values: Array, origin: Origin) -> None:
+def refuse_torque_counts(values: Array, origin: Origin) -> None:
     """Refuse a torque of many whole numbers without a unit: drives log per mille of a rated torque, or mN m."""
     column, finite = origin.columns["torque"], values[np.isfinite(values)]
-    if column.is_unit_told or column.expression.name or (finite != np.round(finite)).any():
+    if column.has_unit or column.expression.name or (finite != np.round(finite)).any():
         return
-    if len(np.unique(finite)) > BOUNDS.whole:
+    if len(np.unique(finite)) > BOUNDS.counter_values:
         options = [
             _format_columns(origin.change_column("torque", **change))
             for change in ({"unit": "Nm"}, {"unit": "mNm"}, {"factors": ("*0.001",)})
@@ -127,7 +127,7 @@ def _suggest_time_unit(period: float, origin: Origin) -> str:
     return "".join(hints[:1])
 
 
-def refuse_still(position: Array) -> None:
+def refuse_motionless(position: Array) -> None:
     """Refuse a position that never changes."""
     if (position == position[0]).all():
         raise RecordingError(
@@ -143,25 +143,25 @@ def refuse_jumps(
     jumps = np.abs(np.diff(position))
     jumps[[start - 1 for start in starts[1:]]] = 0.0  # gaps are no jumps
     size = float(jumps.max())
-    is_wrapped = bool(np.ptp(position) < WITHIN * turn or abs(size - turn) < 0.08 * turn)
+    is_wrapped = bool(np.ptp(position) < WRAPPED_RANGE * turn or abs(size - turn) < 0.08 * turn)
     if size <= np.pi and not (is_wrapped and size > turn / 2):
         return
     row = rows[int(np.argmax(jumps > size / 2)) + 1]
-    what = f"position jumps by {size:.4g} rad from one sample to the next at data row {row} (header not counted)"
+    jump_text = f"position jumps by {size:.4g} rad from one sample to the next at data row {row} (header not counted)"
     if is_wrapped:
         if not allow_wrapped:
-            at = "2 pi" if turn == 2 * np.pi else "a turn of its encoder"
+            period_text = "2 pi" if turn == 2 * np.pi else "a turn of its encoder"
             raise RecordingError(
-                f"{what}, as an angle wrapped at {at} does: read it with {format_setting('unwrap', True)}"
+                f"{jump_text}, as an angle wrapped at {period_text} does: read it with {format_setting('unwrap', True)}"
             )
     elif 270 < size < 361:
         raise ColumnError(
-            f"{what}, as an angle wrapped at 360 degrees does: read it with {format_setting('unwrap', True)}, and with "
-            f"{_format_columns(origin.change_column('position', unit='deg'))}"
+            f"{jump_text}, as an angle wrapped at 360 degrees does: read it with {format_setting('unwrap', True)}, and "
+            f"with {_format_columns(origin.change_column('position', unit='deg'))}"
         )
     else:
         raise ColumnError(
-            f"{what}: {_suggest_position_unit(origin, confirms=False)}, or repair the glitch if it is one"
+            f"{jump_text}: {_suggest_position_unit(origin, confirms=False)}, or repair the glitch if it is one"
         )
 
 
@@ -188,12 +188,12 @@ def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
         return ()
     part = max(recording.segments, key=len)
     is_guess = origin.columns["position"].unit is None
-    found = suspect_unit(part.position, part.torque, part.rate, turns=is_guess and recording.has_logged_torque)
-    if found is None:
+    suspicion = suspect_unit(part.position, part.torque, part.rate, turns=is_guess and recording.has_logged_torque)
+    if suspicion is None:
         return ()
-    if not found.is_certain:
-        return (found.note(origin.change_column("position", unit=found.unit)),)
-    raise ColumnError(f"{found.text}: {_suggest_position_unit(origin, found.unit)}")
+    if not suspicion.is_certain:
+        return (suspicion.note(origin.change_column("position", unit=suspicion.unit)),)
+    raise ColumnError(f"{suspicion.text}: {_suggest_position_unit(origin, suspicion.unit)}")
 
 
 def _suggest_position_unit(origin: Origin, unit: str = "deg", *, confirms: bool = True) -> str:
@@ -205,7 +205,7 @@ def _suggest_position_unit(origin: Origin, unit: str = "deg", *, confirms: bool 
     else:
         name = {"deg": "degrees", "rev": "turns"}[unit]
         advice = f"read it with {_format_columns(origin.change_column('position', unit=unit))} if it is in {name}"
-    if not confirms or origin.columns["position"].is_unit_told:
+    if not confirms or origin.columns["position"].has_unit:
         return advice
     return f"{advice}, with {_format_columns(origin.change_column('position', unit='rad'))} if it is not"
 
@@ -214,26 +214,26 @@ def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
     """Refuse a goal that is turns away from the position, due to another unit or zero."""
     if (goal := recording.goal) is None:
         return
-    away = float(np.median(np.abs(goal - recording.position)))
-    if away > BOUNDS.followed:
+    distance = float(np.median(np.abs(goal - recording.position)))
+    if distance > BOUNDS.goal_distance:
         raise ColumnError(
-            f"the goal is {away:.3g} rad away from the position, as if in other units or from another zero: say them "
-            f"as those of the position, {_format_columns(origin.change_column('reference', unit='deg'))} for one"
+            f"the goal is {distance:.3g} rad away from the position, as if in other units or from another zero: say "
+            f"them as those of the position, {_format_columns(origin.change_column('reference', unit='deg'))} for one"
         )
 
 
-def refuse_torque_twice(recording: Recording, origin: Origin) -> None:
+def refuse_doubled_torque(recording: Recording, origin: Origin) -> None:
     """Refuse an unnamed load torque that is correlated with the torque: it may be a sensor of the motor torque.
 
     Otherwise the motor torque would count twice.
     """
-    if recording.load_torque is None or "load_torque" in origin.named:
+    if recording.load_torque is None or "load_torque" in origin.named_columns:
         return
-    moves = np.gradient(recording.position) != 0
-    pair = np.array([recording.torque[moves], recording.load_torque[moves]])
-    if moves.sum() < 2 or not np.ptp(pair, axis=1).all():
+    is_moving = np.gradient(recording.position) != 0
+    pair = np.array([recording.torque[is_moving], recording.load_torque[is_moving]])
+    if is_moving.sum() < 2 or not np.ptp(pair, axis=1).all():
         return
-    if (correlation := float(np.corrcoef(pair)[0, 1])) > BOUNDS.same:
+    if (correlation := float(np.corrcoef(pair)[0, 1])) > BOUNDS.equal_correlation:
         raise ColumnError(
             f"load_torque, from column {origin.columns['load_torque'].header!r}, follows torque ({correlation:.3f} "
             "correlated), and both would add up: read it with "
@@ -251,25 +251,25 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
         for part in recording.segments
         if part.velocity is not None
     ]
-    moved, expected = (np.concatenate(both) for both in zip(*pairs, strict=True))  # [rad]
+    slope, expected = (np.concatenate(series) for series in zip(*pairs, strict=True))  # [rad]
     remedy = f"mend it, or do without it, which is optional: {_format_columns(origin.omit_column('velocity'))}"
-    size = float(np.linalg.norm(moved) * np.linalg.norm(expected))
-    correlation = float(moved @ expected / size) if size else 0.0
+    size = float(np.linalg.norm(slope) * np.linalg.norm(expected))
+    correlation = float(slope @ expected / size) if size else 0.0
     if abs(correlation) < 0.5:
         if np.ptp(recording.position) > 0.2:  # [rad]; above encoder steps
             raise ColumnError(
                 f"velocity does not follow the slope of position ({correlation:.2f} correlated): {remedy}"
             )
         return
-    ratio = float(correlation * np.linalg.norm(moved) / np.linalg.norm(expected))
+    ratio = float(correlation * np.linalg.norm(slope) / np.linalg.norm(expected))
     if gear := origin.apply_gear("velocity", ratio):
         raise ColumnError(
             f"velocity is {1 / ratio:.3g} times the slope of position, as if it lacked a ratio of position: read it "
             f"with {_format_columns(gear)}"
         )
     if correlation < 0:
-        turned = _format_columns(origin.flip_sign("velocity"))
-        raise ColumnError(f"velocity has the opposite sign of the slope of position: read it with {turned}")
+        columns = _format_columns(origin.flip_sign("velocity"))
+        raise ColumnError(f"velocity has the opposite sign of the slope of position: read it with {columns}")
     for quantity, unit, factor in VELOCITY_FACTORS:
         if 0.9 < ratio / factor < 1.1 or (unit[:3] == "deg" and 0.7 < ratio / factor < 1.4):
             raise ColumnError(

@@ -15,9 +15,9 @@ from pendulum_env.recording.vocabulary import QUANTITIES
 
 OPTIONAL = QUANTITIES[3:]  # optional quantities
 TURN = 2 * np.pi  # [rad]
-WITHIN = 1.016  # range of a wrapped position, in turns, with noise
-STEP = 0.125  # turns between two samples from which a reference steps to another goal
-ROWS = 5  # over which motion before a stand-still is measured
+WRAPPED_RANGE = 1.016  # range of a wrapped position, in turns, with noise
+GOAL_STEP = 0.125  # turns between two samples from which a reference steps to another goal
+TRAVEL_ROWS = 5  # rows over which travel is measured, to find a joint that stands still
 HELD = ("torque", "enabled")  # quantities that are held until the next value
 
 
@@ -25,17 +25,19 @@ HELD = ("torque", "enabled")  # quantities that are held until the next value
 class CleaningSettings:
     """Limits of glitches, stale values and repeated times."""
 
-    absurd: float = 1e20  # magnitude that counts as infinite, above time in nanoseconds since 1970
-    far: float = 10.0  # ratio of a glitch's deviation to those of its neighbours and of the recording
-    pause: float = 1.0  # [s], gap between runs whose clocks restart
-    long: float = 1.5  # least length of a step with lost rows, in median steps
-    moving: float = 3.0  # least ratio of a moving joint's step to the usual deviation from steady motion
-    jump: float = 3.0  # least ratio of an impossible jump to the steps beside it, and of unsteady travels
-    same: float = 1e-6  # largest step of a repeated time, as share of the median step
-    alike: float = 0.25  # largest relative difference of equal steps
-    moved_on: float = 1.5  # least ratio of steps across lost cells to steps between rows
-    away: float = 0.2  # least sine of the angle from equilibrium of a joint that is held
-    held: float = 0.1  # [s], twice the shortest initial hold
+    largest_number: float = 1e20  # magnitude that counts as infinite, above time in nanoseconds since 1970
+    glitch_ratio: float = 10.0  # ratio of a glitch's deviation to those of its neighbours and of the recording
+    restart_gap: float = 1.0  # [s], gap between runs whose clocks restart
+    long_step: float = 1.5  # least length of a step with lost rows, in median steps
+    moving_ratio: float = 3.0  # least ratio of a moving joint's step to the usual deviation from steady motion
+    jump_ratio: float = (
+        3.0  # least ratio of an impossible jump to the steps before or after it, and of unsteady travels
+    )
+    repeated_step: float = 1e-6  # largest step of a repeated time, as share of the median step
+    steady_tolerance: float = 0.25  # largest relative difference of equal steps
+    lost_ratio: float = 1.5  # least ratio of steps across lost cells to steps between rows
+    least_tilt: float = 0.2  # least sine of the angle from equilibrium of a joint that is held
+    longest_hold: float = 0.1  # [s], twice the shortest initial hold
     least_steps: int = 20  # least number of smallest steps of a column with rounded values
 
 
@@ -66,10 +68,10 @@ class Log:
     def __post_init__(self) -> None:
         self.rows: Index = np.arange(1, len(self.values["time"]) + 1)
 
-    def keep_rows(self, good: Mask) -> None:
+    def keep_rows(self, is_kept: Mask) -> None:
         """Keep the samples of a mask (N,)."""
-        self.values = {quantity: column[good] for quantity, column in self.values.items()}
-        self.rows = self.rows[good]
+        self.values = {quantity: column[is_kept] for quantity, column in self.values.items()}
+        self.rows = self.rows[is_kept]
 
 
 def fill_unchanged(log: Log) -> None:
@@ -82,21 +84,21 @@ def fill_unchanged(log: Log) -> None:
     """
     sparse = [quantity for quantity in log.values if quantity != "time" and np.isnan(log.values[quantity]).any()]
     steps = {quantity: np.diff(log.values[quantity][~np.isnan(log.values[quantity])]) for quantity in sparse}
-    held = [quantity for quantity in sparse if quantity in ("enabled", "segment")]
-    others = [quantity for quantity in sparse if quantity not in held]
-    if all(steps[quantity].all() for quantity in others) and any(
-        _is_coarse(steps[quantity]) and not _is_lost(log.values[quantity]) for quantity in others
+    held_quantities = [quantity for quantity in sparse if quantity in ("enabled", "segment")]
+    open_quantities = [quantity for quantity in sparse if quantity not in held_quantities]
+    if all(steps[quantity].all() for quantity in open_quantities) and any(
+        _is_coarse(steps[quantity]) and not _is_lost(log.values[quantity]) for quantity in open_quantities
     ):
-        held += others
+        held_quantities += open_quantities
         log.notes.append(Note(NoteKind.CELLS_HELD))
-    for quantity in held:
+    for quantity in held_quantities:
         log.values[quantity] = _hold_values(log.values[quantity], ~np.isnan(log.values[quantity]))
 
 
-def _hold_values(values: Array, known: Mask) -> Array:
-    """Hold the last known values (N,), with NaN before the first known one; `known` is a mask (N,)."""
-    last = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
-    return np.where(last >= 0, values[last], np.nan)
+def _hold_values(values: Array, is_known: Mask) -> Array:
+    """Hold the last known values (N,), with NaN before the first known one; `is_known` is a mask (N,)."""
+    last_known = np.maximum.accumulate(np.where(is_known, np.arange(len(values)), -1))
+    return np.where(last_known >= 0, values[last_known], np.nan)
 
 
 def _is_coarse(steps: Array) -> bool:
@@ -110,10 +112,10 @@ def _is_coarse(steps: Array) -> bool:
 def _is_lost(values: Array) -> bool:
     """Return whether a column (N,) has larger steps across empty cells than between rows."""
     rows = np.flatnonzero(~np.isnan(values))
-    across, sizes = np.diff(rows) > 1, np.abs(np.diff(values[rows]))
-    if not across.any() or np.count_nonzero(~across) < CLEANING.least_steps:
+    is_across, sizes = np.diff(rows) > 1, np.abs(np.diff(values[rows]))
+    if not is_across.any() or np.count_nonzero(~is_across) < CLEANING.least_steps:
         return False
-    return bool(sizes[across].mean() > CLEANING.moved_on * sizes[~across].mean())
+    return bool(sizes[is_across].mean() > CLEANING.lost_ratio * sizes[~is_across].mean())
 
 
 def align_topics(log: Log, fewest: int) -> None:
@@ -123,72 +125,73 @@ def align_topics(log: Log, fewest: int) -> None:
     and `drop_invalid_rows` raises the error.
     """
     values = dict(log.values)
-    here = np.isfinite(values["position"])
-    if np.count_nonzero(here) < fewest:
+    has_position = np.isfinite(values["position"])
+    if np.count_nonzero(has_position) < fewest:
         return
     notes = list[Note]()
     for quantity in sorted(values.keys() - {"time", "position", "segment"}):
-        sound = np.isfinite(values[quantity]) & np.isfinite(values["time"])
-        if here.all() or np.count_nonzero(sound & here) > 0.5 * min(np.count_nonzero(here), np.count_nonzero(sound)):
+        is_valid = np.isfinite(values[quantity]) & np.isfinite(values["time"])
+        shared = np.count_nonzero(is_valid & has_position)
+        if has_position.all() or shared > 0.5 * min(np.count_nonzero(has_position), np.count_nonzero(is_valid)):
             continue
         if quantity in HELD:
-            values[quantity] = _hold_values(values[quantity], sound)
-        elif sound.any():
-            values[quantity] = np.interp(values["time"], values["time"][sound], values[quantity][sound])
+            values[quantity] = _hold_values(values[quantity], is_valid)
+        elif is_valid.any():
+            values[quantity] = np.interp(values["time"], values["time"][is_valid], values[quantity][is_valid])
         notes.append(Note(NoteKind.OTHER_ROWS, (quantity,), text="held" if quantity in HELD else "interpolated"))
     if notes:
         log.values = values
-        log.keep_rows(here)
+        log.keep_rows(has_position)
         log.notes += notes
 
 
 def drop_invalid_rows(log: Log, fewest: int) -> None:
-    """Remove rows with empty cells, NaN or absurd numbers.
+    """Remove rows with empty cells, NaN or numbers above `CLEANING.largest_number`.
 
     An optional column with more than half of its cells missing is removed instead.
     """
     count = len(log.values["time"])
-    good, kept = np.ones(count, dtype=np.bool_), {}
+    is_kept, columns = np.ones(count, dtype=np.bool_), {}
     spoilt: dict[tuple[str, bytes], list[str]] = {}  # quantities by fault and mask of valid rows
     for quantity, column in log.values.items():
-        sound = np.abs(column) < CLEANING.absurd
-        if sound.all():
-            kept[quantity] = column
+        is_valid = np.abs(column) < CLEANING.largest_number
+        if is_valid.all():
+            columns[quantity] = column
             continue
-        missing = count - int(np.count_nonzero(sound))
-        first = int(np.argmin(sound))
-        came = "empty or NaN" if np.isnan(column[first]) else "infinite"
-        if quantity in OPTIONAL and missing > count / 2:
-            numbers = {"count": Quantity(missing), "rows": Quantity(count)}
-            log.notes.append(Note(NoteKind.SPARSE, (quantity,), numbers, text=came))
+        n_invalid = count - int(np.count_nonzero(is_valid))
+        first = int(np.argmin(is_valid))
+        fault = "empty or NaN" if np.isnan(column[first]) else "infinite"
+        if quantity in OPTIONAL and n_invalid > count / 2:
+            numbers = {"count": Quantity(n_invalid), "rows": Quantity(count)}
+            log.notes.append(Note(NoteKind.SPARSE, (quantity,), numbers, text=fault))
             continue
-        if count - missing < min(fewest, count / 2):
+        if count - n_invalid < min(fewest, count / 2):
             raise RecordingError(
-                f"data row {log.rows[first]} (header not counted) has {quantity} that is {came}, as have "
-                f"{missing} of {count} rows: check how that column was written"
+                f"data row {log.rows[first]} (header not counted) has {quantity} that is {fault}, as have "
+                f"{n_invalid} of {count} rows: check how that column was written"
             )
-        kept[quantity] = column
-        good &= sound
-        spoilt.setdefault((came, sound.tobytes()), []).append(quantity)
-    for (came, where), quantities in spoilt.items():
-        rows = log.rows[~np.frombuffer(where, dtype=np.bool_)]
-        log.notes.append(note_rows(NoteKind.SPOILT, rows, *quantities, text=came))
-    if np.count_nonzero(good) < min(fewest, count):
+        columns[quantity] = column
+        is_kept &= is_valid
+        spoilt.setdefault((fault, is_valid.tobytes()), []).append(quantity)
+    for (fault, valid_bytes), quantities in spoilt.items():
+        rows = log.rows[~np.frombuffer(valid_bytes, dtype=np.bool_)]
+        log.notes.append(note_rows(NoteKind.SPOILT, rows, *quantities, text=fault))
+    if np.count_nonzero(is_kept) < min(fewest, count):
         raise RecordingError(
             f"fewer than {fewest} rows have all of time, position and torque: write them in the same rows"
         )
-    log.values = kept
-    log.keep_rows(good)
+    log.values = columns
+    log.keep_rows(is_kept)
 
 
 def shift_restarted_runs(log: Log) -> None:
-    """Shift the time of a new `segment` whose clock was set back; the gap is `CLEANING.pause`."""
+    """Shift the time of a new `segment` whose clock was set back; the gap is `CLEANING.restart_gap`."""
     if "segment" in log.values:
         time = log.values["time"]
         steps = np.diff(time)
-        back = (np.diff(log.values["segment"]) != 0) & (steps <= 0)
-        later = np.append(0.0, np.cumsum(np.where(back, CLEANING.pause - steps, 0.0)))
-        log.values = {**log.values, "time": time + later}
+        is_restart = (np.diff(log.values["segment"]) != 0) & (steps <= 0)
+        shift = np.append(0.0, np.cumsum(np.where(is_restart, CLEANING.restart_gap - steps, 0.0)))
+        log.values = {**log.values, "time": time + shift}
 
 
 def drop_repeated_times(log: Log) -> None:
@@ -201,19 +204,19 @@ def drop_repeated_times(log: Log) -> None:
             f"time falls from {time[first]:.15g} to {time[first + 1]:.15g} s at data row {log.rows[first + 1]} "
             "(header not counted): sort the rows, or name a column segment that counts the runs"
         )
-    new = np.append(True, steps > CLEANING.same * np.median(steps))
-    if np.count_nonzero(new) < 2:
+    is_new = np.append(True, steps > CLEANING.repeated_step * np.median(steps))
+    if np.count_nonzero(is_new) < 2:
         raise RecordingError(f"time is {time[0]:.15g} s in every row: write it with more decimals")
     position = log.values["position"]
-    within, between = np.abs(np.diff(position))[~new[1:]], np.abs(np.diff(position[new]))
+    within, between = np.abs(np.diff(position))[~is_new[1:]], np.abs(np.diff(position[is_new]))
     if len(within) > len(time) / 3 and np.median(within) > 2 * np.median(between):  # else the clock is coarse
         raise RecordingError(
-            f"most times stand in several rows with different positions, as at data row {log.rows[np.argmin(new)]} "
+            f"most times stand in several rows with different positions, as at data row {log.rows[np.argmin(is_new)]} "
             "(header not counted): the rows are of several joints or topics, keep those of one"
         )
-    if not new.all():
-        log.notes.append(note_rows(NoteKind.TIME_REPEATED, log.rows[~new]))
-        log.keep_rows(new)
+    if not is_new.all():
+        log.notes.append(note_rows(NoteKind.TIME_REPEATED, log.rows[~is_new]))
+        log.keep_rows(is_new)
 
 
 def drop_initial_hold(log: Log, position: Array) -> None:
@@ -223,12 +226,12 @@ def drop_initial_hold(log: Log, position: Array) -> None:
     displacements d and 9 d. The median of position is the equilibrium.
     """
     time = log.values["time"] - log.values["time"][0]
-    moved = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / np.ptp(position)
-    if abs(np.sin(position[0] - np.median(position))) < CLEANING.away:
+    travel = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / np.ptp(position)
+    if abs(np.sin(position[0] - np.median(position))) < CLEANING.least_tilt:
         return
-    near, far = (float(time[np.argmax(moved > share)]) for share in (0.01, 0.09))
+    near, far = (float(time[np.argmax(travel > share)]) for share in (0.01, 0.09))
     release = (3 * near - far) / 2
-    if release > max(CLEANING.held, far - release) / 2:
+    if release > max(CLEANING.longest_hold, far - release) / 2:
         log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
         log.keep_rows(time >= release)
 
@@ -247,30 +250,30 @@ def drop_spoilt_positions(log: Log, position: Array) -> None:
     Glitches are single samples far from both neighbours. Stale values repeat the last one, and are followed by an
     impossible jump or by a jump to the position of steady motion.
     """
-    usual = estimate_bend(position)
-    good = np.ones(len(position), dtype=np.bool_)
-    for kind, at in (
-        (NoteKind.GLITCHES, _find_glitches(position, usual)),
-        (NoteKind.STALE, _find_stale_samples(position, usual, _find_cuts(log))),
+    typical_bend = estimate_bend(position)
+    is_kept = np.ones(len(position), dtype=np.bool_)
+    for kind, samples in (
+        (NoteKind.GLITCHES, _find_glitches(position, typical_bend)),
+        (NoteKind.STALE, _find_stale_samples(position, typical_bend, _find_cuts(log))),
     ):
-        if len(at):
-            log.notes.append(note_rows(kind, log.rows[at], "position"))
-            good[at] = False
-    log.keep_rows(good)
+        if len(samples):
+            log.notes.append(note_rows(kind, log.rows[samples], "position"))
+            is_kept[samples] = False
+    log.keep_rows(is_kept)
 
 
 def find_turns(values: Mapping[str, Array], columns: Mapping[str, FileColumn]) -> dict[str, float]:
     """Find the turn at which position and reference may be wrapped [rad].
 
-    It is a turn of the encoder, such as 2 pi / 8 before a gear of 8, if all positions but one in a thousand lie within
-    it, else 2 pi: an encoder that counts turns may move by more than half a turn between samples.
+    It is a turn of the encoder, for example 2 pi / 8 before a gear of 8, if 99.9 % of the positions lie within it, else
+    2 pi: an encoder that counts turns may move by more than half a turn between samples.
     """
     turns = {"position": TURN, "reference": TURN}
     for quantity in turns:
         if quantity not in columns or (turn := columns[quantity].turn) == TURN:
             break
-        sound = values[quantity][np.isfinite(values[quantity])]
-        if not len(sound) or np.ptp(np.quantile(sound, [5e-4, 1 - 5e-4])) > WITHIN * turn:
+        finite = values[quantity][np.isfinite(values[quantity])]
+        if not len(finite) or np.ptp(np.quantile(finite, [5e-4, 1 - 5e-4])) > WRAPPED_RANGE * turn:
             break
         turns[quantity] = turn
     return turns
@@ -301,17 +304,17 @@ def unwrap_positions(log: Log, turns: Mapping[str, float], is_angle: bool) -> in
 def _unwrap_reference(reference: Array, position: Array, turn: float, jumps: int) -> Array:
     """Put a reference (N,) on the turns of the unwrapped position (N,), which had `jumps`.
 
-    An error of control may exceed half a turn of an encoder before a gear. There the reference is unwrapped by itself,
-    in parts between steps to another goal, and each part is moved by whole turns to be next to position in median.
+    An error of control may exceed half a turn of an encoder before a gear. There the reference is unwrapped alone, in
+    parts between steps to another goal. Each part is moved by whole turns until its median is nearest to position.
     """
     if turn == TURN:
         return reference + turn * np.round((position - reference) / turn)
     if not jumps:
         return reference
     reference = np.unwrap(reference, period=turn)
-    steps = np.flatnonzero(np.abs(np.diff(reference)) > STEP * turn) + 1
+    steps = np.flatnonzero(np.abs(np.diff(reference)) > GOAL_STEP * turn) + 1
     parts = zip(np.split(reference, steps), np.split(position, steps), strict=True)
-    return np.concatenate([own + turn * np.round(np.median(near - own) / turn) for own, near in parts])
+    return np.concatenate([goals + turn * np.round(np.median(positions - goals) / turn) for goals, positions in parts])
 
 
 def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> Note:
@@ -326,30 +329,30 @@ def estimate_bend(position: Array) -> float:
     """
     if len(position) < 3:
         return 0.0
-    off = np.abs(position[1:-1] - 0.5 * (position[:-2] + position[2:]))
+    bends = np.abs(position[1:-1] - 0.5 * (position[:-2] + position[2:]))
     moves = np.abs(np.diff(position))
-    return float(np.quantile(off, 0.99) or (moves[moves > 0].min() if moves.any() else 0.0))
+    return float(np.quantile(bends, 0.99) or (moves[moves > 0].min() if moves.any() else 0.0))
 
 
-def _find_glitches(q: Array, usual: float) -> Index:
+def _find_glitches(q: Array, typical_bend: float) -> Index:
     """Return the samples of q (N,) that are far from the mean of smooth neighbours."""
     if len(q) < 5:
         return np.empty(0, dtype=np.intp)
-    off = np.abs(q[2:-2] - 0.5 * (q[1:-3] + q[3:-1]))
-    far = np.flatnonzero(off > CLEANING.far * usual)
-    around = np.abs(np.diff(np.stack([q[far], q[far + 1], q[far + 3], q[far + 4]]), axis=0)).max(axis=0)  # without it
-    return far[off[far] > CLEANING.far * around] + 2
+    bends = np.abs(q[2:-2] - 0.5 * (q[1:-3] + q[3:-1]))
+    k = np.flatnonzero(bends > CLEANING.glitch_ratio * typical_bend)
+    around = np.abs(np.diff([q[k], q[k + 1], q[k + 3], q[k + 4]], axis=0)).max(axis=0)  # without it
+    return k[bends[k] > CLEANING.glitch_ratio * around] + 2
 
 
 def _find_cuts(log: Log) -> Mask:
     """Find the steps (N - 1,) across which the joint may go anywhere: long ones, and those to another segment."""
     steps = np.diff(log.values["time"])
-    return (steps > CLEANING.long * np.median(steps)) | (
+    return (steps > CLEANING.long_step * np.median(steps)) | (
         np.diff(log.values.get("segment", np.zeros(len(log.rows)))) != 0
     )
 
 
-def _find_stale_samples(q: Array, usual: float, cuts: Mask) -> Index:
+def _find_stale_samples(q: Array, typical_bend: float, cuts: Mask) -> Index:
     """Return the samples of q (N,) that repeat the last one although the joint moves on, not before cuts (N - 1,).
 
     A joint that moves before or after a stand-still, and jumps at its end, did not rest. The jump is compared with the
@@ -357,41 +360,43 @@ def _find_stale_samples(q: Array, usual: float, cuts: Mask) -> Index:
     has them. If the step to the repeated value is a jump, too, the first sample of the run is also invalid.
     """
     steps = np.diff(q)
-    still = steps == 0
-    turns = np.flatnonzero(np.diff(still, prepend=False, append=False))
-    first, end = turns[::2], turns[1::2]  # steps of runs without motion
-    inner = (first > 0) & (end < len(steps) - 1)
-    first, end = first[inner], end[inner]
+    is_still = steps == 0
+    edges = np.flatnonzero(np.diff(is_still, prepend=False, append=False))
+    first, end = edges[::2], edges[1::2]  # steps of runs without motion
+    is_inner = (first > 0) & (end < len(steps) - 1)
+    first, end = first[is_inner], end[is_inner]
     if not len(first):
         return np.empty(0, dtype=np.intp)
     before, jump, after = steps[first - 1], steps[end], steps[end + 1]
     steady = 0.5 * (before + after)
-    near = CLEANING.alike * np.abs(steady)
-    stale = (np.abs(steady) >= CLEANING.moving * usual) & (np.abs(before - after) <= 2 * near)
-    stale &= np.abs(jump / (end - first + 1) - steady) <= near
-    bends = 0.5 * np.abs(np.diff(steps))[~(still[1:] & still[:-1])]
-    usual = max(usual, float(np.quantile(bends, 0.99)))
-    dropped = _is_impossible(before, steps[first - 2], usual) & (first > 1)
-    impossible = _is_impossible(jump, after, usual) & (end - first > 1) & ~cuts[end]
-    stale |= impossible & (_is_moving(q, first - dropped, -1, usual) | _is_moving(q, end + 1, 1, usual))
-    begin = np.where(dropped & impossible, first, first + 1)
-    runs = [np.arange(a, b + 1) for a, b in zip(begin[stale], end[stale], strict=True)]
+    tolerance = CLEANING.steady_tolerance * np.abs(steady)
+    is_stale = (np.abs(steady) >= CLEANING.moving_ratio * typical_bend) & (np.abs(before - after) <= 2 * tolerance)
+    is_stale &= np.abs(jump / (end - first + 1) - steady) <= tolerance
+    bends = 0.5 * np.abs(np.diff(steps))[~(is_still[1:] & is_still[:-1])]
+    typical_bend = max(typical_bend, float(np.quantile(bends, 0.99)))
+    is_jump_before = _is_impossible(before, steps[first - 2], typical_bend) & (first > 1)
+    is_jump = _is_impossible(jump, after, typical_bend) & (end - first > 1) & ~cuts[end]
+    is_stale |= is_jump & (
+        _is_moving(q, first - is_jump_before, -1, typical_bend) | _is_moving(q, end + 1, 1, typical_bend)
+    )
+    begin = np.where(is_jump_before & is_jump, first, first + 1)
+    runs = [np.arange(a, b + 1) for a, b in zip(begin[is_stale], end[is_stale], strict=True)]
     return np.concatenate([np.empty(0, dtype=np.intp), *runs])
 
 
-def _is_impossible(jump: Array, beside: Array, usual: float) -> Mask:
-    """Return whether jumps (M,) exceed the steps beside them (M,) and the usual bend, within half a turn."""
-    least = np.maximum(CLEANING.far * usual, CLEANING.jump * np.abs(beside))
-    return (np.abs(jump) > least) & (np.abs(jump) <= TURN / 2)
+def _is_impossible(jump: Array, neighbour_step: Array, typical_bend: float) -> Mask:
+    """Return whether jumps (M,) exceed their neighbour steps (M,) and the usual bend, within half a turn."""
+    threshold = np.maximum(CLEANING.glitch_ratio * typical_bend, CLEANING.jump_ratio * np.abs(neighbour_step))
+    return (np.abs(jump) > threshold) & (np.abs(jump) <= TURN / 2)
 
 
-def _is_moving(q: Array, at: Index, way: int, usual: float) -> Mask:
-    """Return whether the joint moves before samples of q (M,) with way -1, or after them with 1.
+def _is_moving(q: Array, samples: Index, direction: int, typical_bend: float) -> Mask:
+    """Return whether the joint moves before samples of q (M,), or after them for direction 1 instead of -1.
 
-    The travel over `ROWS` rows is compared with the next as many: a joint that comes to rest travels ever less.
+    The travel over `TRAVEL_ROWS` rows is compared with the next as many: a joint that comes to rest travels ever less.
     """
-    last = len(q) - 1
-    near, next_, far = (q[np.clip(at + way * k * ROWS, 0, last)] for k in (0, 1, 2))
-    late, early = np.abs(near - next_), np.abs(next_ - far)
-    is_steady = (2 * late > early) & (CLEANING.jump * early > late) & ((near - next_) * (next_ - far) > 0)
-    return is_steady & (late > CLEANING.moving * usual)
+    places = (samples + direction * k * TRAVEL_ROWS for k in (0, 1, 2))
+    travel, next_travel = np.diff([q[np.clip(place, 0, len(q) - 1)] for place in places], axis=0)
+    near, far = np.abs(travel), np.abs(next_travel)
+    is_steady = (2 * near > far) & (CLEANING.jump_ratio * far > near) & (travel * next_travel > 0)
+    return is_steady & (near > CLEANING.moving_ratio * typical_bend)

@@ -43,32 +43,32 @@ def count_seconds(time: NDArray[Any]) -> tuple[Array, datetime | None]:
     """Convert dates (N,) to seconds from the first, returned too, or durations to seconds; NaT becomes NaN."""
     if time.dtype.kind != "M":
         return time / np.timedelta64(1, "s"), None
-    known = time[~np.isnat(time)]
-    if not len(known):
+    dates = time[~np.isnat(time)]
+    if not len(dates):
         return np.full(time.shape, np.nan), None
-    date = datetime.fromtimestamp(known[0].astype("datetime64[us]").astype(np.int64) / 1e6, UTC)
-    return (time - known[0]) / np.timedelta64(1, "s"), date
+    date = datetime.fromtimestamp(dates[0].astype("datetime64[us]").astype(np.int64) / 1e6, UTC)
+    return (time - dates[0]) / np.timedelta64(1, "s"), date
 
 
 def find_unix_unit(time: Array) -> str | None:
     """Find the unit of Unix time (N,) by its date and its steps; return None for other clocks."""
-    known = time[np.isfinite(time)]
-    if len(known) < 2:
+    finite = time[np.isfinite(time)]
+    if len(finite) < 2:
         return None
-    units = list_plausible_units(float(np.median(np.abs(np.diff(known)))))
-    return next((unit for unit in units if find_date(known[0] * UNITS["time"][unit]) is not None), None)
+    units = list_plausible_units(float(np.median(np.abs(np.diff(finite)))))
+    return next((unit for unit in units if find_date(finite[0] * UNITS["time"][unit]) is not None), None)
 
 
 def unwrap_clock(time: Array) -> Array:
     """Undo the overflows of a clock (N,) of 16 or 32 bits, in its counts."""
     steps = np.diff(time)
-    back = steps < 0
-    if not 0 < np.count_nonzero(back) < 0.1 * len(steps):
+    is_back = steps < 0
+    if not 0 < np.count_nonzero(is_back) < 0.1 * len(steps):
         return time
     for bits in (16, 32):
-        forward = steps[back] + 2.0**bits
-        if ((forward > 0) & (forward < 10 * np.median(steps[~back]))).all():
-            return time + np.append(0.0, np.cumsum(np.where(back, 2.0**bits, 0.0)))
+        forward = steps[is_back] + 2.0**bits
+        if ((forward > 0) & (forward < 10 * np.median(steps[~is_back]))).all():
+            return time + np.append(0.0, np.cumsum(np.where(is_back, 2.0**bits, 0.0)))
     return time
 
 

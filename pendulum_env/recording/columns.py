@@ -26,22 +26,22 @@ from pendulum_env.recording.expression import (
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.vocabulary import (
     ALIASES,
+    DRIVEN_ONLY,
+    FIRST_MATCHING,
     HEADER,
     INDICES,
     LABELS,
     LINEAR,
     MOTEUS,
     MOTEUS_REGISTERS,
-    MOTOR,
     NO_TORQUE,
     OPTIONAL,
     OUTPUTS,
     RAW,
     RAW_NAMES,
     SI,
-    SPARE,
-    TOLD,
     TORQUE_GAINS,
+    UNIT_NAMES,
     UNITS,
     UNITS_OF_NO_TORQUE,
     Rank,
@@ -52,14 +52,14 @@ from pendulum_env.recording.vocabulary import (
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import JointUnits
 
-ADDED = re.compile(
+ADDITIONS = re.compile(
     r"^\[[^\]]*\]\s*(?=\w)|^(?:latest|run\s*#?\d+)\s*:\s*|^[%#]\s*|\s*\brun\s*#?\d+$", re.IGNORECASE
 )  # additions of programs to names
 VALUES = ("data", "value", "values")  # fields of a structure with samples
 COUNTERS = ("sample", "samples", "samplenumber", "sampleindex", "frame", "framenumber", "index")
 CLOCKS = frozenset((*ALIASES["time"].split(), "in", "sim", "system"))  # words of the names of clocks
-QUOTED, LISTED = 40, 100  # characters of a header in a sentence, and of all together
-UNTOLD = Expression("")  # of a column that the user did not name
+LONGEST_HEADER, LONGEST_LIST = 40, 100  # characters of a header in a sentence, and of all together
+NO_EXPRESSION = Expression("")  # of a column that the user did not name
 NONE = "none"  # in place of a column: the quantity is omitted
 
 
@@ -72,8 +72,8 @@ class FileColumn:
     index: int  # place in the file, from 0
     unit: str | None  # letters of the unit; None if not given
     rank: Rank = Rank.MEASURED  # measured, estimated or commanded, by its name
-    passed_over: tuple[str, ...] = ()  # names of other candidates for the quantity
-    expression: Expression = UNTOLD  # expression of the user; empty if not given
+    other_candidates: tuple[str, ...] = ()  # names of other candidates for the quantity
+    expression: Expression = NO_EXPRESSION  # expression of the user; empty if not given
     is_unit_inferred: bool = False  # whether the unit of the expression is that of the name alone
 
     @property
@@ -94,7 +94,7 @@ class FileColumn:
         return math.tau * abs(Expression("", factors=factors).gain)
 
     @property
-    def is_unit_told(self) -> bool:
+    def has_unit(self) -> bool:
         """Return whether the unit is given by the name or the user."""
         return self.unit is not None or bool(self.expression.factors)
 
@@ -116,7 +116,7 @@ class FileColumn:
     def notes(self) -> tuple[Note, ...]:
         """Return the notes on the conversion of the column."""
         notes, quantities, header = [], (self.quantity,), (self.header,)
-        if self.expression.factors or self.expression.offset or self.expression.negative:
+        if self.expression.factors or self.expression.offset or self.expression.is_negative:
             notes.append(Note(NoteKind.TRANSFORMED, quantities, text=str(self.expression)))
         elif self.scale != 1.0:
             si = SI[self.quantity]
@@ -126,8 +126,8 @@ class FileColumn:
             plain = str(replace(self.expression, unit=SI[self.quantity].replace(" ", "")))
             units = (self.header, self.expression.unit or "")
             notes.append(Note(NoteKind.UNIT_INFERRED, quantities, headers=units, text=plain))
-        if told := self._find_contradicted_unit():
-            units = (write_unit(self.quantity, told), self.expression.unit or "")
+        if unit_in_name := self._find_contradicted_unit():
+            units = (write_unit(self.quantity, unit_in_name), self.expression.unit or "")
             notes.append(Note(NoteKind.UNIT_CONTRADICTED, quantities, headers=(self.header, *units)))
         if self.result_unit != SI[self.quantity]:
             notes.append(Note(NoteKind.GAIN_UNKNOWN, quantities, text=self.result_unit))
@@ -137,8 +137,8 @@ class FileColumn:
             notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, quantities, headers=header))
         if self.quantity == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE, quantities, headers=header))
-        if self.passed_over:
-            notes.append(Note(NoteKind.PASSED_OVER, quantities, headers=(self.header, *self.passed_over)))
+        if self.other_candidates:
+            notes.append(Note(NoteKind.PASSED_OVER, quantities, headers=(self.header, *self.other_candidates)))
         return tuple(notes)
 
     def _find_contradicted_unit(self) -> str | None:
@@ -146,13 +146,12 @@ class FileColumn:
         if self.expression.unit is None:
             return None
         raw = RAW.get(self.quantity, {})
-        told = find_trailing_unit({**UNITS[self.quantity], **raw}, self.header)
-        if told is None or (len(told) == 1 and self.header.strip()[-1] not in "])"):
+        unit_in_name = find_trailing_unit({**UNITS[self.quantity], **raw}, self.header)
+        if unit_in_name is None or (len(unit_in_name) == 1 and self.header.strip()[-1] not in "])"):
             return None
-        is_same = (told in raw) == (self.unit in raw) and _find_factor(self.quantity, told) == _find_factor(
-            self.quantity, self.unit
-        )
-        return None if is_same else told
+        factors = [_find_factor(self.quantity, unit) for unit in (unit_in_name, self.unit)]
+        is_same = (unit_in_name in raw) == (self.unit in raw) and factors[0] == factors[1]
+        return None if is_same else unit_in_name
 
 
 def _find_factor(quantity: str, unit: str | None) -> float:
@@ -163,11 +162,11 @@ def _find_factor(quantity: str, unit: str | None) -> float:
 
 def find_columns(
     headers: Sequence[str],
-    named: Mapping[str, str] | None = None,
+    named_columns: Mapping[str, str] | None = None,
     output: str | None = None,
     *,
-    wordy: Collection[int] = (),
-    dated: Collection[int] = (),
+    text_columns: Collection[int] = (),
+    date_columns: Collection[int] = (),
 ) -> dict[str, FileColumn]:
     """Find the columns of time, position, torque and, if present, `OPTIONAL`, by quantity.
 
@@ -175,101 +174,104 @@ def find_columns(
 
     Args:
         headers: names of the columns in the file.
-        named: columns that the user names, by quantity, as in `expression.py`, or `none` to leave a quantity
-            out; the others are found by their names.
-        output: of a known controller that followed the reference: then the reference is needed, and torque is what
-            the user names, or else a column of that output.
-        wordy: places of columns that hold no numbers; they give way to others.
-        dated: places of columns that hold dates or times of day.
+        named_columns: expressions of the user by quantity, see `expression.py`, or `none` to leave a quantity out;
+            the others are found by their names.
+        output: output of a known controller that followed the reference, or None. With a controller, the reference is
+            needed, and torque is the column that the user names, or else a column of that output.
+        text_columns: places of columns that hold no numbers; they give way to others.
+        date_columns: places of columns that hold dates or times of day.
 
     Returns:
         Columns by quantity. Column `fraction` has the fraction of each second, if `time` has whole seconds.
     """
-    told = {quantity: text.strip() for quantity, text in (named or {}).items()}
-    unused = {q for q, text in told.items() if text == NONE and q in (*OPTIONAL, "torque") and NONE not in headers}
-    given = {
-        quantity: parse_column(quantity, text, headers) for quantity, text in told.items() if quantity not in unused
-    }
-    taken = {column.index for column in given.values()}
-    found = {quantity: _find_candidates(quantity, headers, taken) for quantity in ALIASES if quantity not in unused}
-    partner = given.get("torque")
-    if not found.get("position") and "position" not in given and len(_find_joints(headers)) < 2:
-        found["position"] = _find_positions(headers, partner, {*taken, *wordy})
-    positions = [given["position"]] if "position" in given else _prefer_measured(found.get("position", []))
-    if len(positions) > 1 and partner:
-        positions = _select_joint(read_words(partner.header).label, positions) or positions
+    expressions = {quantity: text.strip() for quantity, text in (named_columns or {}).items()}
+    omitted = {q for q in (*OPTIONAL, "torque") if expressions.get(q) == NONE and NONE not in headers}
+    parsed = {q: parse_column(q, text, headers) for q, text in expressions.items() if q not in omitted}
+    used = {column.index for column in parsed.values()}
+    found = {quantity: _find_candidates(quantity, headers, used) for quantity in ALIASES if quantity not in omitted}
+    torque_column = parsed.get("torque")
+    if not found.get("position") and "position" not in parsed and len(_find_joints(headers)) < 2:
+        found["position"] = _find_positions(headers, torque_column, {*used, *text_columns})
+    positions = [parsed["position"]] if "position" in parsed else _prefer_measured(found.get("position", []))
+    if len(positions) > 1 and torque_column:
+        positions = _select_joint(read_words(torque_column.header).label, positions) or positions
     label = read_words(positions[0].header).label if len(positions) == 1 else None
     columns = {}
-    for quantity, fitting in found.items():
-        if quantity in given:
-            columns[quantity] = given[quantity]
+    for quantity, matches in found.items():
+        if quantity in parsed:
+            columns[quantity] = parsed[quantity]
             continue
         if quantity == "time":
-            fitting = fitting or _find_clocks(headers, dated, taken)
-        elif label is not None and not fitting:
-            fitting = _select_joint(label, _read_all(quantity, headers, {*taken, *wordy}))
-        candidates = _prefer_measured([column for column in fitting if column.index not in wordy] or fitting)
+            matches = matches or _find_clocks(headers, date_columns, used)
+        elif label is not None and not matches:
+            matches = _select_joint(label, _find_by_words(quantity, headers, {*used, *text_columns}))
+        candidates = _prefer_measured([c for c in matches if c.index not in text_columns] or matches)
         if quantity == "position":
             candidates = positions
         elif quantity == "time" and len(candidates) > 1:
-            fractions = {one.index for column in candidates if (one := _find_fraction(column, headers))}
-            candidates = fitting = [column for column in candidates if column.index not in fractions]
+            fractions = {fraction.index for column in candidates if (fraction := _find_fraction(column, headers))}
+            candidates = matches = [column for column in candidates if column.index not in fractions]
             candidates = (len(positions) == 1 and _match_path(positions[0], candidates)) or candidates
         elif len(candidates) > 1 and label is not None:
             of_joint = _select_joint(label, candidates)
-            is_velocity = quantity == "velocity"  # which may be missing
-            candidates = ([] if is_velocity and len(of_joint) != 1 else of_joint) or ([] if is_velocity else candidates)
-        if quantity in SPARE:
+            if quantity == "velocity":  # which may be missing
+                candidates = of_joint if len(of_joint) == 1 else []
+            else:
+                candidates = of_joint or candidates
+        if quantity in FIRST_MATCHING:
             candidates = candidates[:1]
         if quantity == "torque" and output is not None:
-            logged = _find_output(output, headers)
-            candidates = [] if logged is None else [parse_column(quantity, logged, headers)]
-        if len(candidates) > 1:
-            names = " and ".join(quote_value(c.header.strip(), QUOTED) for c in candidates[:3])
-            raise ColumnError(
-                f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: "
-                f"say which with {format_setting('columns', {**told, quantity: 'NAME'})}"
-            )
+            output_column = _find_output(output, headers)
+            candidates = [] if output_column is None else [parse_column(quantity, output_column, headers)]
+        _refuse_ambiguous(quantity, candidates, expressions)
         if candidates:
-            others = tuple(c.header for c in fitting if c not in candidates and c.index not in wordy)
-            columns[quantity] = replace(candidates[0], passed_over=others)
-    if "torque" not in {*columns, *unused} and "load_torque" in columns and output is None:
+            others = tuple(c.header for c in matches if c not in candidates and c.index not in text_columns)
+            columns[quantity] = replace(candidates[0], other_candidates=others)
+    if "torque" not in {*columns, *omitted} and "load_torque" in columns and output is None:
         if not any(_is_raw("torque", header) for header in headers):  # without a motor
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
-    needed = ("time", "position", "torque" if output is None else "reference")
-    missing = [quantity for quantity in needed if quantity not in columns and (quantity, NONE) not in told.items()]
-    used = {column.index for column in columns.values()}
-    if (
-        missing == ["torque"]
-        and columns.keys().isdisjoint(MOTOR)
-        and not any(can_be_torque(header, k) for k, header in enumerate(headers) if k not in used and k not in wordy)
-    ):
-        missing = []
-    if missing:
-        free = [header for k, header in enumerate(headers) if k not in used and k not in wordy]
-        _refuse_missing(missing, headers, free, told, "reference" in columns)
+    required = ("time", "position", "torque" if output is None else "reference")
+    missing = [name for name in required if name not in columns and expressions.get(name) != NONE]
+    chosen = {column.index for column in columns.values()}.union(text_columns)
+    unused = {k: header for k, header in enumerate(headers) if k not in chosen}
+    is_swing = columns.keys().isdisjoint(DRIVEN_ONLY) and not any(can_be_torque(unused[k], k) for k in unused)
+    if missing and not (missing == ["torque"] and is_swing):
+        _refuse_missing(missing, headers, list(unused.values()), expressions, "reference" in columns)
+    return _complete_columns(columns, headers)
+
+
+def _complete_columns(columns: dict[str, FileColumn], headers: Sequence[str]) -> dict[str, FileColumn]:
+    """Add the unit of position to the reference, the fraction of seconds, and the units of a moteus log."""
     if "reference" in columns and columns["reference"].unit is None and columns["position"].unit in UNITS["position"]:
-        columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)  # one file, one unit
+        columns["reference"] = replace(columns["reference"], unit=columns["position"].unit)
     if "time" in columns and (fraction := _find_fraction(columns["time"], headers)):
         columns["fraction"] = fraction
-    return {
-        quantity: replace(column, unit=_find_moteus_unit(column.header, headers))
-        if column.unit is None and not column.expression.name and quantity in MOTEUS
-        else column
-        for quantity, column in columns.items()
-    }
+    for quantity in MOTEUS:
+        if (column := columns.get(quantity)) and column.unit is None and not column.expression.name:
+            columns[quantity] = replace(column, unit=_find_moteus_unit(column.header, headers))
+    return columns
+
+
+def _refuse_ambiguous(quantity: str, candidates: Sequence[FileColumn], expressions: Mapping[str, str]) -> None:
+    """Refuse a file with several candidates for a quantity."""
+    if len(candidates) > 1:
+        names = " and ".join(quote_value(c.header.strip(), LONGEST_HEADER) for c in candidates[:3])
+        raise ColumnError(
+            f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: "
+            f"say which with {format_setting('columns', {**expressions, quantity: 'NAME'})}"
+        )
 
 
 def _refuse_missing(
-    missing: list[str], headers: Sequence[str], free: Sequence[str], told: Mapping[str, str], has_goal: bool
+    missing: list[str], headers: Sequence[str], unused: Sequence[str], expressions: Mapping[str, str], has_goal: bool
 ) -> NoReturn:
-    """Refuse a file without the needed columns; suggest columns among `headers` and the unused ones in `free`."""
-    option = format_setting("columns", {**told, **dict.fromkeys(missing, "NAME")})
-    suggested = {q: one for q in missing if (one := _suggest_column(q, headers, free))}
+    """Refuse a file without the needed columns; suggest columns among `headers` and the unused ones in `unused`."""
+    option = format_setting("columns", {**expressions, **dict.fromkeys(missing, "NAME")})
+    suggested = {q: suggestion for q in missing if (suggestion := _suggest_column(q, headers, unused))}
     hints = []
     if suggested:
         reasons, texts, meanings = zip(*suggested.values(), strict=True)
-        example = format_setting("columns", {**told, **dict(zip(suggested, texts, strict=True))})
+        example = format_setting("columns", {**expressions, **dict(zip(suggested, texts, strict=True))})
         hints = [f"{', '.join(reasons)}, as in {example}{' and'.join(filter(None, meanings))}"]
     if missing == ["reference"]:
         hints = [f"say which is the goal with {option}"]
@@ -282,30 +284,32 @@ def _refuse_missing(
         hints.append("if the log has no times, add a column of them: the number of the row over the rate in Hz")
     if "torque" in missing and len(joints) < 2:
         drive = f", or {format_setting('drive', Blank('...'))} if a controller follows the goal" if has_goal else ""
-        none = format_setting("columns", {**told, "torque": NONE}) if missing == ["torque"] else f"write torque={NONE}"
+        none = f"write torque={NONE}"
+        if missing == ["torque"]:
+            none = format_setting("columns", {**expressions, "torque": NONE})
         hints.append(f"{none} if nothing drives the joint{drive}")
     raise ColumnError(f"no column for {', '.join(missing)} among {_list_headers(headers)}: {'; '.join(hints)}")
 
 
-def _suggest_column(quantity: str, headers: Sequence[str], free: Sequence[str]) -> tuple[str, str, str] | None:
+def _suggest_column(quantity: str, headers: Sequence[str], unused: Sequence[str]) -> tuple[str, str, str] | None:
     """Suggest the first column of an unknown name with a unit of the quantity, or that holds it up to a gain.
 
     Returns the reason, the expression of the column, and the meaning of its gain.
     """
-    read = {header: read_words(header.strip()) for header in headers}
-    raw = [h for h in headers if _is_raw(quantity, h) or (read[h].needs_gain and read[h].quantity == quantity)]
-    raw.sort(key=lambda header: bool(read[header].label))  # `current_motor` before `current_in`
+    readings = {header: read_words(header.strip()) for header in headers}
+    raw = [h for h in headers if _is_raw(quantity, h) or (readings[h].is_raw and readings[h].quantity == quantity)]
+    raw.sort(key=lambda header: bool(readings[header].label))  # `current_motor` before `current_in`
     if quantity == "torque":
         raw.sort(key=_find_header_raw_unit)  # currents first
-    ways: list[tuple[str, list[str], str, str]] = [
+    suggestions: list[tuple[str, list[str], str, str]] = [
         ("may count samples", [h for h in headers if normalise_name(h) in COUNTERS], "/RATE", " with their rate [Hz]"),
-        ("has its unit", [header for header in free if find_trailing_unit(UNITS[quantity], header)], "", ""),
-        ("may be it", [h for h in free if read[h].quantity == quantity and not read[h].needs_gain], "", ""),
+        ("has its unit", [header for header in unused if find_trailing_unit(UNITS[quantity], header)], "", ""),
+        ("may be it", [h for h in unused if readings[h].quantity == quantity and not readings[h].is_raw], "", ""),
         ("needs a gain", raw, *(_write_gain(quantity, raw[0].strip()) if raw else ("", ""))),
     ]
-    for reason, found, ending, meaning in ways if quantity == "time" else ways[1:]:
-        for header in found:
-            return f"{quote_value(header.strip(), QUOTED)} {reason}", header.strip() + ending, meaning
+    for reason, matches, conversion, meaning in suggestions if quantity == "time" else suggestions[1:]:
+        for header in matches:
+            return f"{quote_value(header.strip(), LONGEST_HEADER)} {reason}", header.strip() + conversion, meaning
     return None
 
 
@@ -317,9 +321,9 @@ def can_be_torque(header: str, place: int) -> bool:
     bare, words = header.strip(), set(split_words(header))
     if not bare or bare.lower() in INDICES:
         return not bare and place > 0  # row numbers of pandas
-    known = {match[0] for spelling in _list_spellings(header) if (match := find_name(normalise_name(spelling)))}
-    if known:
-        return not known.isdisjoint(("torque", *MOTOR))
+    quantities = {match[0] for spelling in _list_spellings(header) if (match := find_name(normalise_name(spelling)))}
+    if quantities:
+        return not quantities.isdisjoint(("torque", *DRIVEN_ONLY))
     unit = re.search(r"[\[(]([^\])]+)[\])]$", bare)
     if (unit and normalise_name(unit[1]) in UNITS_OF_NO_TORQUE) or _is_raw("position", header):
         return False
@@ -339,19 +343,19 @@ def _match_path(position: FileColumn, candidates: Sequence[FileColumn]) -> list[
     return [column for column in candidates if re.split(r"[/.][^/.]*$", column.header)[0] == path]
 
 
-def _read_all(quantity: str, headers: Sequence[str], unread: Collection[int]) -> list[FileColumn]:
-    """Find the columns some of whose words mean a quantity, beside the label of a joint."""
-    read = [(k, header.strip(), read_words(header.strip())) for k, header in enumerate(headers) if k not in unread]
+def _find_by_words(quantity: str, headers: Sequence[str], excluded: Collection[int]) -> list[FileColumn]:
+    """Find the columns with words for a quantity; their other words are the label of a joint."""
+    readings = ((k, name.strip(), read_words(name.strip())) for k, name in enumerate(headers) if k not in excluded)
     return [
-        FileColumn(quantity, header, k, one.unit, one.rank)
-        for k, header, one in read
-        if one.quantity == quantity and not one.needs_gain
+        FileColumn(quantity, name, k, reading.unit, reading.rank)
+        for k, name, reading in readings
+        if reading.quantity == quantity and not reading.is_raw
     ]
 
 
 def find_labelled_columns(quantity: str, headers: Sequence[str]) -> dict[frozenset[str], str]:
     """Find the columns of a quantity, as expressions, by the label of their joint; without ambiguous ones."""
-    columns = _prefer_measured(_read_all(quantity, headers, ()))
+    columns = _prefer_measured(_find_by_words(quantity, headers, ()))
     labels = [read_words(column.header).label for column in columns]
     return {
         label: column.header if column.unit else add_si_unit(quantity, column.header)
@@ -366,30 +370,30 @@ def add_si_unit(quantity: str, header: str) -> str:
     return f"{header}:{SI[quantity]}" if reads_as_unit else header
 
 
-def _find_positions(headers: Sequence[str], partner: FileColumn | None, unread: Collection[int]) -> list[FileColumn]:
+def _find_positions(headers: Sequence[str], torque: FileColumn | None, excluded: Collection[int]) -> list[FileColumn]:
     """Find positions of joints by labels that torques or currents have, too; without those by numbers alone."""
-    read = [read_words(header.strip()) for header in ([partner.header] if partner else headers)]
-    labels = {one.label for one in read if one.quantity == "torque"}
-    positions = _read_all("position", headers, unread)
-    shared = [column for column in positions if read_words(column.header).label in labels]
+    readings = [read_words(header.strip()) for header in ([torque.header] if torque else headers)]
+    labels = {reading.label for reading in readings if reading.quantity == "torque"}
+    positions = _find_by_words("position", headers, excluded)
+    of_joints = [column for column in positions if read_words(column.header).label in labels]
     numbered = [c for c in positions if all(word.isdecimal() for word in read_words(c.header).label)]
-    return shared or ([] if labels else numbered)
+    return of_joints or ([] if labels else numbered)
 
 
-def _find_clocks(headers: Sequence[str], dated: Collection[int], taken: Collection[int]) -> list[FileColumn]:
+def _find_clocks(headers: Sequence[str], date_columns: Collection[int], used: Collection[int]) -> list[FileColumn]:
     """Find columns of dates, or else those of a clock by all words: `sim_time`, `system_time_ms`, not `cpu_time`."""
-    of_dates = [FileColumn("time", headers[k].strip(), k, None) for k in dated if k not in taken]
-    read = [(column, read_words(column.header)) for column in _read_all("time", headers, taken)]
-    return of_dates or [column for column, one in read if one.is_last and one.label <= CLOCKS]
+    dates = [FileColumn("time", headers[k].strip(), k, None) for k in date_columns if k not in used]
+    readings = [(column, read_words(column.header)) for column in _find_by_words("time", headers, used)]
+    return dates or [column for column, reading in readings if reading.is_last and reading.label <= CLOCKS]
 
 
 def _find_fraction(seconds: FileColumn, headers: Sequence[str]) -> FileColumn | None:
     """Find the column with the fraction of each second: `nsecs` of `secs`, `stamp.nanosec` of `stamp.sec`."""
     stem, factor = _split_time_unit(seconds.header)
     for k, header in enumerate(headers):
-        other, fraction = _split_time_unit(header)
-        if factor == 1.0 and fraction < 1.0 and other == stem:
-            return FileColumn("time", header.strip(), k, None, expression=Expression("", factors=(f"*{fraction}",)))
+        other_stem, other_factor = _split_time_unit(header)
+        if factor == 1.0 and other_factor < 1.0 and other_stem == stem:
+            return FileColumn("time", header.strip(), k, None, expression=Expression("", factors=(f"*{other_factor}",)))
     return None
 
 
@@ -408,7 +412,7 @@ def _find_moteus_unit(header: str, headers: Sequence[str]) -> str | None:
 
 def write_unit(quantity: str, unit: str) -> str:
     """Write a unit from its letters, as in messages: `revs` of a velocity is `rev/s`."""
-    return {normalise_name(told): told for told in TOLD.get(quantity, "").split(", ")}.get(unit, unit)
+    return {normalise_name(name): name for name in UNIT_NAMES.get(quantity, "").split(", ")}.get(unit, unit)
 
 
 def add_labels(columns: dict[str, FileColumn], headers: Sequence[str], cells: Sequence[str]) -> dict[str, FileColumn]:
@@ -426,10 +430,9 @@ def guess_columns(headers: Sequence[str]) -> dict[str, str]:
     """Guess the column of each quantity, without ambiguous ones; gains may be missing."""
     guessed = {}
     for quantity in ALIASES:
-        fitting = _find_candidates(quantity, headers, set())
-        fitting = _prefer_measured(fitting)
-        names = [c.header for c in fitting] or [h.strip() for h in headers if _is_raw(quantity, h)]
-        if len(names) == 1 or (names and quantity in SPARE):
+        columns = _prefer_measured(_find_candidates(quantity, headers, set()))
+        names = [c.header for c in columns] or [h.strip() for h in headers if _is_raw(quantity, h)]
+        if len(names) == 1 or (names and quantity in FIRST_MATCHING):
             guessed[quantity] = names[0]
     return guessed
 
@@ -443,25 +446,25 @@ def _find_output(output: str, headers: Sequence[str]) -> str | None:
     return None
 
 
-def _prefer_measured(fitting: Sequence[FileColumn]) -> list[FileColumn]:
+def _prefer_measured(columns: Sequence[FileColumn]) -> list[FileColumn]:
     """Return the columns of the best rank: measured before estimated before commanded."""
-    best = min((column.rank for column in fitting), default=None)
-    return [column for column in fitting if column.rank == best]
+    best = min((column.rank for column in columns), default=None)
+    return [column for column in columns if column.rank == best]
 
 
-def is_told(quantity: str, headers: Sequence[str]) -> bool:
+def has_column(quantity: str, headers: Sequence[str]) -> bool:
     """Return whether a column has a name of the quantity."""
     return bool(_find_candidates(quantity, headers, set()))
 
 
-def _find_candidates(quantity: str, headers: Sequence[str], taken: set[int]) -> list[FileColumn]:
+def _find_candidates(quantity: str, headers: Sequence[str], used: set[int]) -> list[FileColumn]:
     """Find columns of a quantity by their whole names, else by the last two parts of their paths."""
-    spelt = [_list_spellings(header) for header in headers]
-    for part in range(len(spelt[0]) if spelt else 0):
-        matches = [(k, find_name(normalise_name(spelling[part]))) for k, spelling in enumerate(spelt) if k not in taken]
-        fitting = [FileColumn(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
-        if fitting:
-            return fitting
+    spellings = [_list_spellings(header) for header in headers]
+    for part in range(len(spellings[0]) if spellings else 0):
+        matches = [(k, find_name(normalise_name(names[part]))) for k, names in enumerate(spellings) if k not in used]
+        candidates = [FileColumn(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
+        if candidates:
+            return candidates
     return []
 
 
@@ -469,14 +472,14 @@ def _list_spellings(header: str) -> tuple[str, ...]:
     """Return the spellings of a name: whole, without index, last and second last part of its path, and plain.
 
     `/joint_states/position[0]` ends in `position`, `/joint_states/position/elbow` has it before its end. The last is
-    without what programs add: `Latest: Angle (rad)`, `Angle (rad) Run #1`, `Angle in rad` and `%time`.
+    without additions of programs: `Latest: Angle (rad)`, `Angle (rad) Run #1`, `Angle in rad` and `%time`.
     """
     bare = re.sub(r"[\[(]\d+[\])]\s*$", "", header.strip())
     parts = [part for part in re.split(r"[/.]", bare) if part.strip()]
     leaf = parts[-1] if len(parts) > 1 or (parts and ("[" in header or "(" in header)) else ""
-    above = parts[-2] if len(parts) > 2 or (len(parts) == 2 and normalise_name(leaf) in VALUES) else ""
-    plain = re.sub(r"\s+in\s+(\S+)$", r" (\1)", ADDED.sub("", header.strip()))
-    return header, bare, leaf, above, plain
+    parent = parts[-2] if len(parts) > 2 or (len(parts) == 2 and normalise_name(leaf) in VALUES) else ""
+    plain = re.sub(r"\s+in\s+(\S+)$", r" (\1)", ADDITIONS.sub("", header.strip()))
+    return header, bare, leaf, parent, plain
 
 
 def strip_units(headers: Sequence[str]) -> dict[str, str]:
@@ -491,14 +494,14 @@ def _find_joints(headers: Sequence[str]) -> list[str]:
     return [joint for joint in joints if f"torque_{joint}" in plain]
 
 
-def _write_gain(quantity: str, header: str, can_find: bool = True) -> tuple[str, str]:
-    """Write a unit and a gain for a column, in the unit that its name tells, and the meaning of the gain."""
+def _write_gain(quantity: str, header: str, can_find_gain: bool = True) -> tuple[str, str]:
+    """Write a unit and a gain for a column, in the unit of its name; return them with the meaning of the gain."""
     if quantity != "torque":
         return f":{'counts/s' if quantity == 'velocity' else 'counts'}/4096", " with the counts of a turn"
     unit, trailing_unit = _find_header_raw_unit(header), find_trailing_unit(RAW["torque"], header)
-    told = f":{ {'ma': 'mA', 'mv': 'mV'}.get(trailing_unit or '', unit) }"
-    unknown = f", or {format_setting('columns', {quantity: f'{header}{told}*?'})} if known loads determine it"
-    return f"{told}*0.1", f" with {TORQUE_GAINS[unit]}{unknown if can_find else ''}"
+    unit_text = f":{ {'ma': 'mA', 'mv': 'mV'}.get(trailing_unit or '', unit) }"
+    alternative = f", or {format_setting('columns', {quantity: f'{header}{unit_text}*?'})} if known loads determine it"
+    return f"{unit_text}*0.1", f" with {TORQUE_GAINS[unit]}{alternative if can_find_gain else ''}"
 
 
 def _find_header_raw_unit(header: str) -> str:
@@ -515,10 +518,10 @@ def _find_raw_unit(text: str) -> str:
 def _is_raw(quantity: str, header: str) -> bool:
     """Return whether a name denotes a motor current or voltage, or encoder counts."""
     names = RAW_NAMES.get(quantity, ())
-    spelt = {normalise_name(header), *(normalise_name(_list_spellings(header)[part]) for part in (2, -1))} | {
+    spellings = {normalise_name(header), *(normalise_name(_list_spellings(header)[part]) for part in (2, -1))} | {
         normalise_name(re.split(r"[\[(]", header)[0])
     }
-    return not spelt.isdisjoint(names) or find_trailing_unit(RAW.get(quantity, {}), header) is not None
+    return not spellings.isdisjoint(names) or find_trailing_unit(RAW.get(quantity, {}), header) is not None
 
 
 def strip_joint(quantity: str) -> str:
@@ -534,7 +537,7 @@ def refuse_unknown_quantity(quantity: str) -> None:
         raise ColumnError(str(error)) from None
 
 
-def check_named(columns: object) -> None:
+def check_columns_option(columns: object) -> None:
     """Refuse an option `columns` that is neither None nor a mapping of quantities to texts or None."""
     is_mapping = isinstance(columns, Mapping) and all(isinstance(text, str | None) for text in columns.values())
     if columns is not None and not is_mapping:
@@ -556,38 +559,38 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
             f"no column is named {str(error)!r}, which is to be {quantity}, among {_list_headers(headers)}"
         ) from None
     except UnknownUnitError as error:
-        told = TOLD.get(quantity, "none")
-        raise ColumnError(f"unit {str(error)!r} of {quantity} is not known: use one of {told}") from None
+        unit_names = UNIT_NAMES.get(quantity, "none")
+        raise ColumnError(f"unit {str(error)!r} of {quantity} is not known: use one of {unit_names}") from None
     name = expression.name
-    ending = {**UNITS[quantity], **LINEAR.get(quantity, {})}
-    unit = find_trailing_unit(ending, name) if expression.unit is None else normalise_name(expression.unit)
-    needs_gain = unit in raw if unit is not None else _is_raw(quantity, name)
-    converted = any(factor[0] == "*" for factor in expression.factors)  # a ratio may include 2 pi
-    if needs_gain and not (converted or (expression.factors and expression.unit is not None)):
+    name_units = {**UNITS[quantity], **LINEAR.get(quantity, {})}
+    unit = find_trailing_unit(name_units, name) if expression.unit is None else normalise_name(expression.unit)
+    is_raw = unit in raw if unit is not None else _is_raw(quantity, name)
+    is_converted = any(factor[0] == "*" for factor in expression.factors)  # a ratio may include 2 pi
+    if is_raw and not (is_converted or (expression.factors and expression.unit is not None)):
         gain, meaning = _write_gain(quantity, name, can_find_gain)
         example = f"{format_setting('columns', {quantity: name + gain})}{meaning}"
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
-    if unit is None and needs_gain and quantity == "torque":  # `current [mA]`; counts have a gain to radians
+    if unit is None and is_raw and quantity == "torque":  # `current [mA]`; counts have a gain to radians
         unit = find_trailing_unit(raw, name)
     is_inferred = False
-    if unit is None and not needs_gain and (known := _find_known_unit(quantity, name, names)):
-        if not expression.has_factor(_find_factor(quantity, known)):  # else the user converts: `degrees*pi/180`
-            unit, expression, is_inferred = known, replace(expression, unit=write_unit(quantity, known)), True
+    if unit is None and not is_raw and (name_unit := _find_unit_of_name(quantity, name, names)):
+        if not expression.has_factor(_find_factor(quantity, name_unit)):  # else the user converts: `degrees*pi/180`
+            unit, expression, is_inferred = name_unit, replace(expression, unit=write_unit(quantity, name_unit)), True
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
     offset_unit = unit if expression.offset_unit is None else normalise_name(expression.offset_unit)
     if expression.offset is not None and offset_unit in raw:
         raise ColumnError(
             f"the offset in {text.strip()!r} is added after the gain and needs a unit of its own: write it as "
-            f"{expression.offset}:{TOLD[quantity].split(',')[0]}"
+            f"{expression.offset}:{UNIT_NAMES[quantity].split(',')[0]}"
         )
     return FileColumn(quantity, name, names.index(name), unit, expression=expression, is_unit_inferred=is_inferred)
 
 
-def _find_known_unit(quantity: str, name: str, headers: Sequence[str]) -> str | None:
+def _find_unit_of_name(quantity: str, name: str, headers: Sequence[str]) -> str | None:
     """Return the letters of the unit that a column has if it is found by its name, or None."""
-    found = _find_candidates(quantity, [name], set()) or _read_all(quantity, [name], ())
-    return (found and found[0].unit) or (_find_moteus_unit(name, headers) if quantity in MOTEUS else None)
+    columns = _find_candidates(quantity, [name], set()) or _find_by_words(quantity, [name], ())
+    return (columns and columns[0].unit) or (_find_moteus_unit(name, headers) if quantity in MOTEUS else None)
 
 
 def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> Expression:
@@ -602,12 +605,12 @@ def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> 
 
 def find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
     """Return the letters of the unit at the end of a name, `Winkel [deg]` or `phi2_deg`, or None."""
-    ends = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip()[-LONGEST_UNIT:])
-    unit = normalise_name(next(filter(None, ends.groups()), "")) if ends else ""
+    ending = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip()[-LONGEST_UNIT:])
+    unit = normalise_name(next(filter(None, ending.groups()), "")) if ending else ""
     return unit if unit in units else None
 
 
 def _list_headers(headers: Sequence[str]) -> str:
-    quoted = [quote_value(header.strip(), QUOTED) for header in headers]
-    shown = [name for k, name in enumerate(quoted) if k < 3 or len(", ".join(quoted[: k + 1])) < LISTED]
-    return ", ".join(shown + ["..."] * (len(shown) < len(quoted))) or "no columns at all"
+    names = [quote_value(header.strip(), LONGEST_HEADER) for header in headers]
+    listed = [name for k, name in enumerate(names) if k < 3 or len(", ".join(names[: k + 1])) < LONGEST_LIST]
+    return ", ".join(listed + ["..."] * (len(listed) < len(names))) or "no columns at all"

@@ -39,12 +39,12 @@ class Expression:
     factors: tuple[str, ...] = ()  # as written: `*0.091`, `/6`, `*?`
     offset: str | None = None  # as written: `-90`
     offset_unit: str | None = None  # as written; None: unit of the column
-    negative: bool = False
+    is_negative: bool = False
 
     @property
     def gain(self) -> float:
         """Return the product of sign, gains and ratios, with 1 for an unknown gain."""
-        gain = -1.0 if self.negative else 1.0
+        gain = -1.0 if self.is_negative else 1.0
         for factor in self.factors:
             if factor != "*?":
                 gain = gain * _parse_number(factor[1:]) if factor[0] == "*" else gain / _parse_number(factor[1:])
@@ -69,7 +69,7 @@ class Expression:
     def __str__(self) -> str:
         unit = "" if self.unit is None else f":{self.unit}"
         offset = (self.offset or "") + ("" if self.offset_unit is None else f":{self.offset_unit}")
-        return f"{'-' if self.negative else ''}{self.name}{unit}{''.join(self.factors)}{offset}"
+        return f"{'-' if self.is_negative else ''}{self.name}{unit}{''.join(self.factors)}{offset}"
 
 
 def parse_expression(text: str, headers: Sequence[str], units: Collection[str]) -> Expression:
@@ -78,16 +78,16 @@ def parse_expression(text: str, headers: Sequence[str], units: Collection[str]) 
     if text in headers:
         return Expression(text)
     signs = [(False, text), (True, text[1:].lstrip())] if text.startswith("-") else [(False, text)]
-    fitting = [
-        (name, negative, rest[len(name) :])
-        for negative, rest in signs
+    matches = [
+        (name, is_negative, remainder[len(name) :])
+        for is_negative, remainder in signs
         for name in headers
-        if name and re.match(r"\s*(?:[:*/+-]|$)", rest[len(name) :] if rest.startswith(name) else "no")
+        if name and re.match(r"\s*(?:[:*/+-]|$)", remainder[len(name) :] if remainder.startswith(name) else "no")
     ]
     mistakes = []
-    for name, negative, rest in sorted(fitting, key=lambda one: len(one[0]), reverse=True):
+    for name, is_negative, remainder in sorted(matches, key=lambda match: len(match[0]), reverse=True):
         try:
-            return _parse_rest(name, negative, rest, units)
+            return _parse_conversion(name, is_negative, remainder, units)
         except ColumnError as error:
             mistakes.append(error)
     if mistakes:
@@ -101,26 +101,26 @@ def normalise_name(unit: str) -> str:
     return re.sub(r"[\s_\-./·⋅*^()\[\]{}:,]+", "", unit.lower().replace("°", "deg"))
 
 
-def _parse_rest(name: str, negative: bool, rest: str, units: Collection[str]) -> Expression:
+def _parse_conversion(name: str, is_negative: bool, remainder: str, units: Collection[str]) -> Expression:
     """Parse the text after the name of a column."""
     unit, factors, offset, offset_unit = None, [], None, None
-    what = rest.strip()
-    rest = rest.lstrip()
-    if rest.startswith(":"):
-        unit, rest = _split_unit(rest[1:], units)
-    while found := FACTOR.match(rest):
-        factors.append(found[1] + found[2])
-        rest = rest[found.end() :]
-    if found := OFFSET.match(rest):
-        offset, rest = found[1] + found[2], ""
-        if found[3] is not None:
-            offset_unit, rest = _split_unit(found[3], units)
-    if rest.strip() or "/?" in factors or factors.count("*?") > 1:
-        raise ColumnError(f"{what!r} behind column {name!r} is not understood: write {GRAMMAR}, such as {name}*0.5")
-    expression = Expression(name, unit, tuple(factors), offset, offset_unit, negative)
+    ending = remainder.strip()
+    remainder = remainder.lstrip()
+    if remainder.startswith(":"):
+        unit, remainder = _split_unit(remainder[1:], units)
+    while match := FACTOR.match(remainder):
+        factors.append(match[1] + match[2])
+        remainder = remainder[match.end() :]
+    if match := OFFSET.match(remainder):
+        offset, remainder = match[1] + match[2], ""
+        if match[3] is not None:
+            offset_unit, remainder = _split_unit(match[3], units)
+    if remainder.strip() or "/?" in factors or factors.count("*?") > 1:
+        raise ColumnError(f"{ending!r} behind column {name!r} is not understood: write {GRAMMAR}, such as {name}*0.5")
+    expression = Expression(name, unit, tuple(factors), offset, offset_unit, is_negative)
     numbers = [_parse_number(factor[1:]) for factor in factors if factor != "*?"]
     if 0 in numbers or expression.gain == 0 or not math.isfinite(expression.gain + expression.shift):
-        raise ColumnError(f"{what!r} behind column {name!r}: gains, ratios and offsets are finite, gains are not 0")
+        raise ColumnError(f"{ending!r} behind column {name!r}: gains, ratios and offsets are finite, gains are not 0")
     return expression
 
 

@@ -64,16 +64,16 @@ class ArrowStream(Protocol):
 Readable = str | os.PathLike[str] | Mapping[str, Any] | ArrowStream | NDArray[Any]  # arrays: structured
 
 
-def is_data(given: object) -> bool:
+def is_data(source: object) -> bool:
     """Return whether an object is a table in memory for `read_table`; dataclasses are not."""
-    is_mapping = isinstance(given, Mapping) and not is_dataclass(given)
-    is_structured = isinstance(given, np.ndarray) and bool(given.dtype.names)
-    return is_mapping or is_structured or hasattr(given, "__arrow_c_stream__")
+    is_mapping = isinstance(source, Mapping) and not is_dataclass(source)
+    is_structured = isinstance(source, np.ndarray) and bool(source.dtype.names)
+    return is_mapping or is_structured or hasattr(source, "__arrow_c_stream__")
 
 
-def is_readable(given: object) -> bool:
+def is_readable(source: object) -> bool:
     """Return whether an object has a type that `read_recording` accepts."""
-    return isinstance(given, str | os.PathLike) or is_data(given)
+    return isinstance(source, str | os.PathLike) or is_data(source)
 
 
 def get_label(source: Readable, name: str | None = None) -> str:
@@ -81,18 +81,18 @@ def get_label(source: Readable, name: str | None = None) -> str:
     return os.fspath(source) if isinstance(source, str | os.PathLike) else name or "recording"
 
 
-def find_format(path: Path, known: Collection[str]) -> str:
-    """Return the suffix in `known` of a file's format, `.db3` for a folder with a bag."""
-    if ".db3" in known and is_bag(path):
+def find_format(path: Path, suffixes: Collection[str]) -> str:
+    """Return the suffix in `suffixes` of a file's format, `.db3` for a folder with a bag."""
+    if ".db3" in suffixes and is_bag(path):
         return ".db3"
     name = path.name.lower()
-    for suffix in known:
+    for suffix in suffixes:
         if name.endswith(suffix) and len(name) > len(suffix):
             return suffix
     if os.path.isdir(path):
         raise RecordingError("is a folder: name a recording in it, or all of them with `survey`")
     recipe = RECIPES.get(path.suffix.lower(), "convert the recording to one of these")
-    raise RecordingError(f"the name does not end in {', '.join(known)}: {recipe}")
+    raise RecordingError(f"the name does not end in {', '.join(suffixes)}: {recipe}")
 
 
 def find_stem(path: Path) -> str:

@@ -20,15 +20,15 @@ class JitterSettings:
     pause: float = 5.0  # [periods], least step between parts with separate clocks
     precision: float = 0.1  # [periods], standard error of the shift of the clock across a possible loss
     most_rows: int = 50  # most rows on either side in the mean of this shift
-    white: float = 1.0  # least mean square of successive differences over the variance: 2 if white, 0 if accumulated
-    spread: float = 0.5  # [periods], largest standard deviation of the stamps
-    sure: float = 4.0  # [standard errors], least distance of the share of jitter from `between`
-    between: float = 0.5  # limit of the share of jitter in the motion: 0 for late stamps, 1 for jittery sampling
-    least: float = 0.01  # quantile that gives the smallest step and the smallest delay of rows, robust to outliers
-    slow: float = 1.05  # [rows], least period of a slow encoder
-    chain: int = 5  # least number of consecutive changes that determine the clock of an encoder
-    early: float = 0.1  # [rows], tolerance of samples before their time
-    explained: float = 0.95  # least share of changes in the first row after a sample's time
+    least_white: float = 1.0  # least mean square of successive differences over the variance: 2 if white, 0 if summed
+    largest_spread: float = 0.5  # [periods], largest standard deviation of the stamps
+    least_z_score: float = 4.0  # [standard errors], least distance of the share of jitter from `share_limit`
+    share_limit: float = 0.5  # limit of the share of jitter in the motion: 0 for late stamps, 1 for jittery sampling
+    quantile: float = 0.01  # quantile that gives the smallest step and the smallest delay of rows, robust to outliers
+    slowest_period: float = 1.05  # [rows], least period of a slow encoder
+    shortest_chain: int = 5  # least number of consecutive changes that determine the clock of an encoder
+    early_tolerance: float = 0.1  # [rows], tolerance of samples before their time
+    explained_share: float = 0.95  # least share of changes in the first row after a sample's time
 
 
 JITTER = JitterSettings()
@@ -45,11 +45,11 @@ def replace_late_stamps(log: Log, position: Array) -> None:
     """
     time = log.values["time"]
     steps = np.diff(time)
-    usual = float(np.median(steps))
-    noise = 1.4826 * float(np.median(np.abs(steps - usual))) / np.sqrt(2.0)
-    if noise <= max(log.resolution, 1e-3 * usual):
+    median_step = float(np.median(steps))
+    noise = 1.4826 * float(np.median(np.abs(steps - median_step))) / np.sqrt(2.0)
+    if noise <= max(log.resolution, 1e-3 * median_step):
         return
-    width = int(np.clip(np.ceil(2.0 * (noise / (JITTER.precision * usual)) ** 2), 1, JITTER.most_rows))
+    width = int(np.clip(np.ceil(2.0 * (noise / (JITTER.precision * median_step)) ** 2), 1, JITTER.most_rows))
     period = float(np.median(time[width:] - time[:-width])) / width
     cuts = steps > JITTER.pause * period
     if "segment" in log.values:
@@ -60,51 +60,51 @@ def replace_late_stamps(log: Log, position: Array) -> None:
         return
     fits = []
     moves = np.diff(position)
-    for known, width_of_shift in product((np.ones_like(log.rows[1:]), np.diff(log.rows)), (0, width)):
+    for row_steps, width_of_shift in product((np.ones_like(log.rows[1:]), np.diff(log.rows)), (0, width)):
         counts = [
-            _count_periods(time[a:b], moves[a : b - 1], known[a : b - 1], period, width_of_shift)
+            _count_periods(time[a:b], moves[a : b - 1], row_steps[a : b - 1], period, width_of_shift)
             for a, b in pairwise(bounds)
         ]
         clock, step = _fit_clock(time, np.concatenate(counts), bounds)
         fits.append((float(np.var(time - clock)), step, clock))
     variance, step, clock = min(fits, key=lambda fit: fit[0])
-    late = time - clock
-    successive = np.mean(np.concatenate([np.diff(late[a:b]) for a, b in parts]) ** 2)
-    if successive < JITTER.white * variance or np.sqrt(variance) > JITTER.spread * step:
+    delay = time - clock
+    successive = np.mean(np.concatenate([np.diff(delay[a:b]) for a, b in parts]) ** 2)
+    if successive < JITTER.least_white * variance or np.sqrt(variance) > JITTER.largest_spread * step:
         return
-    share, error = _estimate_jitter_share(late, clock, step, position)
-    if not share + JITTER.sure * error < JITTER.between:
+    share, error = _estimate_jitter_share(delay, clock, step, position)
+    if not share + JITTER.least_z_score * error < JITTER.share_limit:
         return
     log.values = {**log.values, "time": clock - clock[0]}
     numbers = {"rate": Quantity(1 / step, unit="Hz"), "std": Quantity(1e3 * float(np.sqrt(variance)), unit="ms")}
     log.notes.append(Note(NoteKind.STAMPS_LATE, numbers=numbers))
 
 
-def _count_periods(time: Array, moves: Array, known: Index, period: float, width: int) -> Index:
+def _count_periods(time: Array, moves: Array, row_steps: Index, period: float, width: int) -> Index:
     """Count the periods (N,) from the first to each time (N,) of a part.
 
-    `known` (N - 1,) holds the periods between rows without lost rows. With `width` above 0, lost rows are searched:
+    `row_steps` (N - 1,) holds the periods between rows without lost rows. With `width` above 0, lost rows are searched:
     after a long step, the mean deviation of the clock over `width` rows increases by a period or more. Larger steps are
     tried first. The loss is assigned to the step with the largest excess of motion `moves` (N - 1,) over its
     neighbours.
     """
-    counts = known.copy()
+    counts = row_steps.copy()
     if width and len(time) > 2:
         sums = np.append(0.0, np.cumsum(time - period * np.append(0, np.cumsum(counts))))
         rows = np.arange(1, len(time))
         first, end = np.maximum(rows - width, 0), np.minimum(rows + width, len(time))
         shifts = (sums[end] - sums[rows]) / (end - rows) - (sums[rows] - sums[first]) / (rows - first)
         steps = np.diff(time)
-        places = np.flatnonzero((steps > CLEANING.long * period) & (shifts > 0.5 * period))
+        places = np.flatnonzero((steps > CLEANING.long_step * period) & (shifts > 0.5 * period))
         around = np.pad(moves, 1, mode="edge")
         excess = (moves - 0.5 * (around[:-2] + around[2:])) * np.sign(around[:-2] + around[2:])
         for k in places[np.argsort(-steps[places], kind="stable")]:
             a, b = first[k], end[k]
             deviation = time[a:b] - period * np.append(0, np.cumsum(counts[a : b - 1]))
             shift = deviation[k + 1 - a :].mean() - deviation[: k + 1 - a].mean()
-            lost = max(0, round(float(shift) / period))
+            n_lost = max(0, round(float(shift) / period))
             near = slice(max(0, k - width // 2), k + 1 + width // 2)
-            counts[near.start + int(np.argmax(np.where(counts[near] > 1, -np.inf, excess[near])))] += lost
+            counts[near.start + int(np.argmax(np.where(counts[near] > 1, -np.inf, excess[near])))] += n_lost
     return np.append(0, np.cumsum(counts))
 
 
@@ -112,26 +112,26 @@ def _fit_clock(time: Array, counts: Index, bounds: list[int]) -> tuple[Array, fl
     """Fit time (N,) [s] by counts (N,) of a period and an offset per part; return fit (N,) [s] and period [s]."""
     lengths = np.diff(bounds)
     means = [np.repeat([values[a:b].mean() for a, b in pairwise(bounds)], lengths) for values in (time, counts)]
-    passed = counts - means[1]
-    period = float(passed @ (time - means[0]) / (passed @ passed))
-    return means[0] + period * passed, period
+    centred = counts - means[1]
+    period = float(centred @ (time - means[0]) / (centred @ centred))
+    return means[0] + period * centred, period
 
 
-def _estimate_jitter_share(late: Array, clock: Array, period: float, position: Array) -> tuple[float, float]:
+def _estimate_jitter_share(delay: Array, clock: Array, period: float, position: Array) -> tuple[float, float]:
     """Estimate the share of jitter (N,) [s] that is visible in position (N,), and its standard error.
 
     Only samples of fast motion with all neighbours are used; `clock` (N,) [s] has the given period [s].
     """
-    present = clock[2 * SPAN :] - clock[: -2 * SPAN] < (2 * SPAN + 0.5) * period
+    is_complete = clock[2 * SPAN :] - clock[: -2 * SPAN] < (2 * SPAN + 0.5) * period
     velocity = (position[2 * SPAN :] - position[: -2 * SPAN]) / (2 * SPAN * period)
 
     def find_deviation(values: Array) -> Array:
         return (values - np.convolve(values, WEIGHTS, mode="same"))[SPAN:-SPAN]
 
-    if not present.any():
+    if not is_complete.any():
         return 1.0, np.inf
-    fast = present & (velocity**2 >= np.mean(velocity[present] ** 2))
-    jitter, deviation = (velocity * find_deviation(late))[fast], find_deviation(position)[fast]
+    is_fast = is_complete & (velocity**2 >= np.mean(velocity[is_complete] ** 2))
+    jitter, deviation = (velocity * find_deviation(delay))[is_fast], find_deviation(position)[is_fast]
     power = float(jitter @ jitter)
     if not power > 0 or len(jitter) < 2 * SPAN:
         return 1.0, np.inf
@@ -144,7 +144,7 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
 
     Position is sampled at the times of this clock. Torque with the same clock is sampled too, other torque is averaged.
     Runs without enough motion to find the times of their samples are dropped. A log with a reference is
-    unchanged, because goals have a clock of their own.
+    unchanged, because goals have another clock.
     """
     if "reference" in log.values:
         return
@@ -159,28 +159,29 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
     grids, rows = list[Array](), list[Index]()
     torques: dict[str, list[Array]] = {quantity: [] for quantity in ("torque", "load_torque") if quantity in log.values}
     for number, phase in phases.items():
-        here = np.flatnonzero(runs == number)
-        stamps, late = time[here], min(JITTER.early * row, (period - row) / 2)  # margin within a row
-        start = stamps[0] + (phase - stamps[0] + late) % period - late
-        grid = np.arange(start, stamps[-1] - late, period)
-        at = np.searchsorted(stamps, grid + late)
-        is_seen = stamps[at] - grid < CLEANING.long * row
+        run_rows = np.flatnonzero(runs == number)
+        stamps, margin = time[run_rows], min(JITTER.early_tolerance * row, (period - row) / 2)  # margin within a row
+        start = stamps[0] + (phase - stamps[0] + margin) % period - margin
+        grid = np.arange(start, stamps[-1] - margin, period)
+        places = np.searchsorted(stamps, grid + margin)
+        is_seen = stamps[places] - grid < CLEANING.long_step * row
         grids.append(grid[is_seen])
-        rows.append(here[at[is_seen]])
+        rows.append(run_rows[places[is_seen]])
         for quantity, parts in torques.items():
-            values = log.values[quantity][here]
-            passed = (stamps[1:][np.diff(values) != 0] - start + late) % period - late  # time since the last sample
-            others = passed > (1 - JITTER.least) * row  # changes in rows without a new sample
-            is_held = np.count_nonzero(others) <= (1 - JITTER.explained) * (1 - row / period) * len(others)
-            parts.append((values[at] if is_held else average_torque(grid, period, stamps, values))[is_seen])
-    if not (known := np.isin(runs, list(phases))).all():
-        log.notes.append(note_rows(NoteKind.SPOILT, log.rows[~known], "position", text="of unknown time"))
+            values = log.values[quantity][run_rows]
+            # time from the last sample to each change, and changes in rows without a new sample
+            elapsed = (stamps[1:][np.diff(values) != 0] - start + margin) % period - margin
+            is_late = elapsed > (1 - JITTER.quantile) * row
+            is_held = np.count_nonzero(is_late) <= (1 - JITTER.explained_share) * (1 - row / period) * len(is_late)
+            parts.append((values[places] if is_held else average_torque(grid, period, stamps, values))[is_seen])
+    if not (has_clock := np.isin(runs, list(phases))).all():
+        log.notes.append(note_rows(NoteKind.SPOILT, log.rows[~has_clock], "position", text="of unknown time"))
     if "segment" in log.values:
         log.values["segment"] = runs.astype(np.float64)
-    samples, kept = np.concatenate(grids), np.concatenate(rows)
-    log.values = {quantity: column[kept] for quantity, column in log.values.items()}
+    samples, sample_rows = np.concatenate(grids), np.concatenate(rows)
+    log.values = {quantity: column[sample_rows] for quantity, column in log.values.items()}
     log.values |= {quantity: np.concatenate(parts) for quantity, parts in torques.items()}
-    log.values["time"], log.rows, log.start = samples - samples[0], log.rows[kept], log.start + float(samples[0])
+    log.values["time"], log.rows, log.start = samples - samples[0], log.rows[sample_rows], log.start + float(samples[0])
     numbers = {"rate": Quantity(1 / period, unit="Hz"), "rows": Quantity(period / row)}
     log.notes.append(Note(NoteKind.ENCODER_SLOW, ("position",), numbers))
 
@@ -193,37 +194,38 @@ def _find_encoder_clock(time: Array, position: Array, runs: Index, row: float) -
     Rows are `row` [s] apart.
 
     Returns:
-        period [s] and the time of a sample [s] per run with at least `JITTER.chain` changes in fast motion; None if the
-        encoder has no such clock.
+        period [s], and the time of a sample [s] per run with at least `JITTER.shortest_chain` changes in fast motion;
+        None if the encoder has no uniform clock.
     """
-    new = np.flatnonzero(np.diff(position)) + 1
-    if len(new) < CLEANING.least_steps:
+    changes = np.flatnonzero(np.diff(position)) + 1
+    if len(changes) < CLEANING.least_steps:
         return None
-    moves = np.diff(position)[new - 1]
+    moves = np.diff(position)[changes - 1]
     sizes = np.abs(moves)
-    usual = max(float(np.quantile(sizes, JITTER.least)), float(np.median(np.abs(np.diff(moves)))))
-    fast = (np.minimum(sizes[1:], sizes[:-1]) >= CLEANING.moving * usual) & (np.diff(runs[new]) == 0)
-    apart = np.diff(new)[fast]
-    if len(apart) < CLEANING.least_steps:
+    least_move = max(float(np.quantile(sizes, JITTER.quantile)), float(np.median(np.abs(np.diff(moves)))))
+    is_fast = np.minimum(sizes[1:], sizes[:-1]) >= CLEANING.moving_ratio * least_move
+    is_fast &= np.diff(runs[changes]) == 0
+    spacing = np.diff(changes)[is_fast]
+    if len(spacing) < CLEANING.least_steps:
         return None
-    mean = float(np.mean(np.minimum(apart, 2 * np.median(apart))))
-    bounds = [0, *(np.flatnonzero(~fast) + 1).tolist(), len(new)]
-    chains = [new[a:b] for a, b in pairwise(bounds) if b - a >= JITTER.chain]
-    if mean < JITTER.slow or not chains:
+    mean = float(np.mean(np.minimum(spacing, 2 * np.median(spacing))))
+    bounds = [0, *(np.flatnonzero(~is_fast) + 1).tolist(), len(changes)]
+    chains = [changes[a:b] for a, b in pairwise(bounds) if b - a >= JITTER.shortest_chain]
+    if mean < JITTER.slowest_period or not chains:
         return None
     rows = np.concatenate(chains)
-    seen, run = time[rows], runs[rows]
-    apart = np.concatenate([np.diff(chain, prepend=chain[0]) for chain in chains])
-    counts = np.cumsum(np.where(apart < mean + 1, 1, np.round(apart / mean))).astype(np.intp)  # values may repeat
+    stamps, run = time[rows], runs[rows]
+    spacing = np.concatenate([np.diff(chain, prepend=chain[0]) for chain in chains])
+    counts = np.cumsum(np.where(spacing < mean + 1, 1, np.round(spacing / mean))).astype(np.intp)  # values may repeat
     ends = np.cumsum([0, *map(len, chains)]).tolist()
-    _, period = _fit_clock(seen, counts, ends)
+    _, period = _fit_clock(stamps, counts, ends)
     for (a, b), (_, end) in pairwise(pairwise(ends)):  # aligns the counts of chains to one clock
-        offset = np.mean(seen[b:end] - period * counts[b:end]) - np.mean(seen[a:b] - period * counts[a:b])
+        offset = np.mean(stamps[b:end] - period * counts[b:end]) - np.mean(stamps[a:b] - period * counts[a:b])
         counts[b:end] += round(float(offset) / period)
-    parts = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(seen)]
-    _, period = _fit_clock(seen, counts, parts)
-    late = seen - period * counts
-    phases = {int(run[a]): float(np.quantile(late[a:b], JITTER.least)) for a, b in pairwise(parts)}
-    late -= np.array([phases[number] for number in run])
-    explained = np.mean((late > -JITTER.early * row) & (late < (1 + JITTER.early) * row))
-    return (period, phases) if explained >= JITTER.explained and period <= STEPS[1] else None
+    parts = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(stamps)]
+    _, period = _fit_clock(stamps, counts, parts)
+    delay = stamps - period * counts
+    phases = {int(run[a]): float(np.quantile(delay[a:b], JITTER.quantile)) for a, b in pairwise(parts)}
+    delay -= np.array([phases[number] for number in run])
+    explained = np.mean((delay > -JITTER.early_tolerance * row) & (delay < (1 + JITTER.early_tolerance) * row))
+    return (period, phases) if explained >= JITTER.explained_share and period <= STEPS[1] else None

@@ -29,7 +29,7 @@ class Layout:
     delimiter: str  # one of , ; tab space
     decimal: str  # . or ,
     offset: int  # bytes before the first data row
-    first: tuple[str, ...]  # first non-empty cell of each column
+    first_cells: tuple[str, ...]  # first non-empty cell of each column
 
 
 def can_be_number(cell: str, header: str) -> bool:
@@ -46,14 +46,14 @@ def find_layout(head: bytes) -> Layout:
     if not content:
         raise RecordingError(f"there are comments but no header {HEADER} and no data: record it again")
     content = content[_count_preamble([lines[number][1] for number in content]) :]
-    first = content[0]
-    line, start, data = lines[first][1], lines[first][0], content[1:]
+    header_line = content[0]
+    line, start, data = lines[header_line][1], lines[header_line][0], content[1:]
     row = lines[content[-2]][1] if len(content) > 2 else line
     width = len(_split_cells(row))
     is_bare = _is_numeric(names := _split_cells(line)) or any("." in cell and NUMBER.fullmatch(cell) for cell in names)
     if is_bare:  # unless the comment above is the header
-        comments = [text.lstrip(" #") for _, text in lines[:first] if text.strip()] or [""]
-        line, start, data = comments[-1], lines[first - 1][0], content
+        comments = [text.lstrip(" #") for _, text in lines[:header_line] if text.strip()] or [""]
+        line, start, data = comments[-1], lines[header_line - 1][0], content
     is_sentence = width > 2 and _is_numeric(_split_cells(row)) and not re.search(r"[,;\t]", line)
     if (is_bare or is_sentence) and width not in (len(_split_cells(line)), len(line.split())):
         raise RecordingError(f"the file has no header: {NAME_COLUMNS.format(width, quote_value(row.strip(), 40))}")
@@ -73,9 +73,9 @@ def find_layout(head: bytes) -> Layout:
         elif len(_trim_header(headers)) <= width < len(headers):
             headers = headers[:width]
     numbers = [cell for row in rows for cell in row if NUMBER.fullmatch(cell.replace(",", ".", 1))]
-    comma = any("," in cell for cell in numbers) and not any("." in cell for cell in numbers)
+    has_decimal_comma = any("," in cell for cell in numbers) and not any("." in cell for cell in numbers)
     first_cells = _collect_first_cells(samples, delimiter, len(headers))
-    return Layout(_number_repeated(headers), delimiter, "," if comma else ".", start, first_cells)
+    return Layout(_number_repeated(headers), delimiter, "," if has_decimal_comma else ".", start, first_cells)
 
 
 def _number_repeated(headers: Sequence[str]) -> tuple[str, ...]:
@@ -96,13 +96,13 @@ def _trim_header(cells: list[str]) -> list[str]:
 
 def _collect_first_cells(lines: Sequence[str], delimiter: str, width: int) -> tuple[str, ...]:
     """Return the first non-empty cell of each column, or an empty text."""
-    first = [""] * width
+    first_cells = [""] * width
     for line in lines:
         for k, cell in enumerate(_split_cells(line, delimiter)[:width]):
-            first[k] = first[k] or cell.strip()
-        if all(first):
+            first_cells[k] = first_cells[k] or cell.strip()
+        if all(first_cells):
             break
-    return tuple(first)
+    return tuple(first_cells)
 
 
 def _count_preamble(content: list[str]) -> int:
@@ -112,12 +112,12 @@ def _count_preamble(content: list[str]) -> int:
     probe = content[-2]  # the last line may be incomplete
     delimiter, width = _find_delimiter(probe), len(_split_cells(probe))
     rows = [_split_cells(line, delimiter) for line in content]
-    whole = [number for number, cells in enumerate(rows) if len(cells) == width > 1 and _are_names(cells)]
-    if whole:
-        return whole[0]
+    names = [number for number, cells in enumerate(rows) if len(cells) == width > 1 and _are_names(cells)]
+    if names:
+        return names[0]
     trimmed, width = [_trim_header(cells) for cells in rows], len(_trim_header(rows[-2]))
-    ends = [number for number, cells in enumerate(trimmed) if len(cells) == width > 1 and _are_names(cells)]
-    return ends[-1] if ends else 0
+    trimmed_names = [number for number, cells in enumerate(trimmed) if len(cells) == width > 1 and _are_names(cells)]
+    return trimmed_names[-1] if trimmed_names else 0
 
 
 def _are_names(cells: list[str]) -> bool:
@@ -128,8 +128,8 @@ def _are_units(cells: list[str], headers: list[str]) -> bool:
     """Return whether a row has units: at least one known unit, and no numbers."""
     if len(cells) != len(headers) or any(NUMBER.fullmatch(cell) for cell in cells if cell.strip()):
         return False
-    known = {unit for units in UNITS.values() for unit in units}
-    return any(normalise_name(cell) in known for cell in cells)
+    known_units = {unit for units in UNITS.values() for unit in units}
+    return any(normalise_name(cell) in known_units for cell in cells)
 
 
 def _decode_line(line: bytes) -> str:
@@ -141,9 +141,9 @@ def _decode_line(line: bytes) -> str:
 
 def _find_delimiter(line: str) -> str:
     """Return the delimiter of a line, which may have decimal commas."""
-    other = max(";\t", key=line.count)
-    if line.count(other) and line.count(other) >= line.count(",") - 1:
-        return other
+    delimiter = max(";\t", key=line.count)
+    if line.count(delimiter) and line.count(delimiter) >= line.count(",") - 1:
+        return delimiter
     return "," if "," in line else " "
 
 

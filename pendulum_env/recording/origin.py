@@ -18,12 +18,12 @@ class Origin:
 
     Attributes:
         columns: recognised or given columns by quantity.
-        named: expressions of the user by quantity.
+        named_columns: expressions of the user by quantity.
         are_counts: whether position may be encoder counts: integers without a unit with a range above 720.
     """
 
     columns: Mapping[str, FileColumn]
-    named: Mapping[str, str] = field(default_factory=dict)
+    named_columns: Mapping[str, str] = field(default_factory=dict)
     are_counts: bool = False
 
     @property
@@ -33,7 +33,7 @@ class Origin:
 
     def change_column(self, quantity: str, **changes: Any) -> dict[str, str]:
         """Return the option `columns` with changes of the `Expression` of a quantity."""
-        return {**self.named, quantity: str(replace(self._get_expression(quantity), **changes))}
+        return {**self.named_columns, quantity: str(replace(self._get_expression(quantity), **changes))}
 
     def change_to_counts(self) -> dict[str, str]:
         """Return the option `columns` with position in counts, for example 4096 per turn."""
@@ -42,26 +42,26 @@ class Origin:
 
     def flip_sign(self, quantity: str) -> dict[str, str]:
         """Return the option `columns` with the opposite sign of a quantity, including its offset."""
-        old = self._get_expression(quantity)
-        offset = None if old.offset is None else ("+" if old.offset[0] == "-" else "-") + old.offset[1:]
-        return self.change_column(quantity, negative=not old.negative, offset=offset)
+        column = self._get_expression(quantity)
+        offset = None if column.offset is None else ("+" if column.offset[0] == "-" else "-") + column.offset[1:]
+        return self.change_column(quantity, is_negative=not column.is_negative, offset=offset)
 
     def apply_gear(self, quantity: str, ratio: float) -> dict[str, str] | None:
         """Return the option `columns` with the last factors of position, which a quantity lacks.
 
         Return None if no product of them is within a tenth of the ratio, in size.
         """
-        factors, old = self.columns["position"].expression.factors, self._get_expression(quantity)
+        factors, column = self.columns["position"].expression.factors, self._get_expression(quantity)
         for k in range(len(factors)):
             gain = Expression("", factors=factors[k:]).gain
             if 0.9 < abs(gain / ratio) < 1.1 and not 0.5 < abs(gain) < 2.0:
-                negative = old.negative ^ (gain * ratio < 0)
-                return self.change_column(quantity, factors=(*old.factors, *factors[k:]), negative=negative)
+                is_negative = column.is_negative ^ (gain * ratio < 0)
+                return self.change_column(quantity, factors=(*column.factors, *factors[k:]), is_negative=is_negative)
         return None
 
     def omit_column(self, quantity: str) -> dict[str, str]:
         """Return the option `columns` without an optional quantity."""
-        return {**self.named, quantity: NONE}
+        return {**self.named_columns, quantity: NONE}
 
     def shift_zero(self, angle: float, digits: int) -> dict[str, str] | None:
         """Return the option `columns` with an angle [rad] added to position and reference, written in degrees.
@@ -71,7 +71,8 @@ class Origin:
         places = [quantity for quantity in ("position", "reference") if quantity in self.columns]
         if any(self.columns[quantity].unit not in {None, *UNITS["position"], *RAW["position"]} for quantity in places):
             return None
-        return {**self.named, **{quantity: str(self._shift_expression(quantity, angle, digits)) for quantity in places}}
+        shifted = {quantity: str(self._shift_expression(quantity, angle, digits)) for quantity in places}
+        return {**self.named_columns, **shifted}
 
     def can_be_degrees(self) -> bool:
         """Return whether position may be in degrees: its unit is unknown, or radians by its name or the user."""
@@ -85,9 +86,9 @@ class Origin:
         return replace(column.expression, name=column.header, unit=unit)
 
     def _shift_expression(self, quantity: str, angle: float, digits: int) -> Expression:
-        old, column = self._get_expression(quantity), self.columns[quantity]
+        expression, column = self._get_expression(quantity), self.columns[quantity]
         degrees = math.remainder((column.offset + angle) / DEGREE, 360.0)
         text = f"{degrees:+.{digits}f}"
         text = text.rstrip("0").rstrip(".") if "." in text else text
-        is_told = column.unit is not None and UNITS["position"].get(column.unit) == DEGREE
-        return replace(old, offset=text, offset_unit=None if is_told else "deg")
+        is_in_degrees = column.unit is not None and UNITS["position"].get(column.unit) == DEGREE
+        return replace(expression, offset=text, offset_unit=None if is_in_degrees else "deg")

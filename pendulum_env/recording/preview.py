@@ -24,28 +24,28 @@ class Preview:
     values: tuple[Array | None, ...]
 
 
-def read_preview(source: Readable, most: int = WIDEST) -> Preview:
-    """Read the first `most` columns of a file or table."""
+def read_preview(source: Readable, max_columns: int = WIDEST) -> Preview:
+    """Read the first `max_columns` columns of a file or table."""
     headers: list[str] = []
 
-    def choose(places: slice, names: Sequence[str], **_: object) -> dict[str, FileColumn]:
-        headers[:] = [name.strip() for name in names[:most]]
+    def select_columns(places: slice, names: Sequence[str], **_: object) -> dict[str, FileColumn]:
+        headers[:] = [name.strip() for name in names[:max_columns]]
         # readers convert dates of time, and align messages to those of position
-        quantities = ("time", "position", *map(str, range(most)))
+        quantities = ("time", "position", *map(str, range(max_columns)))
         chosen = list(enumerate(headers))[places]
         return {q: FileColumn(q, name, k, None) for q, (k, name) in zip(quantities, chosen, strict=False)}
 
-    def read_alone(k: int) -> Array | None:
+    def read_column(k: int) -> Array | None:
         try:
-            values = read_table(source, partial(choose, slice(k, k + 1))).values["time"]
+            values = read_table(source, partial(select_columns, slice(k, k + 1))).values["time"]
         except RecordingError:  # no numbers
             return None
         return values if len(values) > 1 else None
 
     try:
-        values: list[Array | None] = list(read_table(source, partial(choose, slice(None))).values.values())
+        values: list[Array | None] = list(read_table(source, partial(select_columns, slice(None))).values.values())
     except RecordingError as error:
         if not headers:
             raise RecordingError(f"{get_label(source)}: {error}") from error.__cause__
-        values = [read_alone(k) for k in range(len(headers))]
+        values = [read_column(k) for k in range(len(headers))]
     return Preview(tuple(headers), tuple(None if x is None or not len(x) else x for x in values))

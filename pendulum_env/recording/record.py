@@ -126,16 +126,16 @@ class Recording(Shown):
     def _check_unit(self) -> None:
         """Refuse degrees or turns; add a note if the unit is uncertain."""
         part = max(map(slice, self.starts, (*self.starts[1:], len(self))), key=lambda run: run.stop - run.start)
-        found = suspect_unit(self.position[part], self.torque[part], self.rate)
-        if found is None:
+        suspicion = suspect_unit(self.position[part], self.torque[part], self.rate)
+        if suspicion is None:
             return
-        columns = {"position": f"position:{found.unit}"}
-        if found.is_certain:
+        columns = {"position": f"position:{suspicion.unit}"}
+        if suspicion.is_certain:
             raise ColumnError(
-                f"recording {self.name!r}: {found.text}: read it with read_recording({ARRAYS}, columns={columns}) if "
-                f"it is in {found.name}, with 'position:rad' if it is not"
+                f"recording {self.name!r}: {suspicion.text}: read it with read_recording({ARRAYS}, columns={columns}) "
+                f"if it is in {suspicion.name}, with 'position:rad' if it is not"
             )
-        object.__setattr__(self, "notes", (*self.notes, found.note(columns)))
+        object.__setattr__(self, "notes", (*self.notes, suspicion.note(columns)))
 
     def _column(self, quantity: str, values: ArrayLike) -> Array:
         try:
@@ -264,25 +264,25 @@ class Recording(Shown):
 
         A single remaining sample of the first or last segment is dropped.
         """
-        first, last, _ = slice(start, stop).indices(len(self))
+        first, end, _ = slice(start, stop).indices(len(self))
         if first + 1 in self.starts:
             first += 1
-        if last - 1 in self.starts:
-            last -= 1
-        part = slice(first, max(first, last))
-        own: dict[str, Any] = {quantity: values[part] for quantity, values in self.series.items()}
+        if end - 1 in self.starts:
+            end -= 1
+        part = slice(first, max(first, end))
+        series: dict[str, Any] = {quantity: values[part] for quantity, values in self.series.items()}
         return replace(
             self,
-            **own,
-            starts=(0, *(begin - first for begin in self.starts if first < begin < last)),
+            **series,
+            starts=(0, *(begin - first for begin in self.starts if first < begin < end)),
         )
 
     def split(self, fraction: float) -> tuple[Self, Self]:
         """Return the first `fraction` of the samples and the rest: `train, holdout = recording.split(0.7)`."""
-        cut = round(fraction * len(self))
-        if not 2 <= cut <= len(self) - 2:
+        index = round(fraction * len(self))
+        if not 2 <= index <= len(self) - 2:
             raise RecordingError(
                 f"recording {self.name!r} cannot be split at {fraction:g} of {len(self)} samples: "
                 "both parts need at least 2, choose a fraction between 0 and 1"
             )
-        return self.slice(None, cut), self.slice(cut, None)
+        return self.slice(None, index), self.slice(index, None)

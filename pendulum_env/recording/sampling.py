@@ -23,16 +23,16 @@ from pendulum_env.recording.notes import NAMED, Note, NoteKind
 class SamplingSettings:
     """Limits on gaps to bridge, on uneven steps, and on segments to keep."""
 
-    whole: float = 0.25  # largest distance of a long step from a multiple of the median step, for lost samples
-    in_a_row: int = 3  # most adjacent lost samples to fill, as torque is unknown there
-    above_noise: float = 2.0  # largest interpolation error, relative to that due to noise
-    fine: float = 1e-4  # negligible interpolation error, relative to the range of position
-    intact: int = 50_000  # most samples for the test of interpolation
+    off_multiple: float = 0.25  # largest distance of a long step with lost samples from a multiple of the median step
+    longest_loss: int = 3  # most adjacent lost samples to fill, as torque is unknown there
+    noise_ratio: float = 2.0  # largest interpolation error, relative to that due to noise
+    fine_error: float = 1e-4  # negligible interpolation error, relative to the range of position
+    most_samples: int = 50_000  # most samples for the test of interpolation
     shortest: float = 0.2  # [s], least duration of a segment, for a window of an estimator
     fewest: int = 10  # least number of samples of a segment
-    negligible: float = 1e-4  # negligible error of time, in steps: 1e-6 rad at 1 kHz and 10 rad/s
-    finer: int = 10  # largest ratio of resampled to recorded samples
-    small: int = 1_000_000  # number of resampled samples that is always allowed
+    negligible_error: float = 1e-4  # negligible error of time, in steps: 1e-6 rad at 1 kHz and 10 rad/s
+    resampling_ratio: int = 10  # largest ratio of resampled to recorded samples
+    allowed_samples: int = 1_000_000  # number of resampled samples that is always allowed
 
 
 SAMPLING = SamplingSettings()
@@ -41,38 +41,38 @@ PIECES = 8  # of a period, by which torque is summed up
 
 def cut_at_gaps(log: Log, position: Array) -> None:
     """Start a segment after each gap of time, and at each change of the column `segment`."""
-    counted = log.values.get("segment")
-    known = set() if counted is None else set((np.flatnonzero(np.diff(counted)) + 1).tolist())
+    segments = log.values.get("segment")
+    segment_starts = set() if segments is None else set((np.flatnonzero(np.diff(segments)) + 1).tolist())
     log.values = {quantity: column for quantity, column in log.values.items() if quantity != "segment"}
     time = log.values["time"]
     steps = np.diff(time)
-    usual = float(np.median(steps))
+    median_step = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
-    if steps.max() > CLEANING.long * usual and not is_rounded(time, position, log.resolution):
-        gaps = np.flatnonzero(steps > (count_bridgeable(time, position) + CLEANING.long) * usual) + 1
-    new = [int(gap) for gap in gaps if gap not in known]
-    if new:
-        sizes = steps[np.array(new) - 1]
+    if steps.max() > CLEANING.long_step * median_step and not is_rounded(time, position, log.resolution):
+        gaps = np.flatnonzero(steps > (count_bridgeable(time, position) + CLEANING.long_step) * median_step) + 1
+    new_starts = [int(gap) for gap in gaps if gap not in segment_starts]
+    if new_starts:
+        sizes = steps[np.array(new_starts) - 1]
         numbers = _make_seconds(shortest=sizes.min(), longest=sizes.max())
-        log.notes.append(_note_times(NoteKind.GAPS, time[new] - sizes - time[0], len(new), numbers))
-    log.starts = tuple(sorted({0, *known, *new}))
+        log.notes.append(_note_times(NoteKind.GAPS, time[new_starts] - sizes - time[0], len(new_starts), numbers))
+    log.starts = tuple(sorted({0, *segment_starts, *new_starts}))
 
 
 def drop_short_segments(log: Log) -> None:
     """Remove segments that are too short for an estimate."""
     time = log.values["time"]
     parts = list(pairwise((*log.starts, len(time))))
-    fits = [b - a >= SAMPLING.fewest and time[b - 1] - time[a] >= SAMPLING.shortest for a, b in parts]
-    if not any(fits):
-        which = "the recording does not last" if len(fits) == 1 else f"none of its {len(fits)} segments lasts"
-        raise RecordingError(f"{which} {SAMPLING.shortest:g} s without a gap: record longer, without losing samples")
-    short = [b - a for (a, b), fit in zip(parts, fits, strict=True) if not fit]
+    is_kept = [b - a >= SAMPLING.fewest and time[b - 1] - time[a] >= SAMPLING.shortest for a, b in parts]
+    if not any(is_kept):
+        subject = "the recording does not last" if len(is_kept) == 1 else f"none of its {len(is_kept)} segments lasts"
+        raise RecordingError(f"{subject} {SAMPLING.shortest:g} s without a gap: record longer, without losing samples")
+    short = [b - a for (a, b), is_long in zip(parts, is_kept, strict=True) if not is_long]
     if short:
         numbers = {"count": Quantity(len(short)), "samples": Quantity(sum(short))}
         log.notes.append(Note(NoteKind.SHORT_SEGMENTS, numbers=numbers | _make_seconds(least=SAMPLING.shortest)))
         lengths = [b - a for a, b in parts]
-        log.keep_rows(np.repeat(fits, lengths))
-        log.starts = _find_starts([length for length, fit in zip(lengths, fits, strict=True) if fit])
+        log.keep_rows(np.repeat(is_kept, lengths))
+        log.starts = _find_starts([length for length, is_long in zip(lengths, is_kept, strict=True) if is_long])
 
 
 def _find_starts(lengths: Sequence[int]) -> tuple[int, ...]:
@@ -86,10 +86,10 @@ def is_rounded(time: Array, position: Array, resolution: float) -> bool:
     `resolution` is the last decimal place of printed time [s].
     """
     steps = np.diff(time)
-    usual = float(np.median(steps))
-    places = np.flatnonzero(steps > CLEANING.long * usual)
-    regular = len(places) > 2 and np.ptp(np.diff(places)) <= 1
-    return bool(regular and resolution > usual / 2 and not has_lost_samples(time, position))
+    median_step = float(np.median(steps))
+    places = np.flatnonzero(steps > CLEANING.long_step * median_step)
+    is_regular = len(places) > 2 and np.ptp(np.diff(places)) <= 1
+    return bool(is_regular and resolution > median_step / 2 and not has_lost_samples(time, position))
 
 
 def has_lost_samples(time: Array, position: Array) -> bool:
@@ -98,9 +98,9 @@ def has_lost_samples(time: Array, position: Array) -> bool:
     Rounding also causes long steps, but without larger changes of position.
     """
     steps, moves = np.diff(time), np.diff(position)
-    long = np.flatnonzero(steps[1:-1] > CLEANING.long * float(np.median(steps))) + 1
-    beside = 0.5 * (moves[long - 1] + moves[long + 1])
-    return bool(moves[long] @ beside > CLEANING.long * (beside @ beside))
+    long_steps = np.flatnonzero(steps[1:-1] > CLEANING.long_step * float(np.median(steps))) + 1
+    neighbour_moves = 0.5 * (moves[long_steps - 1] + moves[long_steps + 1])
+    return bool(moves[long_steps] @ neighbour_moves > CLEANING.long_step * (neighbour_moves @ neighbour_moves))
 
 
 def count_bridgeable(time: Array, position: Array) -> int:
@@ -110,30 +110,30 @@ def count_bridgeable(time: Array, position: Array) -> int:
     interpolated by the cubic through two samples on either side.
     """
     steps = np.diff(time)
-    q = position[_find_longest_run(steps <= CLEANING.long * float(np.median(steps)))]
+    q = position[_find_longest_run(steps <= CLEANING.long_step * float(np.median(steps)))]
     if len(q) < 20:
         return 0
     noise = float(np.std(np.diff(q, 6))) / np.sqrt(924.0)  # 924: sum of squares of 1, -6, 15, ...
-    for lost in range(1, SAMPLING.in_a_row + 1):
-        nodes, middle = np.array([-1, 0, lost + 1, lost + 2]), (lost + 1) // 2
+    for n_lost in range(1, SAMPLING.longest_loss + 1):
+        nodes, middle = np.array([-1, 0, n_lost + 1, n_lost + 2]), (n_lost + 1) // 2
         weights = np.array([np.prod([(middle - b) / (a - b) for b in nodes if b != a]) for a in nodes])  # Lagrange
-        span = len(q) - (lost + 3)
+        span = len(q) - (n_lost + 3)
         guess = sum(w * q[1 + k : 1 + k + span] for w, k in zip(weights, nodes, strict=True))
         error = float(np.std(q[1 + middle : 1 + middle + span] - guess))
-        allowed = SAMPLING.above_noise * noise * np.sqrt(1 + weights @ weights)
-        if error > max(allowed, SAMPLING.fine * float(np.ptp(q))):
-            return lost - 1
-    return SAMPLING.in_a_row
+        allowed = SAMPLING.noise_ratio * noise * np.sqrt(1 + weights @ weights)
+        if error > max(allowed, SAMPLING.fine_error * float(np.ptp(q))):
+            return n_lost - 1
+    return SAMPLING.longest_loss
 
 
-def _find_longest_run(good: Mask) -> slice:
+def _find_longest_run(is_good: Mask) -> slice:
     """Return the slice of the longest run of good steps (N - 1,), at most `SAMPLING.intact` samples."""
-    edges = np.flatnonzero(np.diff(good, prepend=False, append=False))
+    edges = np.flatnonzero(np.diff(is_good, prepend=False, append=False))
     first, end = edges[::2], edges[1::2]
     if not len(first):
         return slice(0, 0)
     longest = int(np.argmax(end - first))
-    return slice(int(first[longest]), int(min(end[longest] + 1, first[longest] + SAMPLING.intact)))
+    return slice(int(first[longest]), int(min(end[longest] + 1, first[longest] + SAMPLING.most_samples)))
 
 
 def resample_uniformly(log: Log) -> None:
@@ -147,41 +147,42 @@ def resample_uniformly(log: Log) -> None:
     if is_uniform(time, log.starts):
         return
     parts = [{name: column[a:b] for name, column in log.values.items()} for a, b in pairwise((*log.starts, len(time)))]
-    usual = float(np.median(np.concatenate([np.diff(part["time"]) for part in parts])))
+    median_step = float(np.median(np.concatenate([np.diff(part["time"]) for part in parts])))
     if len(parts) > 1 or not is_rounded(time, log.values["position"], log.resolution):
-        parts = _fill_lost(log, parts, usual)
+        parts = _fill_lost(log, parts, median_step)
         _join(log, parts)
         time = log.values["time"]
     if is_uniform(time, log.starts):
         return
     steps = np.concatenate([np.diff(part["time"]) for part in parts])
-    slow = steps > CLEANING.long * usual
+    is_slow = steps > CLEANING.long_step * median_step
     period = float(np.mean(steps))
-    off = max(compute_unevenness(part["time"], period) for part in parts)
-    loses = len(parts) == 1 and has_lost_samples(time, log.values["position"])
-    if off <= max(1.001 * log.resolution + log.rounding, SAMPLING.negligible * period) and not loses:
+    unevenness = max(compute_unevenness(part["time"], period) for part in parts)
+    has_loss = len(parts) == 1 and has_lost_samples(time, log.values["position"])
+    if unevenness <= max(1.001 * log.resolution + log.rounding, SAMPLING.negligible_error * period) and not has_loss:
         grids = [_make_grid(part["time"][0], period, len(part["time"])) for part in parts]
         log.values = {**log.values, "time": np.concatenate(grids)}
-        if off > log.rounding:
+        if unevenness > log.rounding:
             rate = {"rate": Quantity(1 / period, unit="Hz")}
-            log.notes.append(Note(NoteKind.CLOCK_ROUNDED, numbers=rate | _make_seconds(error=off)))
+            log.notes.append(Note(NoteKind.CLOCK_ROUNDED, numbers=rate | _make_seconds(error=unevenness)))
         return
-    if slow.any():
-        period = float(np.mean(steps[~slow]))
-    _refuse_finer(sum(float(part["time"][-1] - part["time"][0]) for part in parts) / period, len(time), period)
+    if is_slow.any():
+        period = float(np.mean(steps[~is_slow]))
+    _refuse_too_many(sum(float(part["time"][-1] - part["time"][0]) for part in parts) / period, len(time), period)
     _join(log, [_resample_segment(part, period) for part in parts])
     numbers = {"rate": Quantity(1 / period, unit="Hz")}
     sizes = {"shortest": steps.min(), "longest": steps.max(), "std": steps.std()}
     numbers |= {name: Quantity(1e3 * float(size), unit="ms") for name, size in sizes.items()}
-    numbers |= {"slow": Quantity(int(np.count_nonzero(slow))), "ratio": Quantity(CLEANING.long)} if slow.any() else {}
+    if is_slow.any():
+        numbers |= {"slow": Quantity(int(np.count_nonzero(is_slow))), "ratio": Quantity(CLEANING.long_step)}
     log.notes.append(Note(NoteKind.RESAMPLED, numbers=numbers))
 
 
-def _refuse_finer(count: float, known: int, period: float) -> None:
+def _refuse_too_many(count: float, n_recorded: int, period: float) -> None:
     """Refuse a log that would have too many samples after resampling."""
-    if count > max(SAMPLING.finer * known, SAMPLING.small):
+    if count > max(SAMPLING.resampling_ratio * n_recorded, SAMPLING.allowed_samples):
         raise RecordingError(
-            f"time has steps of {period:.3g} s, but others so long that {known} samples would become {count:.3g} "
+            f"time has steps of {period:.3g} s, but others so long that {n_recorded} samples would become {count:.3g} "
             "on uniform time: check the column of time and its unit, or cut the recording there"
         )
 
@@ -192,38 +193,39 @@ def _join(log: Log, parts: Sequence[dict[str, Array]]) -> None:
     log.starts = _find_starts([len(part["time"]) for part in parts])
 
 
-def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], usual: float) -> list[dict[str, Array]]:
+def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], median_step: float) -> list[dict[str, Array]]:
     """Return the segments with lost samples filled.
 
     Position and velocity are interpolated by cubic splines, torque linearly.
     """
-    full, places, count = [], [], 0
+    filled, places, count = [], [], 0
     for part in parts:
-        missing = _count_lost(part["time"], usual)
-        _refuse_finer(float(missing.sum()), len(missing), usual)
-        places.append(part["time"][:-1][missing > 0] - parts[0]["time"][0])
-        full.append(_insert_lost(part, missing) if missing.any() else part)
-        count += int(missing.sum())
+        n_lost = _count_lost(part["time"], median_step)
+        _refuse_too_many(float(n_lost.sum()), len(n_lost), median_step)
+        places.append(part["time"][:-1][n_lost > 0] - parts[0]["time"][0])
+        filled.append(_insert_lost(part, n_lost) if n_lost.any() else part)
+        count += int(n_lost.sum())
     if count:
         log.notes.append(_note_times(NoteKind.FILLED, np.concatenate(places), count))
-    return full
+    return filled
 
 
-def _count_lost(time: Array, usual: float) -> Index:
+def _count_lost(time: Array, median_step: float) -> Index:
     """Return the number of lost samples (N - 1,) between adjacent times (N,) [s]."""
-    ratio = np.diff(time) / usual
+    ratio = np.diff(time) / median_step
     counts = np.round(ratio).astype(np.intp)
-    return np.where((ratio > CLEANING.long) & (np.abs(ratio - counts) <= SAMPLING.whole), counts - 1, 0)
+    is_lossy = (ratio > CLEANING.long_step) & (np.abs(ratio - counts) <= SAMPLING.off_multiple)
+    return np.where(is_lossy, counts - 1, 0)
 
 
-def _insert_lost(part: dict[str, Array], missing: Index) -> dict[str, Array]:
-    known = np.append(0, np.cumsum(missing + 1))  # (N,), indices of the recorded samples
-    every = np.arange(known[-1] + 1)
-    full = {name: np.interp(every, known, part[name]) for name in ("time", "torque")}
-    others = _sample_at(full["time"], part)
-    for name, values in others.items():
-        values[known] = part[name]
-    return full | others
+def _insert_lost(part: dict[str, Array], n_lost: Index) -> dict[str, Array]:
+    recorded = np.append(0, np.cumsum(n_lost + 1))  # (N,), indices of the recorded samples
+    every = np.arange(recorded[-1] + 1)
+    filled = {name: np.interp(every, recorded, part[name]) for name in ("time", "torque")}
+    sampled = _sample_at(filled["time"], part)
+    for name, values in sampled.items():
+        values[recorded] = part[name]
+    return filled | sampled
 
 
 def _resample_segment(part: dict[str, Array], period: float) -> dict[str, Array]:
@@ -235,13 +237,13 @@ def _resample_segment(part: dict[str, Array], period: float) -> dict[str, Array]
 
 def _sample_at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
     """Sample a segment without torque at times (M,): `enabled` is held, others are splined."""
-    made = {}
+    sampled = {}
     for name in part.keys() - {"time", "torque"}:
         if name == "enabled":
-            made[name] = _hold_on_grid(grid, part["time"], part[name])
+            sampled[name] = _hold_on_grid(grid, part["time"], part[name])
         else:
-            made[name] = scipy.interpolate.CubicSpline(part["time"], part[name])(grid)
-    return made
+            sampled[name] = scipy.interpolate.CubicSpline(part["time"], part[name])(grid)
+    return sampled
 
 
 def _make_grid(start: float, period: float, count: int) -> Array:

@@ -9,7 +9,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.errors import RecordingError
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.recording.building import build_recording
-from pendulum_env.recording.columns import NONE, check_named, find_columns
+from pendulum_env.recording.columns import NONE, check_columns_option, find_columns
 from pendulum_env.recording.formats import Readable, find_stem, get_label, read_table
 from pendulum_env.recording.record import Recording
 from pendulum_env.servo import ServoDrive
@@ -65,20 +65,20 @@ def read_rows(
     can_resample: bool,
 ) -> Recording:
     """Read a recording as `read_recording`; `can_resample` to the clock of an encoder that is slower than its log."""
-    check_named(columns)
+    check_columns_option(columns)
     label, is_file = get_label(source, name), isinstance(source, str | os.PathLike)
     try:
         name = name or (find_stem(Path(label)) if is_file else label)
         output = getattr(drive, "output", None)
-        named = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
-        table = read_table(source, partial(find_columns, named=named, output=output))
-        log_format = describe_reading(named, unwrap, drive)
-        return build_recording(name, table, unwrap, drive, named, log_format, can_resample=can_resample)
+        named_columns = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
+        table = read_table(source, partial(find_columns, named_columns=named_columns, output=output))
+        log_format = describe_reading(named_columns, unwrap, drive)
+        return build_recording(name, table, unwrap, drive, named_columns, log_format, can_resample=can_resample)
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__
 
 
 def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: ServoDrive | None = None) -> JSON:
     """Return the given arguments of `read_recording` as keys of a study."""
-    given = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.get_settings()}
-    return {key: value for key, value in given.items() if value}
+    options = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.get_settings()}
+    return {key: value for key, value in options.items() if value}

@@ -106,8 +106,8 @@ class Source:
     load: Load | None = None  # known load on the joint
     drive: ServoDrive | None = None  # controller that follows the reference
     joints: tuple[str, ...] | None = None  # moving joints of an arm; None: all movable joints
-    of_study: bool = field(default=False, compare=False)  # whether a study has all options
-    said_by: str = ""  # model file that supplied missing options
+    is_of_study: bool = field(default=False, compare=False)  # whether a study has all options
+    format_source: str = ""  # model file that supplied missing options
 
     def read(self) -> Recording:
         """Read the recording."""
@@ -118,7 +118,7 @@ class Source:
         return replace(self.select_range(_read_pendulum(self)), load=self.load)
 
     @property
-    def reading(self) -> dict[str, Any]:
+    def reading_options(self) -> dict[str, Any]:
         """Return the arguments of `read_recording`."""
         return {name: getattr(self, name) for name in READING}
 
@@ -126,16 +126,16 @@ class Source:
     def format(self) -> JSON:
         """Return the given reading options as keys of a study."""
         load = None if self.load is None else asdict(self.load)
-        said = {**describe_reading(**self.reading), "load": load}
-        return {key: said[key] for key in FORMAT if said.get(key)}
+        options = {**describe_reading(**self.reading_options), "load": load}
+        return {key: options[key] for key in FORMAT if options.get(key)}
 
     def select_range(self, recording: Sliced) -> Sliced:
         """Return the samples of the source's range from the recording of the whole file."""
         if self.range is None:
             return recording
-        first, last = np.searchsorted(recording.time - recording.time[0], self.range)
+        first, end = np.searchsorted(recording.time - recording.time[0], self.range)
         try:
-            return recording.slice(int(first), int(last))
+            return recording.slice(int(first), int(end))
         except RecordingError:
             raise RecordingError(
                 f"{self.file}: holds no two samples from {self.range[0]:g} to {self.range[1]:g} s: "
@@ -145,12 +145,12 @@ class Source:
 
 def _read_pendulum(source: Source) -> Recording:
     try:
-        return read_recording(source.file, **source.reading)
+        return read_recording(source.file, **source.reading_options)
     except ColumnError as error:
-        if not source.said_by:
+        if not source.format_source:
             raise
         raise ColumnError(
-            f"{error}; it was read as {source.said_by} says: name the columns of a log of another format, "
+            f"{error}; it was read as {source.format_source} says: name the columns of a log of another format, "
             f"{format_setting('columns', {'QUANTITY': 'NAME'})}"
         ) from None
 
@@ -162,40 +162,40 @@ def collect_log_format(recordings: Sequence[Recording]) -> JSON:
     """
     loads = ({} if recording.load is None else {"load": asdict(recording.load)} for recording in recordings)
     formats: list[JSON] = [{**recording.log_format, **load} for recording, load in zip(recordings, loads, strict=True)]
-    alike = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
+    shared_keys = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
     drives = [recording.actuator for recording in recordings if recording.actuator.is_controller]
-    words = {name: {getattr(drive, name) for drive in drives} for name in CONVENTIONS}
-    decided = {name: values.pop() for name, values in words.items() if len(values) == 1 and None not in values}
-    return {key: formats[0][key] for key in alike if key in formats[0]} | decided
+    conventions = {name: {getattr(drive, name) for drive in drives} for name in CONVENTIONS}
+    decided = {name: values.pop() for name, values in conventions.items() if len(values) == 1 and None not in values}
+    return {key: formats[0][key] for key in shared_keys if key in formats[0]} | decided
 
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
     """Parse the log format of a model to a source without a file; raise a ValueError if it is invalid."""
-    said = {key: value for key, value in log_format.items() if key not in CONVENTIONS}  # without fields of the drive
-    return _build_source(Path(), convert({"file": "log", **said}, _Recording), _Study())
+    options = {key: value for key, value in log_format.items() if key not in CONVENTIONS}  # without fields of the drive
+    return _build_source(Path(), convert({"file": "log", **options}, _Recording), _Study())
 
 
-def apply_log_format(source: Source, format: Mapping[str, Any], said_by: str) -> Source:
+def apply_log_format(source: Source, format: Mapping[str, Any], format_source: str) -> Source:
     """Return a source with options of a model file's log format for those that user and study did not give."""
-    unsaid = [key for key in FORMAT if key in format and key not in source.format]
-    if source.of_study or not unsaid:
+    missing_keys = [key for key in FORMAT if key in format and key not in source.format]
+    if source.is_of_study or not missing_keys:
         return source
     try:
-        told = parse_log_format({key: format[key] for key in unsaid})
+        defaults = parse_log_format({key: format[key] for key in missing_keys})
     except ValueError as error:
-        raise StudyError(f"{said_by}, log_format: {error}") from None
-    return replace(source, **{key: getattr(told, key) for key in unsaid}, said_by=said_by)
+        raise StudyError(f"{format_source}, log_format: {error}") from None
+    return replace(source, **{key: getattr(defaults, key) for key in missing_keys}, format_source=format_source)
 
 
 def find_duplicate(sources: Iterable[Source]) -> Source | None:
     """Return the first source that overlaps an earlier one, or None."""
-    taken: dict[Path, list[tuple[float, float]]] = {}
+    ranges_by_file: dict[Path, list[tuple[float, float]]] = {}
     for source in sources:
-        ranges = taken.setdefault(source.file.resolve(), [])
-        first, last = source.range or (0.0, np.inf)
-        if any(first < end and begin < last for begin, end in ranges):
+        ranges = ranges_by_file.setdefault(source.file.resolve(), [])
+        first, stop = source.range or (0.0, np.inf)
+        if any(first < end and begin < stop for begin, end in ranges):
             return source
-        ranges.append((first, last))
+        ranges.append((first, stop))
     return None
 
 
@@ -231,7 +231,7 @@ def read_study(path: str | os.PathLike[str]) -> Study:
 
 def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
     """Read the sources of a study without reading the recordings."""
-    path, where, sources = Path(path), "", []
+    path, location, sources = Path(path), "", []
     try:
         content = read_toml(path)
     except FileError as error:
@@ -244,13 +244,13 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
             raise StudyError('names no recordings: write [[recording]] and below it file = "run.csv"')
         study.columns = _check_columns(study.columns)
         for k, data in enumerate(study.recording):
-            where = f"'recording[{k}]': "
+            location = f"'recording[{k}]': "
             source = _build_source(path.parent, data, study)
-            sources.append(replace(source, joints=study.joints, of_study=True))
+            sources.append(replace(source, joints=study.joints, is_of_study=True))
     except ValueError as error:
-        raise StudyError(f"{path}: {where}{error}") from None
-    if (twice := find_duplicate(sources)) is not None:
-        raise StudyError(f"{path}: {twice.file.name} is named twice: give ranges that do not overlap")
+        raise StudyError(f"{path}: {location}{error}") from None
+    if (duplicate := find_duplicate(sources)) is not None:
+        raise StudyError(f"{path}: {duplicate.file.name} is named twice: give ranges that do not overlap")
     return tuple(sources)
 
 
@@ -269,10 +269,10 @@ def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None
     for source in sources:
         file = source.file.resolve()
         file = file.relative_to(folder) if file.is_relative_to(folder) else file
-        said: JSON = {"file": file.as_posix(), "role": source.role}
-        said |= {} if source.range is None else {"range": source.range}
-        said |= {key: value for key, value in source.format.items() if not (shared and key == "columns")}
-        lines += ["", "[[recording]]", *format_toml(said)]
+        options: JSON = {"file": file.as_posix(), "role": source.role}
+        options |= {} if source.range is None else {"range": source.range}
+        options |= {key: value for key, value in source.format.items() if not (shared and key == "columns")}
+        lines += ["", "[[recording]]", *format_toml(options)]
     write_whole(path, "\n".join([*lines, ""]))
 
 

@@ -22,9 +22,9 @@ class ColumnFinder(Protocol):
     """Function that chooses the columns to read, by quantity."""
 
     def __call__(
-        self, headers: Sequence[str], *, wordy: Collection[int] = (), dated: Collection[int] = ()
+        self, headers: Sequence[str], *, text_columns: Collection[int] = (), date_columns: Collection[int] = ()
     ) -> dict[str, FileColumn]:
-        """Choose from all names; `wordy` are the places of columns without numbers, `dated` those with dates."""
+        """Choose from all names, and the places of columns without numbers and of those with dates."""
         ...
 
 

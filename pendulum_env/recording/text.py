@@ -21,7 +21,7 @@ from pendulum_env.recording.vocabulary import OPTIONAL
 from pendulum_env.settings import format_setting
 
 BLOCK = 1 << 20  # bytes parsed at a time
-WIDTH = re.compile(r"Row #(?P<row>\d+): Expected (?P<wanted>\d+) columns, got (?P<found>\d+)")  # message of pyarrow
+WIDTH = re.compile(r"Row #(?P<row>\d+): Expected (?P<expected>\d+) columns, got (?P<count>\d+)")  # message of pyarrow
 CELL = re.compile(r"In CSV column #(?P<column>\d+): Row #(?P<row>\d+): .*?invalid value '(?P<cell>.*)'", re.DOTALL)
 TRUE, FALSE = (  # cells for 1 and 0
     [style(word) for word in words for style in (str.lower, str.title, str.upper)]
@@ -30,7 +30,7 @@ TRUE, FALSE = (  # cells for 1 and 0
 EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
 DAY = 86400.0  # [s]
-Opened = Callable[[], pa.NativeFile]  # the text, from its beginning
+TextOpener = Callable[[], pa.NativeFile]  # the text, from its beginning
 
 
 def read_csv(path: Path, find: ColumnFinder) -> RawTable:
@@ -41,35 +41,36 @@ def read_csv(path: Path, find: ColumnFinder) -> RawTable:
     single space; with a delimiter other than comma, numbers may have a decimal comma. Time may be ISO 8601 and is then
     counted from the first row.
     """
-    packed = "gzip" if path.name.lower().endswith(".gz") else None
-    return read_text_table(lambda: pa.input_stream(str(path), compression=packed), find)
+    compression = "gzip" if path.name.lower().endswith(".gz") else None
+    return read_text_table(lambda: pa.input_stream(str(path), compression=compression), find)
 
 
-def read_text_table(opened: Opened, find: ColumnFinder) -> RawTable:
+def read_text_table(open_text: TextOpener, find: ColumnFinder) -> RawTable:
     """Read the needed columns of a text, as `read_csv`."""
-    opened = _clean_text(opened)
-    with opened() as stream:
+    open_text = _clean_text(open_text)
+    with open_text() as stream:
         layout = find_layout(stream.read(HEAD))
-    wordy = [k for k, cell in enumerate(layout.first) if not NUMBER.fullmatch(cell.replace(",", ".")) or not cell]
-    clocks = [k for k, cell in enumerate(layout.first) if is_stamp(cell)]
-    columns = add_labels(find(layout.headers, wordy=wordy, dated=clocks), layout.headers, layout.first)
+    headers, cells = layout.headers, layout.first_cells
+    text_columns = [k for k, cell in enumerate(cells) if not NUMBER.fullmatch(cell.replace(",", ".")) or not cell]
+    date_columns = [k for k, cell in enumerate(cells) if is_stamp(cell)]
+    columns = add_labels(find(headers, text_columns=text_columns, date_columns=date_columns), headers, cells)
     notes = []
-    if dated := STAMP.fullmatch(layout.first[columns["time"].index]):
-        notes.append(Note(NoteKind.FIRST_DATE, text=dated[0].strip()))
+    if first_date := STAMP.fullmatch(layout.first_cells[columns["time"].index]):
+        notes.append(Note(NoteKind.FIRST_DATE, text=first_date[0].strip()))
     try:
-        values = _read_values(opened, layout, columns)
+        values = _read_values(open_text, layout, columns)
     except RecordingError as refusal:
         try:  # an interrupted logger leaves a partial row
-            values = _read_values(lambda: _drop_last_line(opened), layout, columns)
+            values = _read_values(lambda: _drop_last_line(open_text), layout, columns)
         except RecordingError:
             raise refusal from None
         notes.append(Note(NoteKind.LAST_ROW_CUT))
-    return RawTable(columns, values, tuple(notes), None if dated is None else parse_date(dated[0]))
+    return RawTable(columns, values, tuple(notes), None if first_date is None else parse_date(first_date[0]))
 
 
-def _clean_text(opened: Opened) -> Opened:
+def _clean_text(open_text: TextOpener) -> TextOpener:
     """Convert UTF-16, remove prefixes of serial monitors, and separate columns that spaces align with tabs."""
-    with opened() as stream:
+    with open_text() as stream:
         head = stream.read(HEAD)
         if head.startswith((b"\xff\xfe", b"\xfe\xff")):
             text = pa.py_buffer((head + stream.read()).decode("utf-16", errors="replace").encode())
@@ -78,8 +79,8 @@ def _clean_text(opened: Opened) -> Opened:
     rows = [line for line in lines if _is_aligned(line)]
     is_aligned = any(b"  " in row.strip() or row.startswith(b" ") for row in rows)
     if not (is_aligned or ARRIVAL.search(head)):
-        return opened
-    with opened() as stream:
+        return open_text
+    with open_text() as stream:
         content = ARRIVAL.sub(b"", stream.read())
     if is_aligned:
         start, width = content.index(rows[0]), len(rows[0].split())
@@ -97,27 +98,27 @@ def _is_aligned(line: bytes) -> bool:
 
 def _insert_tabs(line: bytes, width: int) -> bytes:
     """Separate `width` names in a line with tabs; names may have single spaces."""
-    ways = (re.split(rb"[ \t]{2,}|\t", line.strip()), line.split())
-    return next((b"\t".join(cells) for cells in ways if len(cells) == width), line)
+    splits = (re.split(rb"[ \t]{2,}|\t", line.strip()), line.split())
+    return next((b"\t".join(cells) for cells in splits if len(cells) == width), line)
 
 
-def _drop_last_line(opened: Opened) -> pa.NativeFile:
-    with opened() as stream:
+def _drop_last_line(open_text: TextOpener) -> pa.NativeFile:
+    with open_text() as stream:
         content = stream.read()
     return pa.BufferReader(pa.py_buffer(content)[: content.rfind(b"\n") + 1])
 
 
-def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn]) -> dict[str, Array]:
+def _read_values(open_text: TextOpener, layout: Layout, columns: dict[str, FileColumn]) -> dict[str, Array]:
     names = [str(index) for index in range(len(layout.headers))]  # headers may repeat
-    kept = [names[column.index] for column in columns.values()]
+    column_names = [names[column.index] for column in columns.values()]
     types = {names[column.index]: _choose_cell_type(quantity, layout, column) for quantity, column in columns.items()}
-    first = layout.first[columns["time"].index]
-    if stamp := STAMP.fullmatch(first):
+    first_time = layout.first_cells[columns["time"].index]
+    if stamp := STAMP.fullmatch(first_time):
         types[names[columns["time"].index]] = pa.timestamp("ns", tz="UTC" if stamp["zone"] else None)
-    if is_spelt := bool(CLOCK.fullmatch(first) or (stamp and re.search("[,/]|[.].*:", first))):
+    if is_spelt := bool(CLOCK.fullmatch(first_time) or (stamp and re.search("[,/]|[.].*:", first_time))):
         types[names[columns["time"].index]] = pa.string()
     try:
-        with opened() as stream:
+        with open_text() as stream:
             stream.read(layout.offset)
             table = pacsv.read_csv(
                 stream,
@@ -127,7 +128,7 @@ def _read_values(opened: Opened, layout: Layout, columns: dict[str, FileColumn])
                     invalid_row_handler=lambda row: "skip" if row.text.lstrip().startswith("#") else "error",
                 ),
                 convert_options=pacsv.ConvertOptions(
-                    include_columns=kept,
+                    include_columns=column_names,
                     column_types=types,
                     null_values=EMPTY,
                     strings_can_be_null=True,
@@ -156,43 +157,43 @@ def _convert_times(column: pa.ChunkedArray) -> pa.ChunkedArray:
     if not is_clock:
         column = pc.replace_substring_regex(column, r"^(\d{4})[./](\d\d)[./]", r"\1-\2-")
         return pc.replace_substring_regex(column, r"\s*(Z|[+-]\d\d:?\d\d)$", "").cast(pa.timestamp("ns"))
-    is_afternoon, is_halved = (convert_series(pc.match_substring_regex(column, end)) for end in ("PM$", "[AP]M$"))
+    is_afternoon, has_half_days = (convert_series(pc.match_substring_regex(column, end)) for end in ("PM$", "[AP]M$"))
     parts = pc.split_pattern(pc.replace_substring_regex(column, r"^\S*\d{4}[. ]\s*|\s*[AP]M$", ""), ":")
     count = len(parts[0])
     seconds = sum(
         60.0 ** (count - 1 - k) * convert_series(pc.list_element(parts, k).cast(pa.float64())) for k in range(count)
     )
     if count == 3:
-        seconds = np.where(is_halved, seconds % (DAY / 2) + is_afternoon * DAY / 2, seconds)
+        seconds = np.where(has_half_days, seconds % (DAY / 2) + is_afternoon * DAY / 2, seconds)
         seconds = seconds + np.append(0.0, np.cumsum(np.where(np.diff(seconds) < -DAY / 2, DAY, 0.0)))
     return pa.chunked_array([seconds])
 
 
 def _choose_cell_type(quantity: str, layout: Layout, column: FileColumn) -> pa.DataType:
     """Return the type of a column's cells: numbers, booleans, or words that label segments."""
-    first = layout.first[column.index]
+    first = layout.first_cells[column.index]
     if quantity in ("enabled", "segment") and first in (*TRUE, *FALSE):
         return pa.bool_()
     return pa.string() if quantity == "segment" and first and not NUMBER.fullmatch(first) else pa.float64()
 
 
-def _refuse_cell(told: str, layout: Layout, columns: dict[str, FileColumn]) -> NoReturn:
+def _refuse_cell(error_text: str, layout: Layout, columns: dict[str, FileColumn]) -> NoReturn:
     """Refuse the cell or row at which pyarrow failed."""
-    if found := CELL.search(told):
-        (quantity,) = (column.quantity for column in columns.values() if column.index == int(found["column"]))
+    if match := CELL.search(error_text):
+        (quantity,) = (column.quantity for column in columns.values() if column.index == int(match["column"]))
         remedy = "repair or remove that row"
         if quantity == "time":
             remedy = "write seconds, or dates as 2026-03-01 12:00:00.250"
         if quantity in OPTIONAL:
             remedy += f", or leave the column out with {format_setting('columns', {quantity: NONE})}"
-        what = f"{quote_value(found['cell'])} as {quantity}, not a number"
-    elif found := WIDTH.search(told):
-        what = f"{found['found']} cells where the header has {found['wanted']}"
+        fault = f"{quote_value(match['cell'])} as {quantity}, not a number"
+    elif match := WIDTH.search(error_text):
+        fault = f"{match['count']} cells where the header has {match['expected']}"
         remedy = "separate cells by commas" if layout.delimiter == " " else "repair or remove that row"
-    elif "Empty CSV file" in told:
+    elif "Empty CSV file" in error_text:
         raise RecordingError("there is a header but no data: record it again")
     else:
         raise RecordingError(
-            f"the text cannot be split into cells ({shorten_error(told)}): write plain comma-separated numbers"
+            f"the text cannot be split into cells ({shorten_error(error_text)}): write plain comma-separated numbers"
         )
-    raise RecordingError(f"data row {found['row']} (header not counted) has {what}: {remedy}")
+    raise RecordingError(f"data row {match['row']} (header not counted) has {fault}: {remedy}")

@@ -40,8 +40,8 @@ TICKS = {
     "nanoseconds": "ns",
     "utime": "us",
 }  # of a clock
-CARRIERS = ("shaft", "pendulum", "arm", "dof")  # before an alias: what moves
-OF_ANY_JOINT = frozenset((*CARRIERS, "joint", "joints", "motor", "axis", "j", "id"))  # words that name no one joint
+CARRIERS = ("shaft", "pendulum", "arm", "dof")  # before an alias: the moving part
+JOINT_WORDS = frozenset((*CARRIERS, "joint", "joints", "motor", "axis", "j", "id"))  # words that name no one joint
 LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
 MEASURED = ("meas", "measured", "msr", "fbk", "feedback", "actual", "act", "actualvalue")  # before or after an alias
 ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
@@ -130,7 +130,7 @@ SI = {
     "enabled": "",
     "temperature": "deg C",
 }
-TOLD = {  # units in messages
+UNIT_NAMES = {  # units in messages
     "time": "s, ms, us, ns",
     "position": "rad, mrad, deg, rev, counts",
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
@@ -140,7 +140,7 @@ TOLD = {  # units in messages
     "supply": "V, mV",
     "temperature": "degC",
 }
-MOTOR = ("reference", "supply", "enabled", "load_torque")  # quantities of driven joints only
+DRIVEN_ONLY = ("reference", "supply", "enabled", "load_torque")  # quantities of driven joints only
 NO_TORQUE = frozenset(  # words in names of columns that are not torque
     "acceleration accel acc alpha ddq qdd qddot thetadd thetaddot gyro gyroscope x y z height distance energy kinetic "
     "potential counter count index idx id row no nr sample samples frame frames seq sequence step label comment note "
@@ -165,7 +165,7 @@ QUANTITIES = (  # quantities of a recording; the first three are required
     "load_torque",
 )
 OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "load_torque")
-SPARE = OPTIONAL[1:]  # the first matching column is used
+FIRST_MATCHING = OPTIONAL[1:]  # the first matching column is used
 
 
 class Rank(IntEnum):
@@ -226,7 +226,7 @@ class Reading:
     quantity: str  # empty if no words have a meaning
     unit: str | None
     rank: Rank
-    needs_gain: bool  # it is a current, a voltage or counts
+    is_raw: bool  # it is a current, a voltage or counts
     is_last: bool  # no word follows
     label: frozenset[str]
 
@@ -238,12 +238,12 @@ def split_words(name: str) -> list[str]:
 
 def find_label(joint: str) -> frozenset[str]:
     """Return the words of a joint's name that label its columns: `shoulder` and `pan` of `shoulder_pan_joint`."""
-    return frozenset(split_words(joint)) - OF_ANY_JOINT
+    return frozenset(split_words(joint)) - JOINT_WORDS
 
 
 @cache
 def read_words(name: str) -> Reading:
-    """Read the longest run of words with a meaning; numbers belong to the label, wherever they stand.
+    """Read the longest run of words with a meaning; numbers always belong to the label.
 
     A unit in brackets belongs to the run: with an unknown one, no words have a meaning.
     """
@@ -256,12 +256,12 @@ def read_words(name: str) -> Reading:
             text, is_last = "".join(words[start : start + length]), start + length == len(words)
             if has_unit and not is_last:
                 continue
-            others = numbers.union(words[:start], words[start + length :]) - OF_ANY_JOINT
-            if not others.isdisjoint(NO_TORQUE):  # `torque_error` is of no joint
+            label = numbers.union(words[:start], words[start + length :]) - JOINT_WORDS
+            if not label.isdisjoint(NO_TORQUE):  # `torque_error` is of no joint
                 continue
             if (match := find_name(text)) and (match[0] != "time" or len(text) > 2):  # `Motor T` is no time
-                return Reading(*match, needs_gain=False, is_last=is_last, label=others)
+                return Reading(*match, is_raw=False, is_last=is_last, label=label)
             for quantity, names in RAW_NAMES.items():
                 if any(text.removesuffix(unit) in names for unit in ("", *RAW[quantity])):
-                    return Reading(quantity, None, Rank.MEASURED, needs_gain=True, is_last=is_last, label=others)
-    return Reading("", None, Rank.MEASURED, needs_gain=False, is_last=False, label=numbers.union(words) - OF_ANY_JOINT)
+                    return Reading(quantity, None, Rank.MEASURED, is_raw=True, is_last=is_last, label=label)
+    return Reading("", None, Rank.MEASURED, is_raw=False, is_last=False, label=numbers.union(words) - JOINT_WORDS)

@@ -10,10 +10,10 @@ from typing import Any
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import NONE, guess_columns, is_told, parse_column, strip_units, write_unit
+from pendulum_env.recording.columns import NONE, guess_columns, has_column, parse_column, strip_units, write_unit
 from pendulum_env.recording.expression import NUMBER, Expression, parse_expression
 from pendulum_env.recording.preview import Preview, read_preview
-from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, TOLD, UNITS
+from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, UNIT_NAMES, UNITS
 from workbench.errors import write_option
 
 UNWRAP = "unwrap: undo jumps of a turn in position"
@@ -42,7 +42,7 @@ class ColumnChoice:
     @classmethod
     def parse(cls, role: str, expression: Expression) -> ColumnChoice:
         """Convert a parsed expression to a choice."""
-        gain = "".join([*(["*-1"] if expression.negative else []), *expression.factors])
+        gain = "".join([*(["*-1"] if expression.is_negative else []), *expression.factors])
         offset = (expression.offset or "") + ("" if expression.offset_unit is None else f":{expression.offset_unit}")
         return cls(role, expression.unit or "", gain + offset)
 
@@ -73,7 +73,7 @@ def get_quantity(role: str) -> str:
 def list_units(role: str) -> list[str]:
     """List the units accepted for a column of a role."""
     what = get_quantity(role)
-    return [*TOLD.get(what, "").split(", "), *LINEAR.get(what, {})] if what in TOLD else []
+    return [*UNIT_NAMES.get(what, "").split(", "), *LINEAR.get(what, {})] if what in UNIT_NAMES else []
 
 
 def describe_unit(role: str, text: str, headers: Sequence[str]) -> str:
@@ -86,7 +86,7 @@ def describe_unit(role: str, text: str, headers: Sequence[str]) -> str:
         return f"{write_unit(column.quantity, column.unit)} (named)"
     if not (unit := SI[get_quantity(role)]):
         return ""
-    return f"{unit} (after gain)" if column.is_unit_told else f"{unit} (assumed)"
+    return f"{unit} (after gain)" if column.has_unit else f"{unit} (assumed)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,5 +162,5 @@ class ColumnCard:
             columns[role] = choice.write_expression(header)
         if self.is_free and "torque" not in columns and not self.joints:
             columns["torque"] = NONE
-        others = [q for q in OPTIONAL if not (q in columns or self.joints) and is_told(q, self.preview.headers)]
+        others = [q for q in OPTIONAL if not (q in columns or self.joints) and has_column(q, self.preview.headers)]
         return replace(self.source, columns=columns | dict.fromkeys(others, NONE))

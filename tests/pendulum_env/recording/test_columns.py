@@ -19,14 +19,14 @@ FACTORS = st.lists(st.tuples(st.sampled_from(["*", "/", "*-", "/-"]), NUMBERS).m
 UNIT = st.none() | st.sampled_from(list(UNITS.values()))
 OFFSETS = st.tuples(st.tuples(st.sampled_from("+-"), NUMBERS).map("".join), UNIT) | st.just((None, None))
 EXPRESSIONS = st.builds(
-    lambda name, unit, factors, offset, negative: Expression(name, unit, factors, *offset, negative),
+    lambda name, unit, factors, offset, is_negative: Expression(name, unit, factors, *offset, is_negative),
     NAMES, UNIT, FACTORS, OFFSETS, st.booleans(),
 )  # fmt: skip
 
 
 @given(expression=EXPRESSIONS, others=st.lists(NAMES, max_size=3), column=st.floats(-1e3, 1e3))
 def test_what_is_written_is_read_back_and_does_what_python_makes_of_it(expression: Expression, others, column) -> None:
-    sign = "-" if expression.negative else ""
+    sign = "-" if expression.is_negative else ""
     expected = eval(f"{sign}{column!r}{''.join(expression.factors)}{expression.offset or ''}", {"pi": math.pi})
     assert expression.gain * column + expression.shift == pytest.approx(expected, rel=1e-9, abs=1e-9)
     text = str(expression)
@@ -69,8 +69,8 @@ def test_no_name_has_two_meanings() -> None:
 
 
 def test_units_that_people_are_told_of_are_understood() -> None:
-    for quantity, told in vocabulary.TOLD.items():
-        for unit in told.split(", "):
+    for quantity, names in vocabulary.UNIT_NAMES.items():
+        for unit in names.split(", "):
             named = {"time": "t", "position": "q", "torque": "tau"} | {quantity: f"x:{unit}*2"}
             assert find_columns(["t", "q", "tau", "x"], named)[quantity].unit is not None
 
@@ -80,7 +80,7 @@ def test_names_of_columns_come_first_and_the_longest_is_meant() -> None:
     assert [parse_expression(text, headers, UNITS).name for text in headers] == headers
     assert parse_expression("a-b*3", headers, UNITS) == Expression("a-b", factors=("*3",))
     assert parse_expression("a-1", headers, UNITS) == Expression("a", offset="-1")
-    assert parse_expression("- a", headers, UNITS) == Expression("a", negative=True)
+    assert parse_expression("- a", headers, UNITS) == Expression("a", is_negative=True)
     assert parse_expression("a : rad/s / 6 + 1 : deg", headers, UNITS) == Expression("a", "rad/s", ("/6",), "+1", "deg")
 
 
