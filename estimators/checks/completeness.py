@@ -40,7 +40,7 @@ def check_results(
         terms: terms of the model.
 
     Returns:
-        Windows, None for an arm or too little motion; findings; results, with biased estimates marked.
+        Windows, None for an arm or too little motion; findings; results, marked as biased if the model is incomplete.
     """
     if isinstance(terms[0].mechanism, Body):
         findings = find_driving_friction(next(iter(results.values())).model)
@@ -77,7 +77,7 @@ def _check_completeness(
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
     A residual above `AGREEMENT.unexplained` noise floors, or a difference of two schemes above `DISAGREEMENT` standard
-    errors, gives a finding. Estimates that differ between schemes are then marked as biased; of a single scheme, all.
+    errors, gives a finding. Each missing effect shifts all estimates, so all are then marked as biased.
 
     Returns:
         Findings, and the results with the marks.
@@ -87,16 +87,15 @@ def _check_completeness(
     limits = {at: AGREEMENT.unexplained * max(floors[at], data.compute_negligible_residual(at)) for at in rms_of_joints}
     ratios = {at: error / max(floors[at], 1e-300) for at, error in rms_of_joints.items() if error > limits[at]}
     gaps = sorted(_compute_scheme_differences(list(results.values())))
-    biased = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name
+    disagreements = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name
     numbers = {"residual": Quantity(max(ratios.values()))} if ratios else {}
-    numbers |= {"disagreement": Quantity(max(biased.values()))} if biased else {}
-    joints, names = (tuple(sorted(filter(None, sizes), key=lambda name: -sizes[name])) for sizes in (ratios, biased))
+    numbers |= {"disagreement": Quantity(max(disagreements.values()))} if disagreements else {}
+    joints, names = (
+        tuple(sorted(filter(None, sizes), key=lambda name: -sizes[name])) for sizes in (ratios, disagreements)
+    )
     if not numbers:
         return [], results
-    marked = {
-        id: replace(result, model=result.model.mark_biased(biased if len(results) > 1 else None))
-        for id, result in results.items()
-    }
+    marked = {id: replace(result, model=result.model.mark_biased()) for id, result in results.items()}
     return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
 
 

@@ -9,7 +9,7 @@ from functools import cached_property
 from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
-from estimators.findings import Finding, collect_withheld
+from estimators.findings import Finding, Kind, collect_withheld
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
@@ -73,14 +73,13 @@ class Identification(Mapping[str, Identified], Shown):
     def windows(self) -> Model:
         """Return the least-squares fit over windows, as in `compare` and `diagnose`.
 
-        Parameters that are biased in a scheme are marked. Parameters withheld by findings, and an insignificant
-        inertia, have no value.
+        The estimates of an incomplete model are marked as biased. Parameters withheld by findings, and an
+        insignificant inertia, have no value.
 
         Raises:
             IdentificationError: if `data` is None.
         """
-        first, *_ = models = [result.model for result in self.schemes.values()]
-        biased = {name for model in models for name, estimate in model.estimates.items() if estimate.is_biased}
+        first = next(iter(self.schemes.values())).model
         recordings = [] if self.data is None else [w.recording for w in self.data.windows]
         terms = make_swing_terms(first.terms, recordings) if recordings else first.terms
         unknown = collect_withheld(self.findings)
@@ -89,7 +88,8 @@ class Identification(Mapping[str, Identified], Shown):
         inertia = model.estimates.get("inertia")
         if inertia is not None and not inertia.is_significant:
             unknown.add("inertia")
-        return model.mark_biased(biased).withhold(unknown)
+        is_incomplete = any(finding.kind is Kind.INCOMPLETE for finding in self.findings)
+        return (model.mark_biased() if is_incomplete else model).withhold(unknown)
 
     def fit_windows(self, fit: Callable[[TorqueWindows], Model]) -> Model:
         """Fit a model to the windows by `fit`; return it in the unit of the recorded torque, with the torque constant.

@@ -229,13 +229,9 @@ class Model(Mapping[str, Estimate], Shown):
         (term,) = (term for term in self.terms if term.id == id)
         return {name: self.estimates[name] for name in term.parameter_names}
 
-    def mark_biased(self, names: Container[str] | None = None) -> Self:
-        """Return the model with estimates, by default all, marked as biased by a missing effect."""
-        estimates = {
-            name: replace(e, is_biased=True) if names is None or name in names else e
-            for name, e in self.estimates.items()
-        }
-        return replace(self, estimates=estimates)
+    def mark_biased(self) -> Self:
+        """Return the model with all estimates marked as biased by a missing effect."""
+        return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
 
     def withhold(self, names: Container[str]) -> Self:
         """Return the model with some parameters marked as unknown, because the data do not determine them."""

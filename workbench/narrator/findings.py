@@ -220,7 +220,7 @@ def _describe_incomplete(finding: Finding) -> str:
         size = f"{finding.numbers['disagreement'].value:.2g} standard errors"
         several = "up to " * (len(finding.parameters) > 1)
         parts.append(f"the schemes disagree on {join_words(finding.parameters)} by {several}{size}")
-    return f"The model is incomplete: {', and '.join(parts)}. The standard errors do not include the bias."
+    return f"The model is incomplete: {', and '.join(parts)}. All estimates are biased."
 
 
 def describe_violations(finding: Finding) -> list[str]:
