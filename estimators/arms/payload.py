@@ -307,7 +307,7 @@ def _compute_center(values: Array, covariance: Array) -> dict[str, Estimate]:
         return center
     for n, axis in enumerate("xyz", 1):
         slope = np.array([-values[n] / mass**2, 1 / mass])
-        variance = slope @ covariance[np.ix_([0, n], [0, n])] @ slope
+        variance = max(0.0, slope @ covariance[np.ix_([0, n], [0, n])] @ slope)  # below 0 by rounding
         center[axis] = Estimate(float(values[n] / mass), float(np.sqrt(variance)), "m")
     return center
 
