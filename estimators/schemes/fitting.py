@@ -141,7 +141,7 @@ def fit_schemes(
         if len(np.unique(data.clusters[data.usable])) < MIN_CLUSTERS:
             raise IdentificationError(
                 f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "
-                "motion"
+                "motion, or at a higher rate"
             )
         idle_joints = np.setdiff1d(data.joint, data.joint[data.usable])
         if len(idle_joints):

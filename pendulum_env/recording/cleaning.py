@@ -36,7 +36,7 @@ class CleaningSettings:
     repeated_step: float = 1e-6  # largest step of a repeated time, as share of the median step
     steady_tolerance: float = 0.25  # largest relative difference of equal steps
     lost_ratio: float = 1.5  # least ratio of steps across lost cells to steps between rows
-    least_tilt: float = 0.2  # least sine of the angle from equilibrium of a joint that is held
+    least_tilt: float = 0.2  # [rad], least angle from equilibrium of a joint that is held
     longest_hold: float = 0.1  # [s], twice the shortest initial hold
     least_steps: int = 20  # least number of smallest steps of a column with rounded values
 
@@ -223,14 +223,18 @@ def drop_initial_hold(log: Log, position: Array) -> None:
     """Remove the samples of a free swing before its release, with the joint at rest away from equilibrium.
 
     After the release, position (N,) moves by a t^2 / 2: the time of the release follows from the times of the
-    displacements d and 9 d. The median of position is the equilibrium.
+    displacements d and 9 d. It moves by tan(e) (cosh(w t) - 1) if it falls from an angle e from upright. The median of
+    position is the equilibrium.
     """
     time = log.values["time"] - log.values["time"][0]
-    travel = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / np.ptp(position)
-    if abs(np.sin(position[0] - np.median(position))) < CLEANING.least_tilt:
+    span, tilt = float(np.ptp(position)), float(position[0] - np.median(position))
+    travel = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / span
+    if np.cos(tilt) > np.cos(CLEANING.least_tilt):
         return
-    near, far = (float(time[np.argmax(travel > share)]) for share in (0.01, 0.09))
-    release = (3 * near - far) / 2
+    shares = np.array([0.01, 0.09])
+    near, far = (float(time[np.argmax(travel > share)]) for share in shares)
+    times = np.arccosh(1 + shares * span / abs(np.tan(tilt))) if np.cos(tilt) < 0 else np.sqrt(shares)
+    release = float((times[1] * near - times[0] * far) / (times[1] - times[0]))
     if release > max(CLEANING.longest_hold, far - release) / 2:
         log.notes.append(Note(NoteKind.HELD_AT_FIRST, ("position",), {"time": Quantity(release, unit="s")}))
         log.keep_rows(time >= release)

@@ -54,7 +54,7 @@ def test_a_column_that_may_be_the_torque_is_asked_for(tmp_path: Path, name: str)
 
 @pytest.mark.parametrize(
     ("start", "hold", "torque"),
-    [(1.3, 0.62, 0.0), (2.8, 0.3, 0.0), (1.3, 0.0, 0.0), (3.12, 0.0, 0.0), (1.3, 0.62, 1e-12)],
+    [(1.3, 0.62, 0.0), (2.8, 0.3, 0.0), (3.0, 0.5, 0.0), (1.3, 0.0, 0.0), (3.12, 0.0, 0.0), (1.3, 0.62, 1e-12)],
 )
 def test_rest_before_the_release_is_left_out(start: float, hold: float, torque: float) -> None:
     def slope(_: float, state: np.ndarray) -> list[float]:
