@@ -1,13 +1,14 @@
 """Check output paths, and write files completely or not at all."""
 
 import errno
+import json
 import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 
 def check_output(path: str | Path) -> Path:
@@ -34,6 +35,12 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     """
     with replace_file(path) as file:
         file.write(content.encode() if isinstance(content, str) else content)
+
+
+def format_json(content: Any) -> str:
+    """Format data as strict JSON, with null for each number that is not finite."""
+    finite = json.loads(json.dumps(content), parse_constant=lambda _: None)
+    return json.dumps(finite, indent=1) + "\n"
 
 
 @contextmanager

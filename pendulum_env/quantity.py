@@ -1,7 +1,7 @@
 """Numbers with standard error and unit."""
 
+import math
 from dataclasses import dataclass
-from math import isfinite
 
 from pendulum_env._typing import JSON
 
@@ -16,5 +16,9 @@ class Quantity:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON, with null for a number that is not finite."""
-        value, std = (number if isfinite(number) else None for number in (self.value, self.std))
-        return {"value": value, "std": std, "unit": self.unit}
+        return {"value": get_finite(self.value), "std": get_finite(self.std), "unit": self.unit}
+
+
+def get_finite(number: float | None) -> float | None:
+    """Return a number for JSON, or None, which is null, for a number that is not finite."""
+    return None if number is None or not math.isfinite(number) else float(number)

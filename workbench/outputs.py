@@ -1,6 +1,5 @@
 """Files that a command writes."""
 
-import json
 import os
 from collections.abc import Sequence
 from importlib import import_module
@@ -9,7 +8,7 @@ from typing import Any
 
 from estimators.findings import Finding, Kind
 from pendulum_env._typing import JSON
-from pendulum_env.files import check_output, write_whole
+from pendulum_env.files import check_output, format_json, write_whole
 from pendulum_env.formatting import format_estimate, join_words
 from pendulum_env.physics import Model
 from workbench.errors import InputError
@@ -56,7 +55,7 @@ def write_model(model: Model, path: str | None, terminal: Terminal, findings: Se
 def write_json(path: str | None, content: JSON) -> None:
     """Write data as JSON, if a path is given."""
     if path is not None:
-        write_whole(path, json.dumps(content, indent=1) + "\n")
+        write_whole(path, format_json(content))
 
 
 def write_page(path: str | None, terminal: Terminal, page: str, *shown: Any) -> None:

@@ -188,10 +188,9 @@ class Alignment:
 
     def json(self) -> JSON:
         """Return delay and lag as a dictionary for JSON, signed as in `Channel`; an unknown standard error is null."""
-        errors = [std if np.isfinite(std) else None for std in (self.delay_std, self.lag_std)]
         return {
-            "delay": {"value": self.delay, "std": errors[0], "unit": "s"},
-            "lag": {"value": self.lag, "std": errors[1], "unit": "s"},
+            "delay": Quantity(self.delay, self.delay_std, "s").json(),
+            "lag": Quantity(self.lag, self.lag_std, "s").json(),
             "sampled": self.channel.is_sampled,
         }
 

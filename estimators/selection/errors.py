@@ -11,6 +11,7 @@ import numpy as np
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Term, list_loads
+from pendulum_env.quantity import get_finite
 from pendulum_env.units import to_shown_unit
 
 Terms = tuple[Term, ...]
@@ -190,7 +191,7 @@ class Gate:
     def json(self) -> JSON:
         """Return a dictionary for JSON; numbers that are not finite become null."""
         numbers = {"value": self.value, "limit": self.limit, "std": self.std}
-        finite = {name: x if x is not None and np.isfinite(x) else None for name, x in numbers.items()}
+        finite = {name: get_finite(number) for name, number in numbers.items()}
         return {"name": self.name, **finite, "unit": self.unit, "passed": self.passed}
 
 

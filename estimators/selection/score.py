@@ -29,6 +29,7 @@ from estimators.data.rows import BLOCK, FOLDS, RowLayout
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
 from pendulum_env._typing import JSON, Array, Index
+from pendulum_env.quantity import get_finite
 
 NU = 4.0  # degrees of freedom of Student's t
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # its density at zero
@@ -197,8 +198,7 @@ class Gain:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; an infinite error becomes null."""
-        error = self.error if np.isfinite(self.error) else None
-        return {"total": self.total, "error": error, "chance": self.p_value}
+        return {"total": self.total, "error": get_finite(self.error), "chance": self.p_value}
 
 
 class Bootstrap:

@@ -8,6 +8,7 @@ import numpy as np
 from estimators.findings import Finding
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Samples
+from pendulum_env.quantity import get_finite
 from pendulum_env.units import TURNING, JointUnits
 
 AXES = {"position": "rad", "velocity": "rad/s", "torque": "N m", "time": "s"}
@@ -91,12 +92,11 @@ class Region:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; an infinite limit becomes null, and `unit` belongs to the axis."""
-        low, high = (limit if np.isfinite(limit) else None for limit in (self.low, self.high))
         return {
             "joint": self.at,
             "axis": self.axis,
-            "low": low,
-            "high": high,
+            "low": get_finite(self.low),
+            "high": get_finite(self.high),
             "unit": self.unit,
             "residual": self.residual,
             "significance": self.significance,

@@ -10,22 +10,20 @@ import numpy as np
 from pendulum_env._typing import JSON, Array
 from pendulum_env.formatting import format_estimate
 from pendulum_env.physics.term import Term
+from pendulum_env.quantity import Quantity
 from pendulum_env.units import JointUnits, to_shown_unit
 
 SIGNIFICANT = 3.0  # standard errors from zero of a significant parameter
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate:
+class Estimate(Quantity):
     """Value of a parameter with its standard error, both in `unit`; the error is 0 for a value that was not estimated.
 
     It is also 0 for a value at a bound, which noise did not determine. If the model lacks an effect, the value is
     biased by an unknown amount, and the standard error covers only the noise.
     """
 
-    value: float
-    std: float
-    unit: str
     at_bound: bool = field(default=False, compare=False)
     is_biased: bool = field(default=False, compare=False)
     is_unknown: bool = field(default=False, compare=False)  # whether the data do not determine the value
@@ -68,8 +66,8 @@ class Estimate:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON, with flags for a biased or unknown value."""
-        data: JSON = {"value": self.value, "std": self.std, "unit": self.unit}
-        return data | {key: True for key, so in (("biased", self.is_biased), ("unknown", self.is_unknown)) if so}
+        flags = {"biased": self.is_biased, "unknown": self.is_unknown}
+        return super().json() | {key: True for key, is_set in flags.items() if is_set}
 
 
 def shorten_name(name: str) -> str:

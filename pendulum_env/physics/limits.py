@@ -11,6 +11,7 @@ import numpy as np
 
 from pendulum_env.errors import UserError
 from pendulum_env.physics.term import Column, NonlinearParameter, Term, derive_kind
+from pendulum_env.quantity import get_finite
 from pendulum_env.reading import quote_value
 
 Limits = Mapping[str, tuple[float, float]]  # least and largest value by name, `gravity` or `cogging.order`
@@ -104,7 +105,7 @@ def collect_limits(terms: Iterable[Term]) -> dict[str, tuple[float, float]]:
 
 def write_limits(limits: Limits) -> dict[str, list[float | None]]:
     """Convert limits to bounds for JSON: `[low, high]`, with null for an infinite limit."""
-    return {name: [end if np.isfinite(end) else None for end in ends] for name, ends in limits.items()}
+    return {name: [*map(get_finite, ends)] for name, ends in limits.items()}
 
 
 def limit_term(term: Term, limits: Limits) -> Term:

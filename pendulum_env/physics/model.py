@@ -157,6 +157,12 @@ class Model(Mapping[str, Estimate], Shown):
         std = np.array([estimate.std for estimate in self.estimates.values()])
         return np.diag(std**2) if self.covariance is None else self.covariance
 
+    def _select_determined(self) -> tuple[list[str], Array]:
+        """Return the names of the D estimates with a finite standard error, and their covariance (D, D)."""
+        is_finite = np.isfinite([estimate.std for estimate in self.estimates.values()])
+        names = [name for name, known in zip(self.estimates, is_finite, strict=True) if known]
+        return names, self.assumed_covariance[np.ix_(is_finite, is_finite)]
+
     def with_covariance(self, names: Sequence[str], covariance: Array) -> Self:
         """Return the model with the correlations of a covariance (Q, Q) of the named parameters."""
         std = np.sqrt(np.diag(covariance))
@@ -178,10 +184,8 @@ class Model(Mapping[str, Estimate], Shown):
 
         Infinite standard errors stay infinite, without correlations.
         """
-        is_finite = np.isfinite([estimate.std for estimate in self.estimates.values()])
-        names = [name for name, known in zip(self.estimates, is_finite, strict=True) if known]
+        names, covariance = self._select_determined()
         steps = np.array([[change.get(name, 0.0) for name in names] for change in changes])
-        covariance = self.assumed_covariance[np.ix_(is_finite, is_finite)]
         return self.with_errors(names, covariance + steps.T @ steps) if steps.any() else self
 
     @property
@@ -276,7 +280,8 @@ class Model(Mapping[str, Estimate], Shown):
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
-        described, covariance = describe_terms(self.terms), self.covariance
+        described = describe_terms(self.terms)
+        names, covariance = self._select_determined()
         data: JSON = {
             "schema": SCHEMA,
             "terms": [term.id for term in self.terms],
@@ -287,9 +292,7 @@ class Model(Mapping[str, Estimate], Shown):
             "torque_constant": None if self.torque_constant is None else self.torque_constant.json(),
             "log_format": dict(self.log_format),
             "limits": described["limits"],
-            "covariance": {}
-            if covariance is None
-            else {"parameters": list(self.estimates), "matrix": covariance.tolist()},
+            "covariance": {"parameters": names, "matrix": covariance.tolist()} if names and self.correlation else {},
         }
         return {key: value for key, value in data.items() if value or key in ("terms", "theta")}
 
@@ -320,7 +323,8 @@ class Model(Mapping[str, Estimate], Shown):
         )
         if covariance is None:
             return model
-        return model.with_covariance(list(estimates), covariance.read(list(estimates)))
+        determined = [name for name, estimate in estimates.items() if np.isfinite(estimate.std)]
+        return model.with_covariance(determined, covariance.read(determined))
 
     def save(self, path: str | Path) -> None:
         """Write the model as a JSON file."""

@@ -1,6 +1,5 @@
 """Content of model files, and its checks."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +10,7 @@ from msgspec.structs import asdict
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import FileError, UserError
-from pendulum_env.files import write_whole
+from pendulum_env.files import format_json, write_whole
 from pendulum_env.lookup import UnknownName
 from pendulum_env.physics import library
 from pendulum_env.physics.estimate import Estimate
@@ -34,18 +33,19 @@ class ParameterFile(Struct):
     """Parameter in a model file."""
 
     value: Number
-    std: Annotated[float, Meta(ge=0.0, le=1e100)] | None = None  # large if undetermined; the square is finite
+    std: Annotated[float, Meta(ge=0.0, le=1e100)] | None = 0.0  # null if undetermined; the square is finite
     unit: str | None = None
     biased: bool | None = None
     unknown: bool | None = None
 
     def estimate(self, unit: str) -> Estimate:
         """Return the estimate in the given unit."""
-        return Estimate(self.value, self.std or 0.0, unit, is_biased=bool(self.biased), is_unknown=bool(self.unknown))
+        std = np.inf if self.std is None else self.std
+        return Estimate(self.value, std, unit, is_biased=bool(self.biased), is_unknown=bool(self.unknown))
 
 
 class Covariance(Struct):
-    """Covariance of all parameters in a model file."""
+    """Covariance of all parameters with a finite standard error in a model file."""
 
     parameters: list[str]
     matrix: list[list[Annotated[float, Meta(ge=-1e200, le=1e200)]]]  # squares of large errors
@@ -127,7 +127,7 @@ def read_model(path: str | Path) -> Any:
 
 def write_model(path: str | Path, content: JSON) -> None:
     """Write the JSON of a model file."""
-    write_whole(path, json.dumps(content, indent=1) + "\n")
+    write_whole(path, format_json(content))
 
 
 def _build_term(id: str, data: ModelFile, find: Callable[[str], type[Term]]) -> Term:

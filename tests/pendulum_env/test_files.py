@@ -1,5 +1,6 @@
 """Files that are written whole, to places that were checked."""
 
+import json
 import os
 import stat
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pendulum_env.files import check_output, write_whole
+from pendulum_env.files import check_output, format_json, write_whole
 from pendulum_env.recording import Recording, RecordingError, write_recording
 from tests.disks import full_after
 
@@ -18,6 +19,11 @@ def test_a_file_is_replaced_and_nothing_else_is_left(tmp_path):
         write_whole(path, text)
         assert path.read_text(encoding="utf-8") == text
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_numbers_that_are_not_finite_become_null():
+    content = {"a": [1e-320, np.float64(0.1), np.inf, -np.inf, np.nan, "NaN"], "b": 1 / 3}
+    assert json.loads(format_json(content)) == {"a": [1e-320, 0.1, None, None, None, "NaN"], "b": 1 / 3}
 
 
 def test_a_write_that_fails_or_a_disk_that_is_full_leaves_the_old_file(tmp_path):

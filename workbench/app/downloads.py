@@ -1,14 +1,13 @@
 """Files to download, and the command lines equivalent to a session."""
 
-import json
 import shlex
 import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from estimators.schemes.result import SAVED_SCHEME
+from pendulum_env.files import format_json
 from pendulum_env.lookup import find
 from pendulum_env.recording.study import collect_log_format, write_study
 from workbench.app.state import State, list_added
@@ -67,13 +66,9 @@ def write_study_text(state: State) -> str:
         return file.read_text(encoding="utf-8")
 
 
-def _format_json(content: Any) -> str:
-    return json.dumps(content, indent=1) + "\n"
-
-
 def _write_model(state: State) -> str:
     fitted = [item.recording for item in state.loaded if not item.held_out]
-    return _format_json(replace(state.model, log_format=collect_log_format(fitted)).json())
+    return format_json(replace(state.model, log_format=collect_log_format(fitted)).json())
 
 
 def _write_experiment(state: State) -> str:
@@ -85,7 +80,7 @@ def _write_experiment(state: State) -> str:
 FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # file name and content of each download
     "report": (REPORT, lambda state: render(state.result, write_commands(state))),
     "model": (MODEL, _write_model),
-    "diagnosis": (DIAGNOSIS, lambda state: _format_json(write_diagnosis(state.result))),
+    "diagnosis": (DIAGNOSIS, lambda state: format_json(write_diagnosis(state.result))),
     "experiment": (EXPERIMENT, _write_experiment),
     "study": (STUDY, write_study_text),
 }

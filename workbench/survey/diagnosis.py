@@ -8,13 +8,12 @@ from argparse import Namespace
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from estimators import Diagnosis, diagnose
 from estimators.findings import Kind
 from pendulum_env._typing import JSON
 from pendulum_env.errors import format_error
 from pendulum_env.physics.plugin import describe_fault, load_plugin
+from pendulum_env.quantity import get_finite
 from pendulum_env.recording import Source
 from workbench.cli import find_version
 from workbench.errors import USER_ERRORS, InputError, format_mistake
@@ -121,16 +120,16 @@ def make_rows(diagnosis: Diagnosis) -> list[JSON]:
                 "small_effects": ", ".join(effect for at, effect in small if at == joint),
                 "unexplained": any(region.at == joint for region in diagnosis.unexplained),
                 "biased": any(parameter.is_biased for parameter in parameters.values()),
-                "error_before": _get_finite(first.get_joint_error(joint)),
-                "error_after": _get_finite(last.get_joint_error(joint)),
-                "noise_floor": _get_finite(diagnosis.floors[joint]),
+                "error_before": get_finite(first.get_joint_error(joint)),
+                "error_after": get_finite(last.get_joint_error(joint)),
+                "noise_floor": get_finite(diagnosis.floors[joint]),
                 "error_unit": diagnosis.unit_at(joint),
-                "position_rms_before": _get_finite(first.position_rms),
-                "position_rms_after": _get_finite(last.position_rms),
+                "position_rms_before": get_finite(first.position_rms),
+                "position_rms_after": get_finite(last.position_rms),
                 "parameters": {
                     name: {
-                        "value": None if parameter.is_unknown else _get_finite(parameter.value),
-                        "std": None if parameter.is_unknown else _get_finite(parameter.std),
+                        "value": None if parameter.is_unknown else get_finite(parameter.value),
+                        "std": None if parameter.is_unknown else get_finite(parameter.std),
                         "unit": parameter.unit,
                     }
                     for name, parameter in parameters.items()
@@ -146,7 +145,3 @@ def _split_joint(name: str, joints: tuple[str, ...]) -> tuple[str, str]:
     matching = [joint for joint in joints if place == joint or place.startswith((f"{joint}.", f"{joint},"))]
     joint = max(matching, key=len, default=joints[0])
     return joint, name.replace(f"@{joint}", "", 1)
-
-
-def _get_finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

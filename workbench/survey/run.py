@@ -4,7 +4,6 @@ The file name of a result is a hash of the recording's content and the settings,
 if the recording was moved. Failed recordings are not cached.
 """
 
-import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pendulum_env._typing import JSON
-from pendulum_env.files import write_whole
+from pendulum_env.files import format_json, write_whole
 from pendulum_env.recording import Source
 from pendulum_env.settings import use_writer
 from workbench.errors import InputError, write_option
@@ -53,7 +52,7 @@ def run_survey(
 
     def keep(k: int, result: JSON) -> None:
         if "error" not in result and hashes[k] is not None:
-            write_whole(files[k], json.dumps(result))
+            write_whole(files[k], format_json(result))
         results[k] = result
         tell(len(results), len(found))
 

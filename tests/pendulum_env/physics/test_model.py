@@ -160,6 +160,18 @@ def test_an_infinite_standard_error_stays_if_errors_are_added():
     assert model.correlation[0] == pytest.approx((1.0, 0.0, -8 / 9, 0.0))
 
 
+def test_an_infinite_standard_error_is_null_in_a_file_and_is_read_again(tmp_path):
+    model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9], [0.01, np.inf, 0.01, 0.0]).add_errors(
+        {"inertia": 0.02, "viscous": 0.02}
+    )
+    model.save(tmp_path / "model.json")
+    content = json.loads((tmp_path / "model.json").read_text(), parse_constant=pytest.fail)  # strict JSON
+    assert content["theta"]["gravity"]["std"] is None
+    found = Model.load(tmp_path / "model.json")
+    assert found == model
+    np.testing.assert_allclose(found.covariance, model.covariance, rtol=1e-12)
+
+
 def test_a_model_at_other_values_has_them_in_estimates_and_terms():
     model = Model.build(BASE, [0.1, 2.0, 0.4, 0.9]).add(effect("stribeck")(0.5), 0.3)
     other = model.with_values({"stribeck.stribeck_velocity": 0.8, "gravity": 1.0})
