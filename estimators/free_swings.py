@@ -93,7 +93,7 @@ def _compute_ratios(recordings: Sequence[Recording]) -> Array:
 def fit_inertia(recordings: Sequence[Recording]) -> float:
     """Return the inertia [kg m^2] by a fit of the base model to recordings with torque; 0 if they are too short."""
     try:
-        return TorqueRows(prepare_windows(recordings)).base_inertia
+        return prepare_windows(recordings).base_inertia
     except IdentificationError:
         return 0.0
 

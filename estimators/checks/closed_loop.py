@@ -20,7 +20,6 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.memoize import memoized
 from estimators.regression.least_squares import Equations, solve, solve_least_squares
 from estimators.selection.criterion import Criterion
-from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
@@ -94,7 +93,7 @@ def is_consistent(
     size, untimed_size = float(np.linalg.norm(residual)), float(np.linalg.norm(untimed))
     if size**2 <= (1 - Criterion.explained_share) * untimed_size**2 and not find_feedback(recordings):
         return True
-    inertia = TorqueRows(data).base_inertia
+    inertia = data.base_inertia
     floor = max(data.precision(), min(w.noise(inertia) for w in data.windows))  # weights are relative to the least
     freedom = max(1, len(residual) - parameters)
     return bool(size <= Criterion.misfit * floor * freedom**0.5)

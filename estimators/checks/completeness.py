@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from estimators.checks.closed_loop import find_feedback
-from estimators.checks.homogeneity import AGREEMENT, RecordingFit, find_disagreements, find_misfits, fit_each_recording
+from estimators.checks.homogeneity import RecordingFit, find_disagreements, find_misfits, fit_each_recording
 from estimators.checks.remedies import find_wrong_columns
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
@@ -18,7 +18,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.physical import find_driving_friction
-from estimators.weak_form.torque_windows import TorqueWindows, prepare_windows
+from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows, prepare_windows
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
 
@@ -76,7 +76,7 @@ def _check_completeness(
 ) -> tuple[list[Finding], Results]:
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
-    A residual above `AGREEMENT.unexplained` noise floors, or a difference of two schemes above `DISAGREEMENT` standard
+    A residual above `WEAK_FORM.unexplained` noise floors, or a difference of two schemes above `DISAGREEMENT` standard
     errors, gives a finding. Each missing effect shifts all estimates, so all are then marked as biased.
 
     Returns:
@@ -84,7 +84,7 @@ def _check_completeness(
     """
     data, floors = regression_data.data, regression_data.floors
     rms_of_joints = regression_data.joint_errors(regression_data.residual(terms))
-    limits = {at: AGREEMENT.unexplained * max(floors[at], data.compute_negligible_residual(at)) for at in rms_of_joints}
+    limits = {at: WEAK_FORM.unexplained * max(floors[at], data.compute_negligible_residual(at)) for at in rms_of_joints}
     ratios = {at: error / max(floors[at], 1e-300) for at, error in rms_of_joints.items() if error > limits[at]}
     gaps = sorted(_compute_scheme_differences(list(results.values())))
     disagreements = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name

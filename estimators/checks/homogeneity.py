@@ -18,7 +18,7 @@ import scipy
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import Equations, invert_covariance, solve
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import TorqueWindows
+from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
 from pendulum_env.recording.channel import NEWTON_METRE
@@ -35,7 +35,6 @@ class AgreementSettings:
     min_freedom: int = 6  # least number of clusters beyond the number of parameters of a compared recording
     max_condition: float = 1e4  # largest condition number of the regressor of a compared recording
     explained: float = 1.3  # largest residual of a complete model [noise floors]
-    unexplained: float = 2.0  # residual above which the model lacks an effect [noise floors]
 
 
 AGREEMENT = AgreementSettings()
@@ -236,10 +235,10 @@ def _select_differing(
 def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     """Find the recordings that the terms do not explain; none if fewer recordings are explained.
 
-    A recording with a residual between the limits `explained` and `unexplained` is neither explained nor unexplained.
+    A residual between `AGREEMENT.explained` and `WEAK_FORM.unexplained` noise floors is neither explained nor not.
     """
     others = tuple(fit.name for fit in fits if fit.is_explained)
-    poor = [fit for fit in fits if fit.noise_ratio > AGREEMENT.unexplained]
+    poor = [fit for fit in fits if fit.noise_ratio > WEAK_FORM.unexplained]
     if len(others) < len(poor):
         return ()
     units = [fit.units.unit(NEWTON_METRE) for fit in poor]

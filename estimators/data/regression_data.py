@@ -185,7 +185,7 @@ class RegressionData:
         """Return the inertia at each joint under a base model, by the joint's name [kg m^2], mean over the motion."""
         links, data = base[0], self.data
         if links.id not in data.shared_columns:
-            return {at: self.torque.select_joint(at).base_inertia for at in data.joints}
+            return {at: data.part(at).base_inertia for at in data.joints}
         theta = self.torque.solve(base)[: len(links.columns)]
         return dict(zip(data.joints, np.abs(data.shared_columns[links.id].inertia @ theta).tolist(), strict=True))
 

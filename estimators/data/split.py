@@ -105,7 +105,7 @@ def make_contact_finder(data: Parts, terms: Sequence[Term]) -> Callable[[Regress
     """Return a function that adds windows in contact with a stop to data, by a fit of terms without a link."""
     fit = fit_terms(data[0], terms)[1]
     count = len(fit.theta)
-    fit_arguments = terms, fit.theta, fit.covariance[:count, :count], data[0].torque.base_inertia
+    fit_arguments = terms, fit.theta, fit.covariance[:count, :count], data[0].data.base_inertia
     lows, highs = zip(*(part.data.find_free_range(*fit_arguments) for part in data), strict=True)
     free = min(lows), max(highs)
     return lambda part: replace(part, data=part.data.with_contacts(*fit_arguments, free))

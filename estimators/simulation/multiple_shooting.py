@@ -49,7 +49,7 @@ MAX_SEGMENTS = 120  # approximate largest number of segments in a fit of paramet
 SHOOTING_DIFFERENCE = 1e-2  # relative change of a parameter for derivatives
 SHOOTING_SHARES = (1.0, 0.4, 0.1, 0.0)  # tried shares of a step of the parameters
 MAX_CHANGE = 0.3  # largest relative change of a parameter in a step
-STEP_DAMPING = 1e-4  # damping of a step of the parameters
+SHOOTING_DAMPING = 1e-4  # damping of a step of the parameters
 MAX_ITERATIONS = 25  # largest number of iterations
 TRIAL_ITERATIONS = 6  # largest number of iterations of each compared start
 STIFFNESS_FACTORS = (1.0, 1.8)  # factors on the contact's stiffness at the starts of a fit
@@ -323,7 +323,7 @@ def fit_shooting(shootings: Sequence[Shooting], point: Point, iterations: int = 
             cost = sum(float(w @ squares) for w, (_, squares) in zip(slopes.weights, restarted, strict=True))
         return FittedShooting(points[k], tuple(shootings), cost), cost
 
-    rule = StopRule(iterations, (STEP_DAMPING,), of_cost=MIN_GAIN, patience=PATIENCE)
+    rule = StopRule(iterations, (SHOOTING_DAMPING,), of_cost=MIN_GAIN, patience=PATIENCE)
     return gauss_newton(FittedShooting(point, tuple(shootings)), linearise, choose_step, rule)
 
 

@@ -30,7 +30,7 @@ from pendulum_env.physics import Model
 
 DRAWS = 16  # number of noise draws; ratios to a mean of fewer draws are biased
 OUTPUT_ERROR_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
-STEP_DAMPING = 1e-6  # damping of this step
+OUTPUT_ERROR_DAMPING = 1e-6  # damping of this step
 OUTPUT_ERROR_DIFFERENCE = 1e-3  # relative change of a parameter for derivatives
 MAX_STEP_FROM_ZERO = 0.5  # largest step of a parameter from zero, in the unit of the parameter
 MIN_SIZE = 1e-3  # least size to which changes of a parameter are relative, in the unit of the parameter
@@ -146,7 +146,7 @@ def minimise(errors_of: ErrorsOf, start: Point, iterations: int = 12) -> Point:
         points = [local.known.with_values(values + share * step) for share in OUTPUT_ERROR_SHARES]
         return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
-    return gauss_newton(start, linearise, choose_step, StopRule(iterations, (STEP_DAMPING,), by_offset=True))
+    return gauss_newton(start, linearise, choose_step, StopRule(iterations, (OUTPUT_ERROR_DAMPING,), by_offset=True))
 
 
 def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:

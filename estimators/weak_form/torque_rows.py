@@ -22,9 +22,9 @@ from estimators.regression.fold_grams import (
     solve_all_folds,
     solve_each_fold,
 )
-from estimators.regression.least_squares import solve, weigh_recordings
+from estimators.regression.least_squares import weigh_recordings
 from estimators.search_hints import find_hints, is_possible
-from estimators.weak_form.columns import has_known_parameter, is_torque_dependent, list_bounds, list_law_bounds
+from estimators.weak_form.columns import has_known_parameter, is_torque_dependent, list_bounds
 from estimators.weak_form.nonlinear import (
     ResidualFunction,
     compute_nonlinear_slopes,
@@ -157,8 +157,7 @@ class TorqueRows:
         data = self.data
         if any(w.at or w.recording.known_inertia for w in data.windows):
             return np.zeros(len(data.weights))
-        fit = solve(data.equations(data.base_terms), data.weights, data.clusters)
-        inertia = max(float(fit.theta[0] - SIGNIFICANT * fit.std[0]), 0.0)
+        inertia = max(float(data.base_fit.theta[0] - SIGNIFICANT * data.base_fit.std[0]), 0.0)
         if inertia == 0.0:
             return np.zeros(len(data.weights))
         of_torque = np.array([w.torque_noise for w in data.windows])
@@ -360,17 +359,6 @@ class TorqueRows:
         owner = self.data.recording_of_window
         counts = np.bincount(owner, minlength=len(self.data.windows))
         return np.bincount(owner, self.data.weights, len(counts)) / np.maximum(counts, 1)
-
-    @cached_property
-    def base_inertia(self) -> float:
-        """Inertia [kg m^2] by the base model without contacts, or the largest if known in all recordings."""
-        if all(known := [w.recording.known_inertia for w in self.data.windows]):
-            return max(known)
-        if self.data.contacts:
-            return TorqueRows(self.data.without_contacts).base_inertia
-        # below zero if the sign of torque is wrong
-        theta = self.equations(self.data.base_terms).with_bounds(*list_law_bounds(self.data.base_terms)).solve()
-        return abs(float(theta[[term.id for term in self.data.base_terms].index("inertia")]))
 
     def fit(self, terms: Terms, exactly: bool = False) -> Point:
         """Fit the linear parameters of some terms, to convergence also without `exactly`."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.data.rows import ResidualStructure
-from estimators.regression.least_squares import Equations, IdentificationError, solve_least_squares
+from estimators.regression.least_squares import Equations, Fit, IdentificationError, solve
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.windows import (
     WHOLE,
@@ -31,7 +31,6 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.sampling import SAMPLING
 from pendulum_env.units import is_of_torque
 
-UNEXPLAINED = 3.0  # residual of the base model, in noise floors, above which the zero of the position may be wrong
 TILTED = 0.5  # residual with tilted gravity, share of that without, if the zero of the position is wrong
 NEGLIGIBLE = 0.01  # encoder noise that hides no effect of practical use, as a share of the torque
 NEGLIGIBLE_SWING = 0.002  # the same for a free swing, where friction is a small share of the torque
@@ -48,6 +47,7 @@ class WeakFormSettings:
     clusters: int = 4  # least number of clusters per parameter of an arm's links
     shortest: int = 4  # least length of a cluster of an arm, above the correlation time of errors [half windows]
     significant: float = 5.0  # standard errors by which the residual of a contact exceeds friction
+    unexplained: float = 2.0  # residual above which a model lacks an effect [noise floors]
 
 
 WEAK_FORM = WeakFormSettings()
@@ -365,19 +365,28 @@ class TorqueWindows:
         return Equations(phi, self.net_torque() - sum(fixed for _, fixed in parts))
 
     @cached_property
-    def base_terms(self) -> tuple[Term, ...]:
-        """Base model, with tilted gravity if the zero is wrong: its inertia estimates noise before the search.
+    def base_fit(self) -> Fit:
+        """Fit of the base model, with tilted gravity if the zero is wrong, to the windows without contacts.
 
         A wrong zero leaves a residual above the noise, which tilted gravity halves at least. A residual of noise may
         become smaller, too: for motion at one frequency, cos q takes the place of a noisy acceleration.
         """
-        tilted, weights = (*BASE, GravityTilt()), self.weights
-        equations = self.equations(tilted)
-        phi, y = equations.phi * weights[:, None], equations.y * weights
-        theta = solve_least_squares(phi[:, :-1], y)
-        errors = [np.linalg.norm(y - phi[:, :-1] @ theta), np.linalg.norm(y - phi @ solve_least_squares(phi, y))]
-        floor = self.noise(abs(float(theta[0]))) * np.linalg.norm(weights)
-        return tilted if errors[0] > UNEXPLAINED * floor and errors[1] < TILTED * errors[0] else BASE
+        if self.contacts:
+            return self.without_contacts.base_fit
+        equations, weights = self.equations((*BASE, GravityTilt())), self.weights
+        models = Equations(equations.phi[:, :-1], equations.y), equations
+        base, tilted = (solve(model, weights, self.clusters) for model in models)
+        errors = [float(np.linalg.norm(fit.residual * weights)) for fit in (base, tilted)]
+        floor = self.noise(abs(float(base.theta[0]))) * float(np.linalg.norm(weights))
+        is_wrong = errors[0] > WEAK_FORM.unexplained * floor and errors[1] < TILTED * errors[0]
+        return tilted if is_wrong else base
+
+    @cached_property
+    def base_inertia(self) -> float:
+        """Inertia [kg m^2] by `base_fit`, which estimates noise before the search; known, the largest of all."""
+        if all(known := [w.recording.known_inertia for w in self.windows]):
+            return max(known)
+        return abs(float(self.base_fit.theta[0]))  # below zero if the sign of torque is wrong
 
     def compute_absorbed_noise(self, term: Term) -> float:
         """Return the variance of torque noise that a term's fixed columns absorb, mean over all rows [(N m)^2]."""
@@ -523,9 +532,7 @@ def choose_half_width(recording: Recording) -> float:
     for w in map(cut_at, reversed(widths)):  # long windows have less noise
         data = join_windows((w,))
         if len(w.centers) >= 40:
-            equations = data.equations(data.base_terms)
-            fitted = recording.known_inertia or np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0][0]
-            inertia = load_inertia + abs(float(fitted))
+            inertia = load_inertia + data.base_inertia
             noise_factor = calibrate_noise(w).torque_noise / max(w.torque_noise, 1e-300)
             break
     negligible = (NEGLIGIBLE_SWING if recording.known_inertia else NEGLIGIBLE) * longest.torque_scale

@@ -15,7 +15,6 @@ from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.backends.constrained_body import import_mujoco
 from pendulum_env.physics import Model
-from pendulum_env.physics.term import Memory
 from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import Servos
 from workbench.export import mjcf
@@ -126,10 +125,8 @@ def _simulate(model: Model, exported: Exported, segments: Segments) -> Array:
     rate = segments.windows.recording.rate
     count = max(1, int(np.ceil(1.0 / (rate * world.opt.timestep) - 1e-9)))
     world.opt.timestep = 1.0 / (rate * count)
-    memory: dict[str, Memory] = {}
-    for term in model.terms:
-        if term.has_memory and not term.delay:
-            memory |= start_memory([segments], [term])
+    traced_terms = [term for term in model.terms if term.has_memory and not term.delay]
+    memory = {id: states for term in traced_terms for id, states in start_memory([segments], [term]).items()}
     path = np.empty_like(segments.position)
     for k in range(path.shape[1]):
         data = mujoco.MjData(world)
