@@ -140,13 +140,6 @@ class ChannelFits:
         """Best of `CHANNEL.starts` delays without a filter."""
         return min(map(self.law, np.linspace(-REACH, REACH, CHANNEL.starts)), key=self.compute_misfit)
 
-    def select_most_precise(self) -> ChannelFits:
-        """Return these fits, those with drift, or with nonlinear gain: those with the most precise delay."""
-        return min(
-            (self, self.with_drift(), self.with_columns_of_torque(NONLINEAR_GAIN)),
-            key=lambda fits: fits.delay_fit.delay_std,
-        )
-
     @cached_property
     def delay_fit(self) -> Alignment:
         """Law with a free delay."""
@@ -285,7 +278,8 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
     if fits.rows.data.shared_columns:  # the columns of links and smooth laws follow any motion
         law = _choose_hold(fits)
         return law if not law.is_found or fits.is_consistent(recordings, law) else NO_ALIGNMENT
-    fits = fits.select_most_precise()
+    candidates = fits, fits.with_drift(), fits.with_columns_of_torque(NONLINEAR_GAIN)
+    fits = min(candidates, key=lambda own: own.delay_fit.delay_std)
     if not (law := _choose_hold(fits)).is_found:
         return law
     if not (law.is_late or fits.keeps_inertia(law)):

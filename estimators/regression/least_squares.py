@@ -80,22 +80,19 @@ class Fit:
         return float(np.sqrt(np.mean(self.residual**2)))
 
 
-def solve(equations: Equations, weights: Array, clusters: Index, jacobian: Array | None = None) -> Fit:
+def solve(equations: Equations, weights: Array, clusters: Index) -> Fit:
     """Solve weighted least squares, with standard errors from the spread between clusters of equations.
 
     Args:
         equations: R equations in P unknowns.
         weights: relative weight of each equation (R,).
         clusters: stretch of time of each equation (R,), within which residuals may be correlated.
-        jacobian: derivatives of phi theta by S nonlinear parameters (R, S), which are not solved for. They widen the
-            standard errors and extend the covariance to (P + S, P + S).
     """
     phi = equations.phi * weights[:, None]
     theta = solve_least_squares(phi, equations.y * weights)
     residual = equations.y - equations.phi @ theta
-    full = phi if jacobian is None else np.column_stack([phi, jacobian * weights[:, None]])
-    covariance, freedom = compute_jackknife(full, residual * weights, clusters)
-    return Fit(theta, widen_covariance(covariance, freedom), residual, compute_condition(phi), freedom[: len(theta)])
+    covariance, freedom = compute_jackknife(phi, residual * weights, clusters)
+    return Fit(theta, widen_covariance(covariance, freedom), residual, compute_condition(phi), freedom)
 
 
 def compute_condition(phi: Array) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,21 +10,21 @@ import numpy as np
 
 from estimators.checks.torque_constant import widen_by_constant
 from estimators.free_swings import remove_unit_inertia
+from estimators.regression.balance import Balance
 from estimators.regression.least_squares import (
     Equations,
-    Fit,
     IdentificationError,
     compute_joint_rms,
-    solve,
     subtract_known_columns,
 )
 from estimators.regression.recursive import choose_indices, compute_history
 from estimators.schemes.balance import Segments, Stack, find_momentum_columns, make_regressions, stack_equations
 from estimators.schemes.six import Regressor, Scheme
+from estimators.weak_form.columns import list_law_bounds
 from pendulum_env._typing import JSON, Array
 from pendulum_env.arms.model import make_arm_model
 from pendulum_env.notebook import Shown
-from pendulum_env.physics import Estimate, Model, Term
+from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import JointUnits
 
@@ -159,40 +159,30 @@ def fit_schemes(
 def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
     """Fit the equations: batch estimate with standard errors under correlated residuals, and the recursion.
 
-    With a `lender`, the parameters of the momentum are taken from this model. A parameter beyond its bound is held at
-    the bound, and the others are fitted again.
+    With a `lender`, the parameters of the momentum are taken from this model.
     """
-    columns = [column for term in terms for column in term.columns]
-    borrowed = {} if lender is None else {j: lender.estimates[columns[j].name] for j in find_momentum_columns(terms)}
-    known = {j: Estimate(column.least, 0.0, column.unit) for j, column in enumerate(columns) if column.is_known}
-    borrowed = {j: estimate for j, estimate in borrowed.items() if j not in known}
-    usable = data.usable
-    clusters = np.unique(data.clusters[usable], return_inverse=True)[1]
-    while True:
-        known_estimates: Mapping[int, Estimate] = borrowed | known
-        free = [j for j in range(len(columns)) if j not in known_estimates]
-        given_values = np.array([estimate.value for estimate in known_estimates.values()])
-        equations = subtract_known_columns(data.equations, list(known_estimates), given_values)
-        # borrowed values come from the same data: their uncertainty widens that of the others
-        jacobian = data.equations.phi[usable][:, list(borrowed)] if borrowed else None
-        fit = solve(Equations(equations.phi[usable], equations.y[usable]), data.weights[usable], clusters, jacobian)
-        values = dict(zip(free, fit.theta.tolist(), strict=True))
-        beyond_bounds = [j for j, value in values.items() if not columns[j].is_allowed(value)]
-        if not beyond_bounds:
-            break
-        known |= {j: Estimate(columns[j].clamp(values[j]), 0.0, columns[j].unit) for j in beyond_bounds}
+    names, usable = [column.name for term in terms for column in term.columns], data.usable
+    (least, most), phi = list_law_bounds(terms), data.equations.phi[usable]
+    borrowed = [] if lender is None else [j for j in find_momentum_columns(terms) if least[j] < most[j]]
+    loans = [] if lender is None else [lender.estimates[names[j]] for j in borrowed]
+    least[borrowed] = most[borrowed] = [loan.value for loan in loans]
+    balance = Balance(phi, data.equations.y[usable], np.zeros_like(phi), least, most, data.weights[usable])
+    # borrowed values come from the same data: their uncertainty widens that of the others
+    fit = balance.fit(np.unique(data.clusters[usable], return_inverse=True)[1], phi[:, borrowed] if borrowed else None)
+    theta = fit.theta
+    is_free = (theta > least) & (theta < most)
+    free, held = np.flatnonzero(is_free).tolist(), np.flatnonzero(~is_free).tolist()
+    equations = subtract_known_columns(data.equations, held, theta[held])
+    covariance = fit.covariance[np.ix_(free, free)]
     if scheme.drifts:
-        fit = replace(fit, covariance=_compute_random_walk_covariance(equations, data, fit.theta))
-
-    theta, std, count = np.empty(len(columns)), np.empty(len(columns)), len(free)
-    theta[free], theta[list(known_estimates)] = fit.theta, given_values
-    std[free], std[list(known_estimates)] = fit.std[:count], [estimate.std for estimate in known_estimates.values()]
-    free_names = [columns[j].name for j in free]
-    model = Model.build(terms, theta, std).with_covariance(free_names, fit.covariance[:count, :count])
+        covariance = _compute_random_walk_covariance(equations, data, theta[free])
+    std = np.zeros(len(theta))
+    std[free], std[borrowed] = np.sqrt(np.maximum(np.diag(covariance), 0.0)), [loan.std for loan in loans]
+    model = Model.build(terms, theta, std).with_covariance([names[j] for j in free], covariance)
     return Identified(
         scheme=scheme.id,
         model=make_arm_model(model),
-        convergence=_compute_convergence(equations, data, fit, free, theta, std),
+        convergence=_compute_convergence(equations, data, free, theta, std),
         residual_rms=fit.rms,
         unit=scheme.unit,
         condition=fit.condition,
@@ -232,11 +222,11 @@ def _compute_random_walk_covariance(equations: Equations, data: Stack, theta: Ar
 
 
 def _compute_convergence(
-    equations: Equations, data: Stack, fit: Fit, free: Sequence[int], theta: Array, std: Array
+    equations: Equations, data: Stack, free: Sequence[int], theta: Array, std: Array
 ) -> Convergence:
     """Compute the history of the recursion at about `HISTORY_POINTS` instants.
 
-    Its standard errors are scaled to end at those of `fit`. Parameters that are not `free` stay at theta and std (P,).
+    It ends at the estimates theta and std (P,); parameters that are not `free` stay at these.
     """
     n_joints = int(data.joint.max()) + 1  # equations of one instant
     points = (choose_indices(len(data.time) // n_joints, HISTORY_POINTS) + 1) * n_joints - 1
@@ -245,5 +235,5 @@ def _compute_convergence(
     history_std = history.std  # (K, F)
     thetas, stds = np.tile(theta, (len(history_std), 1)), np.tile(std, (len(history_std), 1))
     thetas[:, free] = history.theta
-    stds[:, free] = history_std * fit.std[: len(free)] / history_std[-1]
+    stds[:, free] = history_std * std[free] / history_std[-1]
     return Convergence(data.time[history.points], thetas, stds)

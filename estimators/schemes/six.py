@@ -76,7 +76,8 @@ class Regressor(Protocol):
 
 def compute_torque_view(m: Measurements, column: Column) -> Array:
     """Compute the torque at the instants per unit of the parameter, mass q'' + force + dry sgn q' (N,)."""
-    torque = column.torque(m.samples, m.acceleration) + m.compute_smoothing_error(column)
+    x = m.samples
+    torque = column.mass(x) * m.acceleration + m.compute_force(column) + column.dry(x) * np.sign(m.velocity)
     return np.broadcast_to(np.asarray(torque, dtype=float), m.time.shape)
 
 
@@ -84,7 +85,7 @@ def compute_impulse_view(m: Measurements, column: Column) -> Array:
     """Compute the mean torque over the sample before, (mass dq' + integral of force + dry sgn q') / period (N,)."""
     x = m.samples
     momentum = average_over_sample(column.mass(x), m) * compute_increments(m.velocity)
-    force = column.force(x) + m.compute_smoothing_error(column) + column.dry(x) * np.sign(m.velocity)
+    force = m.compute_force(column) + column.dry(x) * np.sign(m.velocity)
     return momentum / m.period + average_over_sample(force, m)
 
 
@@ -94,7 +95,7 @@ def compute_energy_view(m: Measurements, column: Column) -> Array:
     stored = average_over_sample(column.mass(x), m) * compute_increments(0.5 * m.velocity**2)
     if column.potential is not None:
         stored = stored + compute_increments(column.potential(x) * np.ones(len(m)))
-    power = column.power(x) + m.compute_smoothing_error(column) * m.velocity
+    power = column.power(x) + (m.compute_force(column) - column.force(x)) * m.velocity
     return stored / m.period + average_over_sample(power, m)
 
 

@@ -2,8 +2,8 @@
 
 The torque balance stays true if each part passes the same linear filter. All quantities here pass one symmetric window
 w without second and fourth moments. It does not change polynomials of fifth degree; sin q of smoothed motion has an
-error of sixth order in its length. In fast rotation this error is large: `Measurements.compute_smoothing_error`
-measures it, offline, for forces of the angle alone.
+error of sixth order in its length. As this error is large in fast rotation, `Measurements.compute_force` filters forces
+of the angle alone, offline.
 
 Command k - 1 acts between samples k - 1 and k. The second difference of the position at k is the average acceleration
 under a triangle over k - 1 to k + 1. The average torque under this triangle is the mean of commands k - 1 and k.
@@ -96,17 +96,16 @@ class Measurements:
         """Return the samples on which columns depend, (N,) each."""
         return Samples(self.time, self.position, self.velocity, self.torque, self.memory, self.load, self.temperature)
 
-    def compute_smoothing_error(self, column: Column) -> Array | float:
-        """Compute the filtered force of a column with a potential minus its force at the smoothed position (N,).
+    def compute_force(self, column: Column) -> ArrayLike:
+        """Compute the force of a column per unit of its parameter (N,); that of a potential is filtered.
 
-        It is large where the angle changes by more than about a radian within the window. It is 0 for other columns.
+        The filtered force differs from that at the smoothed position where the angle changes by more than about a
+        radian within the window.
         """
-        if self.unfiltered is None or self.window is None or column.potential is None:
-            return 0.0
-        before, after = (
-            np.broadcast_to(column.force(x) - column.loss(x), x.time.shape) for x in (self.unfiltered, self.samples)
-        )
-        return np.asarray(np.convolve(before, self.window, "valid") - after)
+        if (x := self.unfiltered) is None or self.window is None or column.potential is None:
+            return column.force(self.samples)
+        force = np.broadcast_to(column.force(x) - column.loss(x), x.time.shape)
+        return np.convolve(force, self.window, "valid") + column.loss(self.samples)
 
     def find_clear(self, guard: float | None) -> Mask:
         """Find samples farther than `guard` [s] and the reach of the filter from stick and reversals (N,).
@@ -262,7 +261,7 @@ def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]
 
 
 def _measure_with_unfiltered(recording: Recording, smoothing: Smoothing) -> Measurements:
-    """Filter a recording and keep its samples before the filter, for `Measurements.compute_smoothing_error`."""
+    """Filter a recording and keep its samples before the filter, for `Measurements.compute_force`."""
     rest, load = np.zeros(len(recording)), get_known_load(recording)
     unfiltered = Samples(recording.time, recording.position, rest, recording.torque, load=load)
     return replace(measure(recording, smoothing), unfiltered=unfiltered, window=smoothing.make_position_kernel())

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.data.rows import ResidualStructure
-from estimators.regression.least_squares import Equations, Fit, IdentificationError, solve
+from estimators.regression.least_squares import Equations, Fit, IdentificationError, solve, solve_least_squares
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.windows import (
     WHOLE,
@@ -510,9 +510,8 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
     freedom = len(phi) - phi.shape[1]
     if freedom < phi.shape[1]:
         return w
-    scale = np.maximum(np.linalg.norm(phi, axis=0), 1e-300)
     y = w.net_torque() - known
-    theta = np.linalg.lstsq(phi / scale, y, rcond=1e-10)[0] / scale
+    theta = solve_least_squares(phi, y)
     rms = float(np.linalg.norm(y - phi @ theta)) / np.sqrt(freedom)
     factor = min(1.0, rms / max(w.noise(abs(inertia(theta))), 1e-300))
     return replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
