@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import functools
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -142,7 +142,8 @@ class _Filter:
         self._compiler = functools.partial(StepPrograms().find, compile_step)
         size = 2 + len(theta)
         points = MerweScaledSigmaPoints(size, alpha=1.0, beta=0.0, kappa=0.0)  # equal weights, none for the mean
-        self._ukf = UnscentedKalmanFilter(size, 1, period, _measure, self._simulate_period, points)
+        self._ukf = UnscentedKalmanFilter(size, 1, period, _measure, None, points)
+        self._ukf.compute_process_sigmas = self._simulate_sigma_points  # in place of one at a time
         self._ukf.x, self._ukf.P = np.r_[0.0, 0.0, theta], np.zeros((size, size))
         self._ukf.P[2:, 2:] = P
         self._ukf.R[:] = position_noise**2
@@ -192,14 +193,9 @@ class _Filter:
         self._filtered_innovation = decay * self._filtered_innovation + np.sqrt(max(1.0 - decay**2, 0.0)) * bounded
 
     def _predict(self, time: float) -> None:
-        """Predict the state one period after `time`; states of terms follow the mean."""
-        ukf = self._ukf
-        ukf.Q = self._compute_process_noise()
-        mean, samples = ukf.x, list[Samples]()
-        ukf.predict(time=time)
-        if any(term.has_memory for term in self._terms):
-            self._simulate_period(mean, self._period, time, samples.append)
-            self._memory = samples[-1].memory
+        """Predict the state one period after `time`."""
+        self._ukf.Q = self._compute_process_noise()
+        self._ukf.predict(time=time)
 
     def _compute_process_noise(self) -> Array:
         """Compute the process noise of one period (S, S), of position, velocity and parameters.
@@ -216,15 +212,18 @@ class _Filter:
         noise[:2, :2] = velocity_variance * np.array([[period**2 / 3, period / 2], [period / 2, 1.0]])
         return noise
 
-    def _simulate_period(
-        self, state: Array, period: float, time: float, observe: Callable[[Samples], None] | None = None
-    ) -> Array:
-        """Simulate one sigma point over a period that begins at `time`."""
+    def _simulate_sigma_points(self, period: float, _: None, time: float) -> None:
+        """Simulate all sigma points over a period that begins at `time`; states of terms follow the first, the mean."""
+        ukf, samples = self._ukf, list[Samples]()
+        position, velocity, *theta = ukf.points_fn.sigma_points(ukf.x, ukf.P).T
         *before, command = self._commands
-        known: dict[str, Any] = {"memory": self._memory, "observe": observe, "compiler": self._compiler}
-        start = state[0], state[1], time
-        motion = simulate(self._terms, state[2:], period, np.array([command]), *start, before=np.array(before), **known)
-        return np.r_[motion.position[-1], motion.velocity[-1], state[2:]]
+        known: dict[str, Any] = {"before": np.array(before), "memory": self._memory, "compiler": self._compiler}
+        if any(term.has_memory for term in self._terms):
+            known["observe"] = samples.append
+        motion = simulate(self._terms, np.array(theta), period, np.array([command]), position, velocity, time, **known)
+        ukf.sigmas_f = np.column_stack([motion.position[-1], motion.velocity[-1], *theta])
+        for x in samples[-1:]:
+            self._memory = {id: tuple(state[:1] for state in states) for id, states in x.memory.items()}
 
 
 def _measure(state: Array) -> Array:
