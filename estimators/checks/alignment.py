@@ -40,7 +40,6 @@ class ChannelSettings:
     chance_gain: float = float(np.log(2 * REACH / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
     min_equations: int = 3  # least number of equations for each column
     stribeck_shares: tuple[float, ...] = (0.02, 0.1, 0.5)  # Stribeck velocities of friction columns, of the highest
-    perturbation: float = 1e-6  # of the torque for derivatives, share of the largest torque
     torque_iterations: int = 4  # fits with columns of the torque, the first with those of the acting torque
     negligible: float = 0.1  # of a sample, accuracy of clocks and of the steps of simulators
     least_sampled: float = 0.25  # of a sample, apparent delay of torque that a controller sets twice a sample

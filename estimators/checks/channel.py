@@ -34,7 +34,7 @@ from estimators.selection.criterion import Criterion
 from estimators.selection.score import cross_validate_density, make_blocks
 from estimators.signals.channel import REACH, Channel
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
-from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_rows import PERTURBATION, TorqueRows
 from estimators.weak_form.windows import Windows, scale_by_jumps
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
@@ -78,7 +78,7 @@ class ChannelFits:
         recorded torque would explain its errors, they are moved to the torque of this fit, to first order.
         """
         fits, data, channel = self, self.rows.data, self.start
-        step, error = CHANNEL.perturbation * float(np.abs(data.torque()).max()), np.zeros(len(data.weights))
+        step, error = PERTURBATION * float(np.abs(data.torque()).max()), np.zeros(len(data.weights))
         for _ in range(CHANNEL.torque_iterations if laws else 0):
             parts = []
             for at, law in laws:

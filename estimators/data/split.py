@@ -11,7 +11,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.regression.least_squares import IdentificationError
 from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import choose_segments
-from estimators.weak_form.torque_windows import choose_half_width, cut_all, prepare_windows
+from estimators.weak_form.torque_windows import choose_half_width, prepare_windows
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, has_link
@@ -133,5 +133,5 @@ def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | Non
 def _cut_again(data: RegressionData, part: Part) -> RegressionData:
     """Return data of another part of the recordings, with windows of the same lengths."""
     widths = [len(w.kernel) // 2 / w.recording.rate for w in data.data.windows]
-    windows = cut_all(data.recordings, widths, part)
+    windows = prepare_windows(data.recordings, widths, part, fewest=0)
     return RegressionData(windows, tuple(choose_segments(w) for w in windows.windows))

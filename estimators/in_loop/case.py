@@ -21,7 +21,7 @@ from estimators.in_loop.servos import are_driven, choose_parts, make_base
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import cut_all, prepare_windows
+from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.recording import Recording
 
 
@@ -48,7 +48,7 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     fitted, held_out = data.recordings, data.holdout or data.recordings
     train_part, check_part = choose_parts(data.holdout)
     train = RolloutRows(Rollouts(fitted, shares=train_part), TorqueRows(prepare_windows(fitted, part=train_part)))
-    windows = TorqueRows(cut_all(held_out, part=check_part))
+    windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
     check = RolloutRows(Rollouts(held_out, shares=check_part), windows, guide=train)
     return add_back_emf(data, setting).evaluator((train.data, check.data))
 

@@ -572,33 +572,24 @@ def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermCo
     )
 
 
-def cut_all(
-    recordings: Sequence[Recording],
-    half_widths: Sequence[float] | None = None,
-    part: Part = WHOLE,
-    margin: float = 0.0,
-) -> TorqueWindows:
-    """Cut recordings into windows, with half widths [s] chosen by their noise unless given; see `cut`."""
-    pairs = zip(recordings, half_widths or map(choose_half_width, recordings), strict=True)
-    return join_windows([calibrate_noise(cut(recording, width, part, margin)) for recording, width in pairs])
-
-
 def prepare_windows(
     recordings: Sequence[Recording],
     half_widths: Sequence[float] | None = None,
     part: Part = WHOLE,
     margin: float = 0.0,
+    fewest: int = WEAK_FORM.fewest,
 ) -> TorqueWindows:
-    """Cut recordings into windows: see `cut_all`.
+    """Cut recordings into windows, with half widths [s] chosen by their noise unless given; see `cut`.
 
     Raises:
-        IdentificationError: if too few windows are clear of stick.
+        IdentificationError: if fewer windows than `fewest` are clear of stick.
     """
-    data = cut_all(recordings, half_widths, part, margin)
-    if (usable := len(data.weights)) < WEAK_FORM.fewest:
+    pairs = zip(recordings, half_widths or map(choose_half_width, recordings), strict=True)
+    data = join_windows([calibrate_noise(cut(recording, width, part, margin)) for recording, width in pairs])
+    if (usable := len(data.weights)) < fewest:
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
-            f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least {WEAK_FORM.fewest} "
-            "are needed: record longer, faster or wider motion"
+            f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least {fewest} are "
+            "needed: record longer, faster or wider motion"
         )
     return data
