@@ -10,7 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.data.rows import ResidualStructure
-from estimators.regression.least_squares import Equations, Fit, IdentificationError, solve, solve_least_squares
+from estimators.regression.least_squares import (
+    Equations,
+    Fit,
+    IdentificationError,
+    solve,
+    solve_least_squares,
+    weigh_recordings,
+)
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.windows import (
     WHOLE,
@@ -368,6 +375,8 @@ class TorqueWindows:
     def base_fit(self) -> Fit:
         """Fit of the base model, with tilted gravity if the zero is wrong, to the windows without contacts.
 
+        Recordings are weighted by their residual, so an unexplained recording does not bias the others.
+
         A wrong zero leaves a residual above the noise, which tilted gravity halves at least. A residual of noise may
         become smaller, too: for motion at one frequency, cos q takes the place of a noisy acceleration.
         """
@@ -375,11 +384,16 @@ class TorqueWindows:
             return self.without_contacts.base_fit
         equations, weights = self.equations((*BASE, GravityTilt())), self.weights
         models = Equations(equations.phi[:, :-1], equations.y), equations
-        base, tilted = (solve(model, weights, self.clusters) for model in models)
-        errors = [float(np.linalg.norm(fit.residual * weights)) for fit in (base, tilted)]
-        floor = self.noise(abs(float(base.theta[0]))) * float(np.linalg.norm(weights))
-        is_wrong = errors[0] > WEAK_FORM.unexplained * floor and errors[1] < TILTED * errors[0]
-        return tilted if is_wrong else base
+        fits = [solve(model, weights, self.clusters) for model in models]
+        base, tilted = (float(np.linalg.norm(fit.residual * weights)) for fit in fits)
+        floor = self.noise(abs(float(fits[0].theta[0]))) * float(np.linalg.norm(weights))
+        is_wrong = base > WEAK_FORM.unexplained * floor and tilted < TILTED * base
+        if len(self.windows) == 1:
+            return fits[is_wrong]
+        owner = self.recording_of_window
+        squares, counts = np.bincount(owner, fits[is_wrong].residual ** 2), np.bincount(owner)
+        weights = weigh_recordings(squares, counts, self.compute_numerical_error())[owner]
+        return solve(models[is_wrong], weights, self.clusters)
 
     @cached_property
     def base_inertia(self) -> float:
