@@ -391,7 +391,7 @@ class TorqueWindows:
         if len(self.windows) == 1:
             return fits[is_wrong]
         owner = self.recording_of_window
-        squares, counts = np.bincount(owner, fits[is_wrong].residual ** 2), np.bincount(owner)
+        squares, counts = np.bincount(owner, fits[is_wrong].residual ** 2).astype(float), np.bincount(owner)
         weights = weigh_recordings(squares, counts, self.compute_numerical_error())[owner]
         return solve(models[is_wrong], weights, self.clusters)
 
