@@ -166,7 +166,8 @@ class Balance:
         """Fit parameters (P,) within their bounds by weighted least squares, from a start (P,), or from zero."""
         free = np.ones(self.phi.shape[1], dtype=bool)
         theta = np.zeros(len(free)) if start is None else start
-        return solve_within_bounds(_condense_linear_rows(self)._solve, theta, free, self.least, self.most)[0]
+        condensed = self if self.is_linear else _condense_linear_rows(self)
+        return solve_within_bounds(condensed._solve, theta, free, self.least, self.most)[0]
 
     def with_bounds(self, least: Array, most: Array) -> Balance:
         """Return the equations with other bounds of the parameters (P,)."""
@@ -174,7 +175,7 @@ class Balance:
 
     def compute_least_square(self) -> float:
         """Return the sum of the squared weighted errors at the solution [(N m)^2]."""
-        condensed = _condense_linear_rows(self)
+        condensed = self if self.is_linear else _condense_linear_rows(self)
         return float(np.sum((condensed.weights * condensed.error(condensed.solve())) ** 2))
 
     @classmethod
@@ -226,11 +227,12 @@ class Balance:
         The fit without a fold is one step from the fit to all, by normal equations. It is iterated if the squared error
         differs from that of the tangent. `theta` (P,) is the fit to all equations, solved unless given.
         """
-        tangent = self.linearise(theta)
-        rows = np.column_stack([tangent.error, tangent.slopes]) * self.weights[:, None]
-        grams = np.array([fold_rows.T @ fold_rows for fold_rows in (rows[fold == k] for k in range(count))])
+        equations, fold_of_condensed = self._condense_folds(fold, count)
+        tangent = equations.linearise(theta)
+        rows = np.column_stack([tangent.error, tangent.slopes]) * equations.weights[:, None]
+        parts = [rows[fold_of_condensed == k] for k in range(count)]
         parameters = np.empty((count, len(tangent.theta)))
-        for k, gram in enumerate(sum_without_each(grams)):
+        for k, gram in enumerate(sum_without_each(np.array([part.T @ part for part in parts]))):
             step = solve_gram(gram, self.least - tangent.theta, self.most - tangent.theta)
             if step is not None:
                 parameters[k] = np.clip(tangent.theta + step, self.least, self.most)
@@ -239,8 +241,22 @@ class Balance:
                     parameters[k], fold != k, float(combination @ gram @ combination)
                 ):
                     continue
-            parameters[k] = self[fold != k].solve(tangent.theta)
+            parameters[k] = equations[fold_of_condensed != k].solve(tangent.theta)
         return parameters
+
+    def _condense_folds(self, fold: Index, count: int) -> tuple[Balance, Index]:
+        """Condense the linear equations of each fold, see `_condense_linear_rows`.
+
+        Returns:
+            The equations, and the fold of each.
+        """
+        parts = [_condense_linear_rows(self[fold == k]) for k in range(count)]
+        names = ["phi", "y", "by_torque", "weights"]
+        names += ["response", "perturbations"] if self.perturbations is not None else []
+        joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        shares = [np.broadcast_to(part.torque_share, part.y.shape) for part in parts]
+        of_part = np.repeat(np.arange(count), [len(part.y) for part in parts])
+        return replace(self, **joined, torque_share=np.concatenate(shares), unfiltered=None), of_part
 
     def fits_tangent(self, theta: Array, rows: Mask, square: float) -> bool:
         """Return whether the squared weighted error of some rows (R,) at parameters (P,) is close to `square`.
@@ -373,7 +389,7 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
 
 def _condense_linear_rows(balance: Balance) -> Balance:
     """Condense the linear equations to as many as needed, if more than 2 P; the solutions stay equal."""
-    if balance.is_linear or np.count_nonzero(is_linear := find_linear_rows(balance)) <= 2 * balance.phi.shape[1]:
+    if np.count_nonzero(is_linear := find_linear_rows(balance)) <= 2 * balance.phi.shape[1]:
         return balance
     share = np.broadcast_to(balance.torque_share, is_linear.shape)[is_linear]
     return condense(balance, is_linear, balance.phi[is_linear] / share[:, None], balance.y[is_linear] / share)

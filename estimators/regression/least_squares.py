@@ -160,8 +160,14 @@ def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Arr
     count = int(clusters.max()) + 1
     parts = [(phi[rows], residual[rows]) for rows in (clusters == cluster for cluster in range(count))]
     grams = np.array([x.T @ x for x, _ in parts])
-    if max(len(x) for x, _ in parts) < len(inverse):  # R x R matrices of a cluster are smaller
-        scores_without = np.array([_compute_cluster_score(x, errors, np.asarray(inverse)) for x, errors in parts])
+    longest = max(len(x) for x, _ in parts)
+    if longest < len(inverse):  # matrices (longest, longest) are smaller: phi' (I - phi B phi')^-1 e
+        columns, padded = np.zeros((count, longest, len(inverse))), np.zeros((count, longest, 1))
+        for k, (x, errors) in enumerate(parts):
+            columns[k, : len(x)], padded[k, : len(x), 0] = x, errors
+        transposed = np.swapaxes(columns, 1, 2)
+        remaining = np.eye(longest) - columns @ inverse @ transposed
+        scores_without = (transposed @ (_invert_matrices(remaining) @ padded))[:, :, 0]
     else:
         scores = np.array([x.T @ errors for x, errors in parts])
         remaining = np.eye(len(inverse)) - grams @ inverse
@@ -174,20 +180,14 @@ def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Arr
 
 
 def _invert_matrices(matrices: Array) -> Array:
-    """Invert matrices (C, P, P); pseudo-invert all of them, ten times as slow, if one may be singular."""
+    """Invert matrices (C, P, P); pseudo-invert, ten times as slow, those that may be singular."""
     try:
         inverses = np.linalg.inv(matrices)
-        if np.all(np.linalg.norm(inverses, axis=(1, 2)) * np.linalg.norm(matrices, axis=(1, 2)) < 1e6):
-            return np.asarray(inverses)
     except np.linalg.LinAlgError:
-        pass
-    return np.asarray(np.linalg.pinv(matrices, rcond=1e-6))
-
-
-def _compute_cluster_score(phi: Array, residual: Array, inverse: Array) -> Array:
-    """Compute the score (P,) of a cluster's rows (R, P) without its own influence, phi' (I - phi B phi')^-1 e."""
-    remaining = np.eye(len(phi)) - phi @ inverse @ phi.T
-    return np.asarray(phi.T @ (np.linalg.pinv(remaining, rcond=1e-6, hermitian=True) @ residual))
+        return np.asarray(np.linalg.pinv(matrices, rcond=1e-6))
+    is_singular = ~(np.linalg.norm(inverses, axis=(1, 2)) * np.linalg.norm(matrices, axis=(1, 2)) < 1e6)
+    inverses[is_singular] = np.linalg.pinv(matrices[is_singular], rcond=1e-6)
+    return np.asarray(inverses)
 
 
 def solve_within_bounds(

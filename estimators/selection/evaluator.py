@@ -14,7 +14,13 @@ from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Step, Terms, compute_held_out_cost
-from estimators.selection.motion_score import compute_motion_gain, fit_to_motion, is_misfit
+from estimators.selection.motion_score import (
+    compute_motion_gain,
+    compute_motion_noise,
+    compute_motion_squares,
+    fit_to_motion,
+    is_misfit,
+)
 from estimators.selection.physical import (
     find_violations,
     make_base_gates,
@@ -349,11 +355,30 @@ class ModelEvaluator:
         """
         if not self.train.segments or has_transmission(after) or has_transmission(before):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
-        new, old = (self.refit_to_motion(self.fit(terms)).model for terms in (after, before))
-        if not (new.has_known_inertia and old.has_known_inertia):
+        if not all(self._fit_motion(terms).has_known_inertia for terms in (after, before)):
             return Gain(0.0, 0.0, 1.0), (0.0, 0.0)
-        parts = self.train.segments, self.holdout.segments
-        return compute_motion_gain(parts, new, old, penalty)
+        counts = [sum(len(segment.first) for segment in part.segments) for part in self.parts]
+        new, old = map(self._compute_motion_squares, (after, before))
+        return compute_motion_gain(
+            np.repeat(np.arange(2), counts), new, old, self._compute_motion_noise(before), penalty
+        )
+
+    @memoized
+    def _fit_motion(self, terms: Terms) -> Model:
+        """Fit the terms to the torque, then to the motion."""
+        return self.refit_to_motion(self.fit(terms)).model
+
+    @memoized
+    def _compute_motion_squares(self, terms: Terms) -> Array:
+        """Return the mean square error of each segment, training first, of the terms fitted to motion (B,) [rad^2]."""
+        model = self._fit_motion(terms)
+        return np.concatenate([compute_motion_squares(part.segments, model) for part in self.parts])
+
+    @memoized
+    def _compute_motion_noise(self, terms: Terms) -> Array:
+        """Return the mean square error of the same segments by torque noise and encoder noise (B,) [rad^2]."""
+        model = self._fit_motion(terms)
+        return np.concatenate([compute_motion_noise(part.segments, model, 0.0) for part in self.parts])
 
     def release_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; unchanged for free swings, which need a known inertia."""

@@ -53,32 +53,32 @@ def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) 
         return False
     if not exceeds_noise(segments, model, criterion):
         return False
-    point = Point.from_model(model)
-    noise = compute_motion_noise(segments, point, criterion.accuracy)
-    return bool(np.mean(output_error.compute_segment_rms(segments, point) ** 2 / noise) > criterion.misfit**2)
+    noise = compute_motion_noise(segments, model, criterion.accuracy)
+    return bool(np.mean(compute_motion_squares(segments, model) / noise) > criterion.misfit**2)
 
 
-def compute_motion_noise(segments: Sequence[Segments], point: Point, accuracy: float) -> Array:
+def compute_motion_squares(segments: Sequence[Segments], model: Model) -> Array:
+    """Return the mean square error of each segment with free initial states (B,) [rad^2]."""
+    return output_error.compute_segment_rms(segments, Point.from_model(model)) ** 2
+
+
+def compute_motion_noise(segments: Sequence[Segments], model: Model, accuracy: float) -> Array:
     """Return the mean square error of each segment by torque noise and its floor (B,) [rad^2], see `compute_floor`."""
-    return output_error.compute_torque_noise(segments, point) + compute_floor(segments, accuracy)
+    return output_error.compute_torque_noise(segments, Point.from_model(model)) + compute_floor(segments, accuracy)
 
 
 def compute_motion_gain(
-    parts: tuple[Sequence[Segments], Sequence[Segments]], after: Model, before: Model, penalty: float = 0.0
+    owner: Index, after: Array, before: Array, noise: Array, penalty: float = 0.0
 ) -> tuple[Gain, tuple[float, float]]:
     """Return the gain of one model over another on all segments, and the removed share of squared errors of each part.
 
+    `owner` (B,) is 0 for segments of the training data, 1 for held-out ones. `after` and `before` are the mean square
+    errors of both models, `noise` those of noise (B,) [rad^2].
     Errors within a segment are fully correlated: its mean square counts as one squared error, over its known noise. The
     gain is that of Student's t, with a scale of at least the noise in each part. Noise is subtracted from the shares.
     It has no error of the simulation, which is that of both models. `penalty` is that of `Bootstrap.gain`.
     """
-    points = [Point.from_model(model) for model in (after, before)]
-    owner = np.repeat(np.arange(2), [sum(len(segment.first) for segment in part) for part in parts])
-    noise = np.concatenate([compute_motion_noise(part, points[1], 0.0) for part in parts])
-    new, old = (
-        np.concatenate([output_error.compute_segment_rms(part, point) ** 2 for part in parts]) / noise
-        for point in points
-    )
+    new, old = after / noise, before / noise
     densities = [_compute_density_of_ratios(ratios, owner) for ratios in (new, old)]
     gain = Bootstrap(owner, np.random.default_rng(0)).gain(densities[0], densities[1], penalty)
     old_excess, new_excess = (np.bincount(owner, ratios - 1.0).tolist() for ratios in (old, new))

@@ -102,14 +102,10 @@ class WindowAverages:
 
     def perturb_fixed_columns(self, term: Term, perturbations: Array) -> Array:
         """Return the fixed columns of a term without memory (R, J) under perturbations of the torque (J,) [N m]."""
-        x, size = self.samples, (self.narrow.shape[1], len(perturbations))
-        perturbed = [replace(x, torque=x.torque + perturbation) for perturbation in perturbations]
         total = np.zeros((self.narrow.shape[0], len(perturbations)))
-        for column in term.fixed:
-            forces = np.empty(size)
-            for k, samples in enumerate(perturbed):  # one at a time fits the processor cache
-                forces[:, k] = column.force(samples)
-            total += self.narrow @ forces
+        for k, perturbation in enumerate(perturbations):  # one at a time fits the processor cache
+            samples = replace(self.samples, torque=self.samples.torque + perturbation)
+            total[:, k] = sum(_average_series(self.narrow, column.force(samples)) for column in term.fixed)
         return total
 
 
