@@ -29,9 +29,9 @@ def regression(seed: int, rows: int = 300, columns: int = 4) -> tuple[np.ndarray
     return phi, phi @ theta + 0.3 * rng.standard_normal(rows), theta
 
 
-def fitted(phi: np.ndarray, y: np.ndarray, weights: object = 1.0, each: int = 10, jacobian: object = None) -> Fit:
+def fitted(phi: np.ndarray, y: np.ndarray, weights: object = 1.0, each: int = 10) -> Fit:
     """The solution, with errors by clusters of so many rows."""
-    return solve(Equations(phi, y), weights * np.ones(len(y)), np.arange(len(y)) // each, jacobian)
+    return solve(Equations(phi, y), weights * np.ones(len(y)), np.arange(len(y)) // each)
 
 
 def test_solve_minimises_the_weighted_squares():
@@ -76,7 +76,11 @@ def test_two_equal_columns_share_what_they_explain_and_the_fit_says_so():
 def test_a_jacobian_of_shapes_widens_the_standard_errors_and_leaves_the_parameters():
     phi, y, _ = regression(0)
     jacobian = (phi[:, 2] / 10 + 0.05 * np.random.default_rng(1).standard_normal(len(y)))[:, None]
-    plain, fit = (fitted(phi[:, :3], y, jacobian=own) for own in (None, jacobian))
+    limits = {"least": np.full(3, -np.inf), "most": np.full(3, np.inf)}
+    balance = replace(
+        Balance.from_target(y, np.ones(len(y))), phi=phi[:, :3], by_torque=np.zeros((len(y), 3)), **limits
+    )
+    plain, fit = (balance.fit(np.arange(len(y)) // 10, own) for own in (None, jacobian))
     np.testing.assert_array_equal(fit.theta, plain.theta)
     assert fit.covariance.shape == (4, 4)
     assert fit.std[2] > 1.5 * plain.std[2]
