@@ -21,7 +21,7 @@ from pendulum_env.physics.friction import LoadDependentFriction, Presliding, Str
 from pendulum_env.physics.limits import clip_term
 from pendulum_env.physics.potential import Cogging, HardStop, Spring
 from pendulum_env.physics.sensor import EncoderEccentricity
-from pendulum_env.physics.table import ByAngle, Extent, FrictionBySpeed, PowerOfSpeed
+from pendulum_env.physics.table import OF_ANGLE, ByAngle, Extent, FrictionBySpeed, PowerOfSpeed
 from pendulum_env.physics.time_varying import FrictionDrift, PayloadChange, PeriodicDisturbance
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
 
@@ -36,6 +36,7 @@ WAVES = 3  # cogging: least number of periods of the longest of several waves wi
 WARMER = 1.0  # [K], least change of the temperature
 PEAKS = 8  # number of highest peaks of a periodogram from which a search starts
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # trial numbers of pieces of tables
+LEAST_SAMPLES = 0.01  # of a piece of a table by angle, share of all samples: fewer determine no piece
 
 
 def make_grid_over_bounds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
@@ -255,19 +256,33 @@ def _list_gaps(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
 
 
 def _list_table_angles(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List tables over the reached angles, and over a turn if the joint made a turn.
+    """List tables over the reached angles, and over a turn if the joint made a turn."""
+    position, tables = np.asarray(x.position), list[Term]()
+    ranges = [(position, float(position.min()), float(position.max()))]
+    if np.ptp(position) >= 2 * np.pi and not kind.slides:
+        ranges.append(((position + np.pi) % (2 * np.pi) - np.pi, -np.pi, np.pi))
+    for angles, low, high in ranges:
+        for pieces in ANGLES if low < high else ():
+            merged = _list_sparse_knots(np.histogram(angles, pieces, (low, high))[0])
+            if pieces - len(merged) > len(OF_ANGLE):
+                tables.append(kind.with_extent(Extent(low, high, pieces, merged=merged))())
+    return tables
 
-    Beyond each end of a table lie the share `outside` of the samples of a piece.
+
+def _list_sparse_knots(counts: Array) -> tuple[int, ...]:
+    """List the inner knots to merge, so that each piece has the share `LEAST_SAMPLES` of the samples.
+
+    `counts` are the samples of the pieces (K,).
     """
-    extents = []
-    for pieces in ANGLES:
-        share = kind.outside / pieces
-        low, high = np.quantile(x.position, [share, 1.0 - share]).tolist()
-        if low < high:
-            extents.append(Extent(low, high, pieces))
-    if np.ptp(x.position) >= 2 * np.pi and not kind.slides:
-        extents += [Extent(-np.pi, np.pi, pieces) for pieces in ANGLES]
-    return [kind.with_extent(extent)() for extent in extents]
+    kept, since_last, least = list[int](), 0, LEAST_SAMPLES * np.sum(counts)
+    for knot, count in enumerate(counts[:-1].tolist(), start=1):
+        since_last += count
+        if since_last >= least:
+            kept.append(knot)
+            since_last = 0
+    if kept and since_last + counts[-1] < least:
+        kept.pop()
+    return tuple(knot for knot in range(1, len(counts)) if knot not in kept)
 
 
 def _list_table_speeds(kind: type[Any], x: Samples, residual: Array) -> list[Term]:

@@ -11,7 +11,7 @@ from estimators.selection.candidates import find_best_variant, refit_nonlinear, 
 from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, remove_term
-from pendulum_env.physics import TABLES, Table, Term, count_term_parameters, list_ids, list_loads
+from pendulum_env.physics import Table, Term, count_term_parameters, list_ids, list_loads
 from pendulum_env.physics.terms import count_parameters
 
 
@@ -20,10 +20,10 @@ def replace_by_table(state: SearchState) -> SearchState:
 
     Effects imitate a table in three cases. A simpler model with a table leaves only noise and predicts equally. Or
     structure is left, and the table with the effects still needed predicts significantly better and explains most of
-    it; if the table leaves structure, most of all torque above the noise floor. Or two or more effects leave only
-    noise, and the table in their place predicts significantly better and explains a share of it. The table with the
-    best prediction of held-out data is kept, in the shortest model over which that prediction is not needed: another
-    form of the table may include an effect. `add_beside_table` adds effects.
+    it; if the table leaves structure, most of all torque above the noise floor. Or a table in the place of two or more
+    effects predicts significantly better, and both leave only noise. The table with the best prediction of held-out
+    data is kept, in the shortest model over which that prediction is not needed: another form of the table may include
+    an effect. `add_beside_table` adds effects.
     """
     totals = {
         terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
@@ -48,9 +48,12 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
         and evaluator.residuals.is_noise(terms)
     )
     if not replaces and evaluator.gain(terms, state.terms, density).p_value <= evaluator.criterion.p_value:
-        leaves_structure = not (state.is_noise or evaluator.residuals.is_noise(terms))
-        share = evaluator.residuals.explained_share(terms, state.terms, above_floor=leaves_structure)
-        replaces = share > (evaluator.criterion.explained_share if state.is_noise else evaluator.criterion.needed_share)
+        is_noise, criterion = evaluator.residuals.is_noise(terms), evaluator.criterion
+        share = evaluator.residuals.explained_share(terms, state.terms, above_floor=not (state.is_noise or is_noise))
+        replaced = [effect for effect in state.effects if effect.id not in list_ids(terms)]
+        replaces = share > (criterion.explained_share if state.is_noise else criterion.needed_share) or (
+            len(replaced) > 1 and state.is_noise and is_noise
+        )
     return float(np.sum((density(terms) - density(state.terms))[evaluator.held_out])) if replaces else None
 
 
@@ -105,12 +108,10 @@ def add_beside_table(state: SearchState) -> SearchState:
 
 
 def list_table_forms(state: SearchState) -> list[Terms]:
-    """Return the terms of a state with each other form of their table: other numbers of pieces, or another range."""
+    """Return the terms of a state with each other form of their table: other numbers of pieces, or a turn."""
     table = get_table(state, state.terms)
     kind = next(kind for kind in state.evaluator.tables if kind.id == table.id)
-    kinds = dict.fromkeys((kind, TABLES.get(kind.id, kind)))
-    others = remove_term(state.terms, table)
-    trials = [trial for kind in kinds for trial in refine_variants(state.evaluator.train, others, kind)]
+    trials = refine_variants(state.evaluator.train, remove_term(state.terms, table), kind)
     return [trial.terms for trial in trials if trial.terms[-1] != table]
 
 

@@ -36,20 +36,30 @@ OF_ANGLE: dict[str, Callable[[Array], Array]] = {
 
 
 class Extent(Struct, frozen=True):
-    """Range of a table [rad, rad/s or s] and number of pieces; the range -pi to pi is periodic.
+    """Range of a table [rad, rad/s or s] and number of equal pieces; the range -pi to pi is periodic.
 
-    `beside` names the angle functions of other terms; a torque by angle is orthogonal to them.
+    `beside` names the angle functions of other terms; a torque by angle is orthogonal to them. `merged` are the knots,
+    counted from the low end, whose two pieces are one: few data lie there.
     """
 
     low: Number
     high: Number
     pieces: Annotated[int, Meta(ge=3, le=100)]
     beside: tuple[Text, ...] = ()
+    merged: tuple[Annotated[int, Meta(ge=1, le=99)], ...] = ()
 
     @property
     def is_turn(self) -> bool:
         """Return whether the table is periodic over a turn."""
         return self.low == -np.pi and self.high == np.pi
+
+    def find_sparse_ranges(self) -> list[tuple[float, float]]:
+        """Return the low and high end of each range with merged pieces."""
+        knots, is_merged = np.linspace(self.low, self.high, self.pieces + 1), np.zeros(self.pieces + 2, dtype=int)
+        for knot in self.merged:
+            is_merged[[knot, knot + 1]] = 1  # the pieces on both sides
+        low, high = (np.flatnonzero(np.diff(is_merged) == step) for step in (1, -1))
+        return list(zip(knots[low].tolist(), knots[high].tolist(), strict=True))
 
 
 def read_table(kind: type[Table], data: Any, key: str) -> Table:
@@ -59,7 +69,9 @@ def read_table(kind: type[Table], data: Any, key: str) -> Table:
     is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))
     if not (least <= extent.low and extent.high <= FARTHEST and is_wide):
         raise FileError(f"'{key}' has to reach from low to high, within {least:g} and {FARTHEST:g}")
-    if not set(extent.beside) <= OF_ANGLE.keys() or extent.pieces <= len(extent.beside):
+    if not set(extent.merged) <= set(range(1, extent.pieces)) or len(set(extent.merged)) < len(extent.merged):
+        raise FileError(f"'{key}.merged' has to list knots from 1 to {extent.pieces - 1}, each once")
+    if not set(extent.beside) <= OF_ANGLE.keys() or extent.pieces - len(extent.merged) <= len(extent.beside):
         raise FileError(f"'{key}' has to leave some of {', '.join(OF_ANGLE)} to others, fewer than it has pieces")
     return kind.with_extent(extent)()
 
@@ -136,7 +148,7 @@ class Table(Term):
 
 def _sum_splines(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
     """Sum cubic B-splines at an argument; `weights` are keyed by the index of the spline's central knot."""
-    low, high, pieces, _ = astuple(kind.extent)
+    low, high, pieces, *_ = astuple(kind.extent)
     if kind.extent.is_turn:
         inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
     else:
@@ -165,7 +177,7 @@ def _set_extent(kind: type[Table], extent: Extent) -> type[Table]:
 @cache
 def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     """Compute the spline weights of each coefficient of a table, subject to orthogonality and end conditions."""
-    low, high, pieces, _ = astuple(kind.extent)
+    low, high, pieces, *_ = astuple(kind.extent)
     knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
     fine = 2000  # points of the inner product
     x = low + (high - low) * (np.arange(fine) + 0.5) / fine
@@ -180,6 +192,11 @@ def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
         bend = np.zeros(len(knots))
         bend[:3] = 1.0, -2.0, 1.0
         conditions += [bend, bend[::-1]]
+    for knot in kind.extent.merged:  # the third derivative does not jump
+        jump = np.zeros(len(knots))
+        for step, share in zip(range(-2, 3), (1.0, -4.0, 6.0, -4.0, 1.0), strict=True):
+            jump[(knot + step - knots[0]) % len(knots)] += share
+        conditions.append(jump)
     rows = np.array(conditions).reshape(-1, len(knots))  # a periodic table may have no conditions
     order = scipy.linalg.qr(rows, mode="r", pivoting=True)[1]
     bound, free = order[: len(rows)], np.sort(order[len(rows) :])
@@ -205,7 +222,6 @@ class ByAngle(Table):
     """Function of the angle, periodic if the joint turned."""
 
     axis = "position"
-    outside: ClassVar[float] = 0.0  # samples beyond either end, in units of the samples per piece
 
     def covers(self, x: Samples) -> bool:
         position, extent = np.asarray(x.position), self.extent
@@ -344,16 +360,10 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
 TABLES: dict[str, type[Term]] = {kind.id: kind for kind in (TorqueByAngle, FrictionByAngle, FrictionBySpeed)}
 
 
-@cache
-def _trim_ends(kind: type[ByAngle]) -> type[ByAngle]:
-    """Derive the table without ends that have few samples, which predict badly."""
-    return derive_kind(kind, _trim_ends, outside=0.5)
-
-
 COMPETING: tuple[type[Term], ...] = (  # tables that compete with effects
     PowerOfSpeed,
-    _trim_ends(TorqueByAngle),
-    _trim_ends(FrictionByAngle),
+    TorqueByAngle,
+    FrictionByAngle,
     FrictionBySpeed,
     TorqueByTime,
     GainByTime,

@@ -265,7 +265,7 @@ def describe_addition(addition: Addition) -> str:
 
 
 def describe_table(step: Step) -> str | None:
-    """Name the formulas most similar to an added table; None for an effect."""
+    """Name the formulas most similar to an added table, and where data are few; None for an effect."""
     tables = step.model.tables
     if step.added not in tables:
         return None
@@ -274,7 +274,11 @@ def describe_table(step: Step) -> str | None:
         return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
     near = [describe_likeness(one, table.slides) for one in find_likenesses(table, curve)]
     nearest = f"{join_words(near, 'or')} of its shape" if near else "no formula that is known here"
-    return f"{step.added} looks like {nearest}."
+    unit = JointUnits(slides=table.slides).unit("rad")
+    sparse = join_words([measure_range(*ends, unit) for ends in table.extent.find_sparse_ranges()])
+    return f"{step.added} looks like {nearest}." + (
+        f" Its pieces are longer where data are few: {sparse}." if sparse else ""
+    )
 
 
 def describe_likeness(likeness: Likeness, slides: bool = False) -> str:

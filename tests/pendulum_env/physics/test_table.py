@@ -30,6 +30,8 @@ KINDS = [
     FrictionByAngle.with_extent(Extent(-0.3, 0.9, 5)),
     FrictionByAngle.with_extent(Extent(-np.pi, np.pi, 7)),
     FrictionBySpeed.with_extent(Extent(0.0, 7.0, 8)),
+    TorqueByAngle.with_extent(Extent(-1.2, 2.1, 12, ("sine",), merged=(1, 2, 5, 11))),
+    FrictionByAngle.with_extent(Extent(-np.pi, np.pi, 9, merged=(1, 4, 5))),
 ]
 GAIN = GainByTime.with_extent(Extent(0.0, 7.0, 5))  # which competes with effects, and no model keeps
 SAID_ALREADY = {  # by the base model, of the table's argument
@@ -51,14 +53,14 @@ def in_model(kind: type[Table], size: float = 0.3) -> Model:
 
 @pytest.mark.parametrize("kind", [*KINDS, GAIN])
 def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind):
-    low, high, pieces, _ = astuple(kind.extent)
+    low, high, pieces, _, merged = astuple(kind.extent)
     scale = np.sqrt if kind.axis == "velocity" else np.positive
-    knots = np.linspace(scale(low), scale(high), pieces + 1)
+    knots = np.delete(np.linspace(scale(low), scale(high), pieces + 1), merged)
     at_knots = values(kind, knots**2 if kind.axis == "velocity" else knots)
     spline = CubicSpline(knots, at_knots, bc_type="periodic" if kind.extent.is_turn else "natural")
     x = np.linspace(low, high, 997)
     np.testing.assert_allclose(values(kind, x), spline(scale(x)), atol=1e-9)
-    heights = pieces if kind.extent.is_turn else pieces + 1
+    heights = len(knots) - kind.extent.is_turn
     assert np.linalg.matrix_rank(at_knots) == heights - len(SAID_ALREADY.get(kind.id, ["none at first"]))
 
 
@@ -133,6 +135,7 @@ def test_a_model_file_keeps_a_table_and_so_does_a_process(kind, tmp_path):
         (KINDS[0], {"low": 1.0, "high": 0.0, "pieces": 4}),
         (KINDS[0], {"low": 1.0, "high": 1.0 + 1e-15, "pieces": 4}),
         (KINDS[0], {"low": 0.0, "high": 1.0, "pieces": 4, "beside": ["tan"]}),
+        (KINDS[0], {"low": 0.0, "high": 1.0, "pieces": 4, "merged": [4]}),
         (KINDS[0], {"low": 0.0}),
         (KINDS[4], {"low": -1.0, "high": 1.0, "pieces": 8}),  # no speed is below zero
     ],
@@ -156,8 +159,8 @@ def test_what_a_table_may_be_is_added_before_it():
 
 def test_a_gain_scales_the_torque_and_friction_takes_the_sign_of_the_speed():
     x = Samples(np.full(3, 2.0), np.zeros(3), np.array([-2.0, 0.0, 2.0]), np.array([1.0, 1.0, 3.0]))
-    gain, friction = GAIN().columns[2], KINDS[-1]().columns[2]
+    gain, friction = GAIN().columns[2], KINDS[4]().columns[2]
     share = values(GAIN, [2.0])[0, 2]
     np.testing.assert_allclose(gain.torque(x, 0.0)[[0, 2]], [share, 3.0 * share])
-    magnitude = values(KINDS[-1], [2.0])[0, 2]
+    magnitude = values(KINDS[4], [2.0])[0, 2]
     np.testing.assert_allclose(friction.torque(x, 0.0), [-magnitude, 0.0, magnitude])
