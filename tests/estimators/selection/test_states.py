@@ -70,7 +70,7 @@ class ScoredEvaluator(ModelEvaluator):
             relative_rms=lambda terms: 1.0,
             is_noise_at=lambda at, terms: self.total(terms) >= NOISE,
             explained_share=lambda after, before, above_floor=False: (
-                (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 1.0)
+                (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 0.1 * NOISE)
             ),
         )
 
@@ -156,6 +156,7 @@ def test_pair_is_added_if_each_effect_needs_the_other(gains: dict, after: str | 
         ({"D": 1000.0, "T": 600.0, "DT": 1000.0}, "D", "D", False),
         ({"D": 600.0, "T": 650.0, "DT": 1000.0}, "D", "D", True),  # both are needed
         ({"AD": 1000.0, "T": 1100.0}, "AD", "", True),  # two effects of its kind that it beats
+        ({"AD": 1000.0, "T": 1010.0}, "AD", "", True),  # by a small share
         ({"AD": 1000.0, "T": 990.0}, "AD", "AD", False),
         ({"DO": 1000.0, "T": 1100.0}, "DO", "DO", False),  # an offset is none of its kind
         ({}, "", "", False),
