@@ -142,8 +142,11 @@ class Residuals:
 
         The update is the least squares fit to both parts, to first order; each part is weighted by its residual. So
         parameters that the training data poorly determine cause no residual. Covariances by clusters would be singular:
-        an arm has more parameters than a short recording has clusters.
+        an arm has more parameters than a short recording has clusters. A table by angle that does not cover the held-out
+        data is refitted to them.
         """
+        if self.are_refitted(terms) and all(term.axis == "position" for term in terms if isinstance(term, Table)):
+            return self.holdout.residual(set_grid(self.holdout, terms))
         fit, rows, targets = fit_terms(self.train, terms)[1], list[Array](), list[Array]()
         free = np.flatnonzero(np.diag(fit.covariance))  # others are known, or at their bounds
         for part in self.parts:

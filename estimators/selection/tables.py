@@ -42,18 +42,18 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
     """Return the gain of terms with a table on held-out data [nat]; None if they do not replace those of the state."""
     evaluator = state.evaluator
     density = evaluator.refitted_density if evaluator.residuals.are_refitted(terms) else evaluator.density
+    is_noise, criterion = evaluator.residuals.is_noise(terms), evaluator.criterion
+    has_fewer = count_parameters(terms) < count_parameters(state.terms)
+    replaces_several = is_noise and len(set(list_ids(state.terms)) - set(list_ids(terms))) > 1
     replaces = (
-        count_parameters(terms) < count_parameters(state.terms)
+        is_noise
+        and (has_fewer or (replaces_several and not state.is_noise))
         and evaluator.is_tied(terms, state.terms, density)
-        and evaluator.residuals.is_noise(terms)
     )
-    if not replaces and evaluator.gain(terms, state.terms, density).p_value <= evaluator.criterion.p_value:
-        is_noise, criterion = evaluator.residuals.is_noise(terms), evaluator.criterion
+    if not replaces and evaluator.gain(terms, state.terms, density).p_value <= criterion.p_value:
         share = evaluator.residuals.explained_share(terms, state.terms, above_floor=not (state.is_noise or is_noise))
-        replaced = [effect for effect in state.effects if effect.id not in list_ids(terms)]
-        replaces = share > (criterion.explained_share if state.is_noise else criterion.needed_share) or (
-            len(replaced) > 1 and state.is_noise and is_noise
-        )
+        least = criterion.explained_share if state.is_noise else criterion.needed_share
+        replaces = replaces_several or share > least
     return float(np.sum((density(terms) - density(state.terms))[evaluator.held_out])) if replaces else None
 
 

@@ -53,14 +53,6 @@ class Extent(Struct, frozen=True):
         """Return whether the table is periodic over a turn."""
         return self.low == -np.pi and self.high == np.pi
 
-    def find_sparse_ranges(self) -> list[tuple[float, float]]:
-        """Return the low and high end of each range with merged pieces."""
-        knots, is_merged = np.linspace(self.low, self.high, self.pieces + 1), np.zeros(self.pieces + 2, dtype=int)
-        for knot in self.merged:
-            is_merged[[knot, knot + 1]] = 1  # the pieces on both sides
-        low, high = (np.flatnonzero(np.diff(is_merged) == step) for step in (1, -1))
-        return list(zip(knots[low].tolist(), knots[high].tolist(), strict=True))
-
 
 def read_table(kind: type[Table], data: Any, key: str) -> Table:
     """Make a table from the extent under a key of a model file."""

@@ -274,11 +274,9 @@ def describe_table(step: Step) -> str | None:
         return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
     near = [describe_likeness(one, table.slides) for one in find_likenesses(table, curve)]
     nearest = f"{join_words(near, 'or')} of its shape" if near else "no formula that is known here"
-    unit = JointUnits(slides=table.slides).unit("rad")
-    sparse = join_words([measure_range(*ends, unit) for ends in table.extent.find_sparse_ranges()])
-    return f"{step.added} looks like {nearest}." + (
-        f" Its pieces are longer where data are few: {sparse}." if sparse else ""
-    )
+    merged, knots = len(table.extent.merged), table.extent.pieces - 1
+    coarse = f" Inner knots that are left out where data are few: {merged} of {knots}." if merged else ""
+    return f"{step.added} looks like {nearest}.{coarse}"
 
 
 def describe_likeness(likeness: Likeness, slides: bool = False) -> str:
