@@ -142,8 +142,8 @@ class Residuals:
 
         The update is the least squares fit to both parts, to first order; each part is weighted by its residual. So
         parameters that the training data poorly determine cause no residual. Covariances by clusters would be singular:
-        an arm has more parameters than a short recording has clusters. A table by angle that does not cover the held-out
-        data is refitted to them.
+        an arm has more parameters than a short recording has clusters. Tables by angle that do not cover the held-out
+        data are refitted to them.
         """
         if self.are_refitted(terms) and all(term.axis == "position" for term in terms if isinstance(term, Table)):
             return self.holdout.residual(set_grid(self.holdout, terms))
