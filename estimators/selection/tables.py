@@ -18,12 +18,12 @@ from pendulum_env.physics.terms import count_parameters
 def replace_by_table(state: SearchState) -> SearchState:
     """Replace effects that imitate a table; return the state with `table` set, and terms without it, or the state.
 
-    Effects imitate a table in three cases. A simpler model with a table leaves only noise and predicts equally. Or
-    structure is left, and the table with the effects still needed predicts significantly better and explains most of
-    it; if the table leaves structure, most of all torque above the noise floor. Or a table in the place of two or more
-    effects predicts significantly better, and both leave only noise. The table with the best prediction of held-out
-    data is kept, in the shortest model over which that prediction is not needed: another form of the table may include
-    an effect. `add_beside_table` adds effects.
+    Effects imitate a table if the model with the table leaves only noise, predicts equally, and has fewer parameters or
+    replaces two or more effects that leave structure. Or it predicts significantly better, and leaves only noise in the
+    place of two or more effects, or explains enough: a share of the noise, or most of the structure; if it leaves
+    structure, most of all torque above the noise floor. The table with the best prediction of held-out data is kept, in
+    the shortest model over which that prediction is not needed: another form of the table may include an effect.
+    `add_beside_table` adds effects.
     """
     totals = {
         terms: total for terms in list_table_models(state) if (total := _compute_table_gain(state, terms)) is not None
@@ -43,13 +43,10 @@ def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
     evaluator = state.evaluator
     density = evaluator.refitted_density if evaluator.residuals.are_refitted(terms) else evaluator.density
     is_noise, criterion = evaluator.residuals.is_noise(terms), evaluator.criterion
-    has_fewer = count_parameters(terms) < count_parameters(state.terms)
     replaces_several = is_noise and len(set(list_ids(state.terms)) - set(list_ids(terms))) > 1
-    replaces = (
-        is_noise
-        and (has_fewer or (replaces_several and not state.is_noise))
-        and evaluator.is_tied(terms, state.terms, density)
-    )
+    is_simpler = is_noise and count_parameters(terms) < count_parameters(state.terms)
+    replaces = is_simpler or (replaces_several and not state.is_noise)
+    replaces = replaces and evaluator.is_tied(terms, state.terms, density)
     if not replaces and evaluator.gain(terms, state.terms, density).p_value <= criterion.p_value:
         share = evaluator.residuals.explained_share(terms, state.terms, above_floor=not (state.is_noise or is_noise))
         least = criterion.explained_share if state.is_noise else criterion.needed_share
