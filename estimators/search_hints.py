@@ -274,14 +274,10 @@ def _list_sparse_knots(counts: Array) -> tuple[int, ...]:
 
     `counts` are the samples of the pieces (K,).
     """
-    kept, since_last, least = list[int](), 0, LEAST_SAMPLES * np.sum(counts)
-    for knot, count in enumerate(counts[:-1].tolist(), start=1):
-        since_last += count
-        if since_last >= least:
+    kept, before = [0], np.append(0, np.cumsum(counts))  # samples before each knot
+    for knot in range(1, len(counts)):
+        if min(before[knot] - before[kept[-1]], before[-1] - before[knot]) >= LEAST_SAMPLES * before[-1]:
             kept.append(knot)
-            since_last = 0
-    if kept and since_last + counts[-1] < least:
-        kept.pop()
     return tuple(knot for knot in range(1, len(counts)) if knot not in kept)
 
 
