@@ -186,9 +186,8 @@ def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
         conditions += [bend, bend[::-1]]
     for knot in kind.extent.merged:  # the third derivative does not jump
         jump = np.zeros(len(knots))
-        for step, share in zip(range(-2, 3), (1.0, -4.0, 6.0, -4.0, 1.0), strict=True):
-            jump[(knot + step - knots[0]) % len(knots)] += share
-        conditions.append(jump)
+        jump[:5] = 1.0, -4.0, 6.0, -4.0, 1.0
+        conditions.append(np.roll(jump, knot - 2 - knots[0]))
     rows = np.array(conditions).reshape(-1, len(knots))  # a periodic table may have no conditions
     order = scipy.linalg.qr(rows, mode="r", pivoting=True)[1]
     bound, free = order[: len(rows)], np.sort(order[len(rows) :])

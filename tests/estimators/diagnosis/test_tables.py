@@ -6,6 +6,8 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Addition, Diagnosis, add, diagnose
 from estimators.diagnosis.likeness import find_likenesses
+from estimators.search_hints import LEAST_SAMPLES, make_grid
+from pendulum_env.physics import Samples
 from pendulum_env.physics.table import TABLES, Extent, FrictionBySpeed, TableCurve, TorqueByAngle
 from pendulum_env.recording import Recording
 from tests.cases import recorded
@@ -113,6 +115,19 @@ def test_a_table_leaves_to_an_offset_and_to_gravity_what_is_theirs():
     plant = Plant()
     for name, true in (("gravity", plant.gravity), ("torque_offset", 0.0)):
         assert abs(told[name].value - true) < 4 * told[name].std < 0.1
+
+
+@pytest.mark.parametrize("far", [3.0, 8.0])  # without and with a whole turn
+def test_a_table_has_no_piece_without_data(far):
+    time = np.linspace(0.0, 30.0, 6000)
+    position = 0.6 * np.sin(2.1 * time) + far * np.exp(-(((time - 20.0) / 0.2) ** 2))  # one short excursion
+    tables = make_grid(TorqueByAngle, Samples(time, position, np.zeros(6000), np.zeros(6000)), np.empty(0))
+    assert {table.extent.is_turn for table in tables} == {False, far > 5.0}
+    for extent in (table.extent for table in tables):
+        reached = (position + np.pi) % (2 * np.pi) - np.pi if extent.is_turn else position
+        knots = np.delete(np.linspace(extent.low, extent.high, extent.pieces + 1), extent.merged)
+        assert np.histogram(reached, knots)[0].min() >= LEAST_SAMPLES * 6000
+        assert (knots[0], knots[-1]) == ((-np.pi, np.pi) if extent.is_turn else (position.min(), position.max()))
 
 
 @pytest.mark.parametrize("power", [0.5, 2.0, 3.0])
