@@ -61,9 +61,10 @@ def read_table(kind: type[Table], data: Any, key: str) -> Table:
     is_wide = extent.high - extent.low > NARROWEST * max(1.0, abs(extent.low))
     if not (least <= extent.low and extent.high <= FARTHEST and is_wide):
         raise FileError(f"'{key}' has to reach from low to high, within {least:g} and {FARTHEST:g}")
-    if not set(extent.merged) <= set(range(1, extent.pieces)) or len(set(extent.merged)) < len(extent.merged):
-        raise FileError(f"'{key}.merged' has to list knots from 1 to {extent.pieces - 1}, each once")
-    if not set(extent.beside) <= OF_ANGLE.keys() or extent.pieces - len(extent.merged) <= len(extent.beside):
+    n_left = len(set(range(extent.pieces)) - set(extent.merged))
+    if n_left != extent.pieces - len(extent.merged) or n_left < 3:
+        raise FileError(f"'{key}.merged' has to list knots below {extent.pieces}, each once, and leave three pieces")
+    if not set(extent.beside) <= OF_ANGLE.keys() or n_left <= len(extent.beside):
         raise FileError(f"'{key}' has to leave some of {', '.join(OF_ANGLE)} to others, fewer than it has pieces")
     return kind.with_extent(extent)()
 
@@ -186,8 +187,8 @@ def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
         conditions += [bend, bend[::-1]]
     for knot in kind.extent.merged:  # the third derivative does not jump
         jump = np.zeros(len(knots))
-        jump[:5] = 1.0, -4.0, 6.0, -4.0, 1.0
-        conditions.append(np.roll(jump, knot - 2 - knots[0]))
+        np.add.at(jump, (np.arange(knot - 2, knot + 3) - knots[0]) % len(knots), (1.0, -4.0, 6.0, -4.0, 1.0))
+        conditions.append(jump)
     rows = np.array(conditions).reshape(-1, len(knots))  # a periodic table may have no conditions
     order = scipy.linalg.qr(rows, mode="r", pivoting=True)[1]
     bound, free = order[: len(rows)], np.sort(order[len(rows) :])

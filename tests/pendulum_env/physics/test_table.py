@@ -32,6 +32,7 @@ KINDS = [
     FrictionBySpeed.with_extent(Extent(0.0, 7.0, 8)),
     TorqueByAngle.with_extent(Extent(-1.2, 2.1, 12, ("sine",), merged=(1, 2, 5, 11))),
     FrictionByAngle.with_extent(Extent(-np.pi, np.pi, 9, merged=(1, 4, 5))),
+    FrictionByAngle.with_extent(Extent(-np.pi, np.pi, 4, merged=(2,))),
 ]
 GAIN = GainByTime.with_extent(Extent(0.0, 7.0, 5))  # which competes with effects, and no model keeps
 SAID_ALREADY = {  # by the base model, of the table's argument
@@ -136,6 +137,8 @@ def test_a_model_file_keeps_a_table_and_so_does_a_process(kind, tmp_path):
         (KINDS[0], {"low": 1.0, "high": 1.0 + 1e-15, "pieces": 4}),
         (KINDS[0], {"low": 0.0, "high": 1.0, "pieces": 4, "beside": ["tan"]}),
         (KINDS[0], {"low": 0.0, "high": 1.0, "pieces": 4, "merged": [4]}),
+        (KINDS[0], {"low": 0.0, "high": 1.0, "pieces": 5, "merged": [1, 1]}),
+        (KINDS[0], {"low": 0.0, "high": 1.0, "pieces": 4, "merged": [1, 2]}),
         (KINDS[0], {"low": 0.0}),
         (KINDS[4], {"low": -1.0, "high": 1.0, "pieces": 8}),  # no speed is below zero
     ],
