@@ -87,9 +87,10 @@ def _scale_swings(recordings: Recordings, inertia: float, torque_unit: str) -> R
 
 
 def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Recordings:
-    """Return recordings in the unit of torque of a model, with decided goals of controllers.
+    """Return recordings in the unit of torque of a model, with decided conventions of controllers.
 
-    Currents are converted by the model's torque constant, else by known loads.
+    A drive's own conventions come before those of the model. Currents are converted by the model's torque constant,
+    else by known loads.
 
     Raises:
         IdentificationError: if the torque constant is unknown.
@@ -117,4 +118,8 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Reco
                 f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: "
                 "record under known loads that differ, or identify the model with a torque constant"
             )
-    return in_loop.complete_conventions(recordings, model)
+    recordings = in_loop.complete_drives(recordings, model.log_format)
+    try:
+        return in_loop.decide_conventions(recordings).recordings
+    except IdentificationError:  # the joint moves too little for a decision
+        return in_loop.complete_drives(recordings, {"goal": "held"})

@@ -17,7 +17,7 @@ from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
-from estimators.in_loop import apply_conventions
+from estimators.in_loop import complete_drives
 from estimators.progress import Progress, no_progress
 from estimators.selection.errors import explain_rejection
 from estimators.selection.search import SearchResult, fit_without_and_with
@@ -61,7 +61,7 @@ def add(
     body = model.body
     recordings = select_recordings(recordings, body=body, log_format=model.log_format)
     holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
-    every, count = apply_conventions((*recordings, *holdout), model.log_format), len(recordings)
+    every, count = complete_drives((*recordings, *holdout), model.log_format), len(recordings)
     recordings, holdout = every[:count], every[count:]
     kind = find_kind(id, body)
     model.add(kind())  # raises if the model has it

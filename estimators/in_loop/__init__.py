@@ -20,13 +20,9 @@ from typing import TYPE_CHECKING
 from pendulum_env.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from estimators.in_loop.conventions import (
-        apply_conventions,
-        complete_conventions,
-        decide_conventions,
-        has_open_torque,
-    )
+    from estimators.in_loop.convention_fits import complete_drives
+    from estimators.in_loop.conventions import decide_conventions, has_open_torque
 else:  # a recording without goals needs none of it
     __getattr__, __dir__ = lazy_exports(__name__)
 
-__all__ = ["apply_conventions", "complete_conventions", "decide_conventions", "has_open_torque"]
+__all__ = ["complete_drives", "decide_conventions", "has_open_torque"]

@@ -18,6 +18,7 @@ from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
+from pendulum_env.servo.drive import find_declared_conventions
 from pendulum_env.servo.torque import replace_drive
 
 Settings = dict[str, str]  # conventions of a drive, by name
@@ -62,9 +63,28 @@ class Choice(NamedTuple):
     gain: Quantity
 
 
+def group_by_loop(recordings: Sequence[Recording]) -> list[list[int]]:
+    """Group the indices of recordings by the controlled quantity and the shaft of the encoder.
+
+    Recordings without a drive are another group.
+    """
+    kinds = [None if r.drive is None else (r.drive.control, r.drive.encoder) for r in recordings]
+    return [[k for k, other in enumerate(kinds) if other == kind] for kind in dict.fromkeys(kinds)]
+
+
 def complete_drives(recordings: Sequence[Recording], settings: Mapping[str, Any]) -> tuple[Recording, ...]:
-    """Return the recordings with settings of undeclared conventions; the requested torque is computed again."""
-    return tuple(r if r.drive is None else replace_drive(r, r.drive.complete_conventions(settings)) for r in recordings)
+    """Return the recordings with settings of undeclared conventions; the requested torque is computed again.
+
+    A convention that one drive declares holds for all of its group, see `group_by_loop`.
+    """
+    completed = list(recordings)
+    for numbers in group_by_loop(recordings):
+        declared = find_declared_conventions([recordings[k].actuator for k in numbers])
+        for k in numbers:
+            drive = recordings[k].drive
+            if drive is not None:
+                completed[k] = replace_drive(recordings[k], drive.complete_conventions({**settings, **declared}))
+    return tuple(completed)
 
 
 def fit_conventions(

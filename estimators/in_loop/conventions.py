@@ -17,21 +17,20 @@ All commands for servos with a drive use these recordings, and so the same torqu
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from estimators.data.rows import Terms
 from estimators.findings import Finding, Kind, Quantity
-from estimators.in_loop.convention_fits import Settings, choose_fit, complete_drives, fit_conventions
+from estimators.in_loop.convention_fits import Settings, choose_fit, complete_drives, fit_conventions, group_by_loop
 from estimators.in_loop.counts import find_encoder_step
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
-from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.windows import Part
-from pendulum_env.physics import BASE, Model, Term, list_ids
+from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import CONTROLLER, find_declared_conventions, list_open_conventions
+from pendulum_env.servo.drive import CONTROLLER, list_open_conventions
 from pendulum_env.servo.torque import depends_on_past
 
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
@@ -63,7 +62,7 @@ def decide_conventions(
     """
     every, count = [*recordings, *holdout], len(recordings)
     findings: list[Finding] = []
-    for numbers in _group_by_loop(every):
+    for numbers in group_by_loop(every):
         deciding = [k for k in numbers if k < count] or numbers
         if not are_driven([every[k] for k in deciding]):
             continue
@@ -75,21 +74,12 @@ def decide_conventions(
     return Conventions(tuple(every[:count]), tuple(every[count:]), tuple(findings))
 
 
-def _group_by_loop(recordings: Sequence[Recording]) -> list[list[int]]:
-    """Group the indices of recordings by the controlled quantity and the shaft of the encoder.
-
-    Recordings without a drive are another group.
-    """
-    kinds = [None if r.drive is None else (r.drive.control, r.drive.encoder) for r in recordings]
-    return [[k for k, other in enumerate(kinds) if other == kind] for kind in dict.fromkeys(kinds)]
-
-
 def _decide_together(
     recordings: Sequence[Recording], count: int, base: Sequence[Term]
 ) -> tuple[Recordings, list[Finding]]:
     """Decide the conventions of drives of one kind by their first `count` recordings; return findings as well."""
     base, part = make_base(recordings[:count], base), choose_parts(recordings[count:])[0]
-    decided = complete_drives(recordings, find_declared_conventions([r.actuator for r in recordings]))
+    decided = complete_drives(recordings, {})
     findings: list[Finding] = []
     for decide in (_decide_controller, _decide_counts):
         settings, found = decide(decided[:count], base, part)
@@ -144,32 +134,6 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part) -> Decision:
     choice = choose_fit(fit_conventions(recordings, choices, base, part, has_counts=True), ("reads",), COUNTS_TIE)
     pairs = tuple(choice.fit.settings.items())
     return choice.fit.settings, [Finding(Kind.POSITION_READ, {"gain": choice.gain}, pairs=pairs)]
-
-
-def apply_conventions(recordings: Sequence[Recording], log_format: Mapping[str, Any]) -> Recordings:
-    """Apply the log format of a model to recordings, for conventions that no drive declares.
-
-    A convention that one drive declares holds for all of its kind, see `decide_conventions`.
-    """
-    applied = list(recordings)
-    for numbers in _group_by_loop(recordings):
-        own = [recordings[k] for k in numbers]
-        settings = {**log_format, **find_declared_conventions([r.actuator for r in own])}
-        for k, recording in zip(numbers, complete_drives(own, settings), strict=True):
-            applied[k] = recording
-    return tuple(applied)
-
-
-def complete_conventions(recordings: Sequence[Recording], model: Model) -> Recordings:
-    """Complete the conventions of recordings by those of a model, and the others as a diagnosis does.
-
-    Goals are held if the joint moves too little for the decision.
-    """
-    recordings = apply_conventions(recordings, model.log_format)
-    try:
-        return decide_conventions(recordings).recordings
-    except IdentificationError:
-        return complete_drives(recordings, {"goal": "held"})
 
 
 def has_open_torque(recordings: Sequence[Recording]) -> bool:

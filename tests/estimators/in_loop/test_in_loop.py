@@ -16,10 +16,9 @@ from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
-from estimators.in_loop import apply_conventions, decide_conventions
+from estimators.in_loop import complete_drives, decide_conventions
 from estimators.in_loop.case import SERVO
 from estimators.in_loop.conclusion import find_torque_scale
-from estimators.in_loop.convention_fits import complete_drives
 from estimators.in_loop.fit import compute_log_likelihood, fit_rollouts, linearise_errors
 from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.rollout_rows import RolloutRows
@@ -341,7 +340,7 @@ def test_sets_of_several_kinds_are_identified_with_conventions_of_each():
 def test_conventions_that_one_drive_declares_hold_for_all_before_those_of_a_model():
     first, second = (integrating(3.0, k, "stop", "after") for k in range(2))
     declared = replace(first, drive=replace(first.drive, windup="clamp"))
-    for recording in apply_conventions([declared, second], {"windup": "free", "integral": "before"}):
+    for recording in complete_drives([declared, second], {"windup": "free", "integral": "before"}):
         assert (recording.drive.windup, recording.drive.integral) == ("clamp", "before")
 
 
@@ -349,7 +348,7 @@ def test_convention_of_a_position_drive_is_not_that_of_a_velocity_drive():
     first, second = (integrating(3.0, k, "stop", "after") for k in range(2))
     declared = replace(first, drive=replace(first.drive, windup="clamp"))
     turned = replace(second, drive=replace(second.drive, control="velocity"))
-    applied = apply_conventions([declared, second, turned], {"integral": "before"})
+    applied = complete_drives([declared, second, turned], {"integral": "before"})
     assert [r.drive.windup for r in applied] == ["clamp", "clamp", None]
     assert {r.drive.integral for r in applied} == {"before"}
 
