@@ -33,6 +33,7 @@ SAME_RATE = 0.01  # relative difference of the rates of logs that are compared a
 SLACK = 0.01  # share of a step of the integrator that may be missing, by rounding
 CONTACT = 2  # factor of the number of steps with a link: its contact is stiffer than the joint
 JITTER = 0.03  # error of a clock in samples
+SMOOTH = 1e-12  # [rad], step of an encoder without visible counts: one compiled step simulates it and counts
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Rollouts:
     def servos(self) -> Servos:
         """Return all rollouts in a batch; shorter ones are padded with their last sample."""
         step, count = self._grain / self._steps_per_grain, self._steps_per_grain * max(len(at) for at in self._times)
-        encoder_step = self.encoder_step if self._reads_counts else None
+        encoder_step = (self.encoder_step or SMOOTH) if self._reads_counts else None
         return make_servos([part for _, part in self._segments], step, count, encoder_step)
 
     @property
@@ -143,8 +144,8 @@ class Rollouts:
     @property
     def creep_torque(self) -> float:
         """Return the torque of `compute_creep_torque`; 0 if simulated controllers read counts."""
-        is_exact = self.servos.encoder_step is None
-        return compute_creep_torque(self.recordings, self.resolution) if is_exact else 0.0
+        reads_counts = self._reads_counts and self.encoder_step is not None
+        return 0.0 if reads_counts else compute_creep_torque(self.recordings, self.resolution)
 
     @property
     def encoder(self) -> dict[str, float]:
