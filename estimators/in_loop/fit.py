@@ -34,8 +34,8 @@ class LoopSettings:
     iterations: int = 30  # largest number of iterations of a fit
     dampings: tuple[float, ...] = (1e-4, 1e-2, 0.3, 10.0, 300.0)  # of the steps in each iteration
     momenta: tuple[float, ...] = (1.0, 5.0)  # multiples of the last step, each tried with the least damped one
-    difference: float = 1e-2  # step for derivatives, relative to the parameter
-    secants: tuple[float, ...] = (0.2, 0.06)  # their relative lengths, in sequence, over many local minima
+    differences: tuple[float, ...] = (3e-3, 1e-2)  # steps for derivatives, relative to the parameter, in sequence
+    secants: tuple[float, ...] = (0.2, 0.06)  # the same over many local minima, to either side
     starts: int = 4  # largest number of starts of a link, at the likeliest values of its profiled parameter
     finalists: int = 2  # number of the best fits from these starts that are fitted to convergence
     shares: tuple[float, ...] = (0.3, 0.6, 0.85)  # shares of the inertia in the starts of a link
@@ -136,22 +136,24 @@ def has_local_minima(terms: Sequence[Term]) -> bool:
 
 
 def linearise_errors(
-    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, secant: float = LOOP.secants[-1]
+    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, length: float | None = None
 ) -> LinearErrors:
     """Linearise the errors around a point by linear parameters, and by nonlinear parameters if they are free.
 
-    `typical` is the size of each linear parameter that matters (P,). If the likelihood has many local minima, slopes
-    for a nonlinear fit are those of secants of relative length `secant` to either side.
+    `typical` is the size of each linear parameter that matters (P,). Slopes are those of steps of relative `length`. If
+    the likelihood has many local minima, slopes for a nonlinear fit are those of secants to either side.
     """
+    has_minima = nonlinear and has_local_minima(point.terms)
+    length = length or (LOOP.secants if has_minima else LOOP.differences)[-1]
     values, size = point.values, compute_parameter_sizes(point, typical)
     count = len(values) if nonlinear else len(point.theta)
     low, high = (end[:count] for end in find_bounds(point))
     current, is_moved = values[:count], np.eye(count, len(values), dtype=bool)
-    steps = LOOP.difference * size[:count]
+    steps = length * size[:count]
     steps = np.where(current + steps > high, -steps, steps)  # into the bounds
     ends = [current + steps]
-    if nonlinear and has_local_minima(point.terms):
-        ends = [np.clip(current + sign * secant * size[:count], low, high) for sign in (1, -1)]
+    if has_minima:
+        ends = [np.clip(current + sign * length * size[:count], low, high) for sign in (1, -1)]
         steps = np.maximum(ends[0] - ends[1], 1e-300)  # none of a known parameter
     nearby = [
         _bind_terms(point.with_values(np.where(is_changed, value, values)))
@@ -186,7 +188,9 @@ def fit_rollouts(
 ) -> LinearErrors:
     """Fit the parameters near a point, and return the errors around the fit.
 
-    Over many local minima, a fit with shorter secants continues from that with longer ones.
+    Over many local minima, a fit with shorter secants continues from that with longer ones. Otherwise, a fit to
+    convergence begins with short steps for derivatives, which lead along a narrow valley; longer ones average over
+    steps of the encoder.
 
     Args:
         rollouts: to fit.
@@ -197,16 +201,16 @@ def fit_rollouts(
         secants: relative lengths of secants over many local minima, in sequence.
     """
     has_minima = nonlinear and has_local_minima(point.terms)
-    for secant in secants if has_minima else secants[-1:]:
-        found = _fit_by_secants(rollouts, point, typical, nonlinear, share, secant)
+    for length in secants if has_minima else LOOP.differences[-1 if share else 0 :]:
+        found = _fit_by_steps(rollouts, point, typical, nonlinear, share, length)
         point = found.point
     return found
 
 
-def _fit_by_secants(
-    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, share: float, secant: float
+def _fit_by_steps(
+    rollouts: Rollouts, point: Point, typical: Array, nonlinear: bool, share: float, length: float
 ) -> LinearErrors:
-    """Fit the parameters near a point, with secants of one length over many local minima.
+    """Fit the parameters near a point, with slopes by steps of one length.
 
     The weights are those of the present errors, so steps are too short along a valley in which all errors decrease:
     steps with a multiple of the last step are also tried. If a step gains too little, up to `LOOP.polls` polls try
@@ -216,7 +220,7 @@ def _fit_by_secants(
     point = _bind_terms(point)
 
     def linearise(point: Point) -> LocalErrors[LinearErrors]:
-        local = linearise_errors(rollouts, point, typical, nonlinear, secant)
+        local = linearise_errors(rollouts, point, typical, nonlinear, length)
         values, (low, high) = point.values, find_bounds(point)
         count, size = local.slopes.shape[1], compute_parameter_sizes(point, typical)
         cost = -float(compute_log_likelihood(rollouts, local.error))
@@ -250,7 +254,7 @@ def _fit_by_secants(
     rule = StopRule(LOOP.iterations, LOOP.dampings, least=LOOP.enough, of_fall=share)
     best_point = gauss_newton(point, linearise, choose_step, rule)
     last = visited[-1].known
-    return last if last.point is best_point else linearise_errors(rollouts, best_point, typical, nonlinear, secant)
+    return last if last.point is best_point else linearise_errors(rollouts, best_point, typical, nonlinear, length)
 
 
 def _bind_terms(point: Point) -> Point:

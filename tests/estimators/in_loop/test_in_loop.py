@@ -420,7 +420,8 @@ def test_fit_finds_the_likeliest_parameters_from_far_away_and_a_limit_that_is_to
     assert found.point.theta[1] == pytest.approx(TRUE["gravity"], rel=0.1)
 
 
-def test_fit_finds_friction_beside_drag_though_the_output_is_mostly_at_its_limit():
+@pytest.mark.parametrize(("tones", "sizes"), [((0.2, 0.6), (0.7, 0.3)), ((0.3, 0.8), (0.8, 0.4))])
+def test_fit_finds_friction_beside_drag_though_the_output_is_mostly_at_its_limit(tones, sizes):
     """Their sum is known well, so the fit has to follow a narrow valley."""
     true, limit, step, recordings = np.array([0.0124, 0.386, 1.955, 0.071]), 1.5, 1e-4, []
     inertia, gravity, viscous, coulomb = true
@@ -428,8 +429,8 @@ def test_fit_finds_friction_beside_drag_though_the_output_is_mostly_at_its_limit
         q, v, goal, torque, rows = 0.0, 0.0, 0.0, 0.0, []
         for k in range(80_000):
             if k % 80 == 0:
-                slow, fast = 0.4 * np.pi * k * step, 1.2 * np.pi * k * step
-                goal = 0.7 * np.sin(slow) + 0.3 * (np.sin(fast + phase) - np.sin(phase))
+                slow, fast = (2 * np.pi * tone * k * step for tone in tones)
+                goal = sizes[0] * np.sin(slow) + sizes[1] * (np.sin(fast + phase) - np.sin(phase))
                 rows.append((k * step, q, goal))
             if k % 10 == 0:
                 torque = min(max(kp * (goal - q), -limit), limit)
