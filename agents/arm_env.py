@@ -23,7 +23,7 @@ from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.errors import UserError
-from pendulum_env.excitation import USUAL_SPEED
+from pendulum_env.excitation import DEFAULT_SPEED
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.policy import Policy, State
 
@@ -39,13 +39,13 @@ def compute_observation(motions: MotionBatch, time_left: float) -> Batch:
     """Compute observations (B, 8 n + 2 P + 1) of motions at a knot with the time left [s]."""
     q, (low, high, speed, torque, acceleration) = motions.position, motions.limits
     information = np.log(motions.information.diagonal(axis1=1, axis2=2) / INFORMATION_PRIOR)
-    known = -np.log(motions.variances * INFORMATION_PRIOR)
-    where = [np.sin(q), np.cos(q), (2 * q - low - high) / (high - low), motions.speed / speed]
+    uncertainty = -np.log(motions.variances * INFORMATION_PRIOR)
+    motion = [np.sin(q), np.cos(q), (2 * q - low - high) / (high - low), motions.speed / speed]
     rise = speed / acceleration / DEFAULT_LIMITS.rise
-    limits = [(high - low) / (2 * np.pi), speed / USUAL_SPEED, torque / TORQUE, rise]
+    limits = [(high - low) / (2 * np.pi), speed / DEFAULT_SPEED, torque / TORQUE, rise]
     time = np.full((len(q), 1), time_left / TIME_SCALE)
-    seen = np.concatenate([*where, *limits, information / LOG_SCALE, known / LOG_SCALE, time], axis=1)
-    return np.clip(seen, -OBSERVATION_BOUND, OBSERVATION_BOUND).astype(np.float32)
+    features = np.concatenate([*motion, *limits, information / LOG_SCALE, uncertainty / LOG_SCALE, time], axis=1)
+    return np.clip(features, -OBSERVATION_BOUND, OBSERVATION_BOUND).astype(np.float32)
 
 
 class ArmExcitationDesignVector(TaskVector):
@@ -115,13 +115,13 @@ class ArmExcitationDesignVector(TaskVector):
             )
         seconds = rng.uniform(*SECONDS) if self._seconds is None else self._seconds
         self._motions, self._steps_left = MotionBatch(self.body, limits, self.num_envs), round(seconds / KNOT_PERIOD)
-        return self._task_state()
+        return self._make_state()
 
     def _apply_actions(self, shares: Array) -> TaskState:
         self._motions.advance(np.clip(shares, -1.0, 1.0))
-        return self._task_state()
+        return self._make_state()
 
-    def _task_state(self) -> TaskState:
+    def _make_state(self) -> TaskState:
         info = {"speed": self._motions.speed, "variances": self._motions.variances}
         return compute_observation(self._motions, self._steps_left * KNOT_PERIOD), self._motions.log_precision, info
 

@@ -24,8 +24,8 @@ from agents.observer import (
     TICK,
     Batch,
     Constraint,
+    compute_log_det,
     decode_observation,
-    log_det,
 )
 from pendulum_env._typing import Array, Mask
 from pendulum_env.excitation import excitation
@@ -69,15 +69,15 @@ def predict_rows(torque: Array, theta: Array, position: Array, velocity: Array) 
     shape = torque.shape
     each = [np.repeat(values, shape[-1], axis=-1) for values in (theta.T, position, velocity)]
     # of second order, so an action changes little with finer steps
-    way = simulate(BASE, each[0], TICK, torque.reshape(len(torque), -1), each[1], each[2], longest_step=5e-3)
-    speed = np.abs(way.velocity)
-    usable = (speed[1:] >= MIN_SPEED) & (speed[:-1] >= MIN_SPEED) & (way.velocity[1:] * way.velocity[:-1] > 0)
-    return (regressor_rows(way, TICK) * NOMINAL).reshape(*shape, -1), usable.reshape(shape)
+    motion = simulate(BASE, each[0], TICK, torque.reshape(len(torque), -1), each[1], each[2], longest_step=5e-3)
+    speed = np.abs(motion.velocity)
+    usable = (speed[1:] >= MIN_SPEED) & (speed[:-1] >= MIN_SPEED) & (motion.velocity[1:] * motion.velocity[:-1] > 0)
+    return (compute_regressor_rows(motion, TICK) * NOMINAL).reshape(*shape, -1), usable.reshape(shape)
 
 
-def regressor_rows(way: Trajectory, period: float) -> Array:
+def compute_regressor_rows(motion: Trajectory, period: float) -> Array:
     """Compute the torque per unit of inertia, gravity, viscous and dry friction over each period [s] (T, N, 4)."""
-    q, v = way.position, way.velocity
+    q, v = motion.position, motion.velocity
     parts = [np.diff(v, axis=0) / period, np.sin(0.5 * (q[1:] + q[:-1])), np.diff(q, axis=0) / period, np.sign(v[1:])]
     return np.stack(parts, axis=-1)
 
@@ -102,19 +102,19 @@ class LookAhead:
         self, observation: Any, state: State = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Batch, State]:
         """Return torques (B, 1)."""
-        seen = decode_observation(observation)
-        most = np.full(len(observation), self.constraint.peak)
+        state_seen = decode_observation(observation)
+        bound = np.full(len(observation), self.constraint.peak)
         if self.constraint.rms is not None:
-            pace = np.sqrt(np.maximum(seen.budget_left, 0.0) / np.maximum(seen.time_left, 1e-3))
-            most = np.minimum(most, self.constraint.rms * pace)
-        torque = self._sequences[:, None] * most[:, None]  # (torques, B, C)
-        held = np.repeat(torque, self.ticks, axis=0)  # (ticks, B, C)
-        theta = np.maximum(seen.estimates, 0.3) * NOMINAL  # early estimates may be unphysical
-        rows, usable = predict_rows(held, theta, seen.position, seen.velocity)
+            pace = np.sqrt(np.maximum(state_seen.budget_left, 0.0) / np.maximum(state_seen.time_left, 1e-3))
+            bound = np.minimum(bound, self.constraint.rms * pace)
+        torque = self._sequences[:, None] * bound[:, None]  # (torques, B, C)
+        held_torque = np.repeat(torque, self.ticks, axis=0)  # (ticks, B, C)
+        theta = np.maximum(state_seen.estimates, 0.3) * NOMINAL  # early estimates may be unphysical
+        rows, usable = predict_rows(held_torque, theta, state_seen.position, state_seen.velocity)
         rows = rows * usable[..., None]
-        worth = log_det(seen.information[:, None] + np.einsum("tbci,tbcj->bcij", rows, rows))
+        worth = compute_log_det(state_seen.information[:, None] + np.einsum("tbci,tbcj->bcij", rows, rows))
         if self.constraint.rms is not None and len(self._sequences) > 1:  # at rest, one step is never worth its price
-            worth = worth - self._compute_cost(seen.time_left)
+            worth = worth - self._compute_cost(state_seen.time_left)
         first = torque[0][np.arange(len(worth)), worth.argmax(axis=1)]
         return (first / self.constraint.peak)[:, None].astype(np.float32), state
 

@@ -54,14 +54,14 @@ class PolicyComparison:
             if still := int(np.sum(outcome.speed == 0)):
                 plants = "" if still == len(outcome.speed) else f" on {still} of {len(outcome.speed)} plants"
                 notes.append(f"{name} never moves the joint{plants}: nothing can be estimated there")
-            if (most := float(outcome.action.max())) > MAX_ACTION:
-                notes.append(f"{name} asks for up to {most:.1f} times the peak torque: actions are shares of it")
+            if (largest := float(outcome.action.max())) > MAX_ACTION:
+                notes.append(f"{name} asks for up to {largest:.1f} times the peak torque: actions are shares of it")
         return tuple(notes)
 
     def json(self) -> JSON:
         """Return quartiles of all figures, and gains over the baseline with intervals; infinite figures are null."""
         base = self.outcomes[self.baseline]
-        policies = {name: _policy_json(outcome, base) for name, outcome in self.outcomes.items()}
+        policies = {name: _make_policy_json(outcome, base) for name, outcome in self.outcomes.items()}
         results = {"baseline": self.baseline, "policies": policies, "notes": [*self.notes]}
         return {"schema": SCHEMA, **self.settings, **results}
 
@@ -134,8 +134,8 @@ def compare_policies(
         (500, 2, 4)
     """
     policies = policies or {}
-    if taken := [name for name in policies if name in baselines]:
-        raise UserError(f"a policy and a baseline are both called {taken[0]}: rename the policy")
+    if reserved := [name for name in policies if name in baselines]:
+        raise UserError(f"a policy and a baseline are both called {reserved[0]}: rename the policy")
     if plants < 1:
         raise UserError(f"plants is {plants}: give 1 or more")
     contenders = make_baselines(baselines, constraint)
@@ -186,12 +186,12 @@ def _median(values: Array) -> float:
     return float(np.median(values))
 
 
-def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
+def _make_policy_json(outcome: Outcome, base: Outcome) -> JSON:
     moments, bounds = [f"{moment:g} s" for moment in REPORT_TIMES], [f"{100 * bound:g} %" for bound in ACCURACIES]
     names = [f"error {moment}" for moment in moments] + [f"time to {bound}" for bound in bounds]
     series = zip(names, [*outcome.errors, *outcome.close], [*base.errors, *base.close], strict=True)
-    gains = {name: _ratio_json(compute_gain, errors, usual) for name, errors, usual in series}
-    gains["information"] = _ratio_json(information_ratio, outcome.log_det[-1], base.log_det[-1])
+    gains = {name: _make_ratio_json(compute_gain, errors, baseline_errors) for name, errors, baseline_errors in series}
+    gains["information"] = _make_ratio_json(information_ratio, outcome.log_det[-1], base.log_det[-1])
     return {
         "error": dict(zip(moments, map(_compute_quartiles, outcome.errors), strict=True)),
         "cramer_rao": dict(zip(moments, map(_compute_quartiles, outcome.bound), strict=True)),
@@ -205,15 +205,15 @@ def _policy_json(outcome: Outcome, base: Outcome) -> JSON:
     }
 
 
-def _ratio_json(statistic: Statistic, policy: Array, base: Array) -> JSON:
+def _make_ratio_json(statistic: Statistic, policy: Array, base: Array) -> JSON:
     values = statistic(policy, base), *bootstrap_interval(statistic, policy, base)
-    return dict(zip(("ratio", "low", "high"), map(_finite, values), strict=True))
+    return dict(zip(("ratio", "low", "high"), map(_replace_infinite, values), strict=True))
 
 
 def _compute_quartiles(values: Array) -> list[float | None]:
     """Return lower quartile, median and upper quartile."""
-    return [_finite(value) for value in np.quantile(values, [0.25, 0.5, 0.75], method="closest_observation")]
+    return [_replace_infinite(value) for value in np.quantile(values, [0.25, 0.5, 0.75], method="closest_observation")]
 
 
-def _finite(value: float) -> float | None:
+def _replace_infinite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

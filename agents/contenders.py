@@ -42,9 +42,9 @@ class CheckedPolicy:
 
         Raises UserError if the policy fails, or does not return one finite number for each pendulum.
         """
-        given = dict(zip(ARGUMENTS, (state, episode_start, deterministic), strict=True))
+        arguments = dict(zip(ARGUMENTS, (state, episode_start, deterministic), strict=True))
         try:
-            answer = self._policy.predict(observation, **{name: given[name] for name in self._arguments})
+            answer = self._policy.predict(observation, **{name: arguments[name] for name in self._arguments})
             action, state = answer if isinstance(answer, tuple) else (answer, None)
             shares = np.asarray(action, dtype=np.float32)
         except UserError:
@@ -53,9 +53,9 @@ class CheckedPolicy:
             raise UserError(f"policy {self.name} fails: {format_error(error)}") from error
         batch = len(observation)
         if shares.shape not in ((batch,), (batch, 1)) or not np.isfinite(shares).all():
-            wanted = f"return finite numbers of shape ({batch}, 1)"
-            seen = f"observations of shape {np.shape(observation)}"
-            raise UserError(f"policy {self.name} returns {quote_value(action)} for {seen}: {wanted}")
+            remedy = f"return finite numbers of shape ({batch}, 1)"
+            inputs = f"observations of shape {np.shape(observation)}"
+            raise UserError(f"policy {self.name} returns {quote_value(action)} for {inputs}: {remedy}")
         return shares.reshape(batch, 1), state
 
 
@@ -65,7 +65,7 @@ def make_contender(name: str, policy: Any, constraint: str) -> Contender:
     A policy is an object with `predict`, a class of such objects, an excitation, or a function of time [s] that returns
     a torque [N m]. Raises ValueError if the form of the policy is unknown, or the policy does not fit the task.
     """
-    make = partial(_make, name, policy, constraint)
+    make = partial(_make_policy, name, policy, constraint)
     make(0)
     return make
 
@@ -84,15 +84,15 @@ def load_class(text: str) -> type:
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
     try:
-        found = getattr(import_module(module), name, None)
+        kind = getattr(import_module(module), name, None)
     except Exception as error:  # an import runs the user's code
         raise UserError(f"{text}: the import of {module} fails: {format_error(error)}") from error
-    if not isinstance(found, type):
+    if not isinstance(kind, type):
         raise UserError(f"{text}: module {module} has no class {name}")
-    return found
+    return kind
 
 
-def _make(name: str, policy: Any, constraint: str, seed: int) -> Policy:
+def _make_policy(name: str, policy: Any, constraint: str, seed: int) -> Policy:
     if isinstance(policy, type):
         try:
             policy = policy()
@@ -104,8 +104,8 @@ def _make(name: str, policy: Any, constraint: str, seed: int) -> Policy:
         return CheckedPolicy(name, policy)
     signal = getattr(policy, "signal", policy)
     if not callable(signal):
-        known = "an object with predict, a class, an excitation or a function of time"
-        raise UserError(f"policy {name} is {quote_value(policy)}: give {known}")
+        expected = "an object with predict, a class, an excitation or a function of time"
+        raise UserError(f"policy {name} is {quote_value(policy)}: give {expected}")
     return SignalPolicy(partial(np.array, _sample_signal(name, signal, constraint)))
 
 

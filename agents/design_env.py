@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.observer import CONSTRAINTS, EPISODE, OBSERVATION_SIZE, TICK, Observer, log_det
+from agents.observer import CONSTRAINTS, EPISODE, OBSERVATION_SIZE, TICK, Observer, compute_log_det
 from agents.task import Task, TaskState, TaskVector
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
@@ -91,13 +91,13 @@ class ExcitationDesignVector(TaskVector):
         self._steps_left, self._plant = self.observer.ticks, info["plant"]
         self.observer.start(info["position"], info["velocity"])
         none = np.zeros((self.observer.samples_per_tick, self.num_envs))
-        return self._task_state(np.zeros(self.num_envs), none + info["position"], none)
+        return self._make_state(np.zeros(self.num_envs), none + info["position"], none)
 
     def _apply_actions(self, shares: Array) -> TaskState:
         torque = self.observer.limit_torque(shares[:, 0])
         positions, torques = self._hold_torque(torque)
         self.observer.add_tick(positions, torques)
-        return self._task_state(torque, positions, torques)
+        return self._make_state(torque, positions, torques)
 
     def _hold_torque(self, torque: Array) -> tuple[Array, Array]:
         """Hold a torque for a tick, and return the measured positions and torques (samples_per_tick, B)."""
@@ -108,11 +108,11 @@ class ExcitationDesignVector(TaskVector):
             positions[k], torques[k] = info["position"], info["torque"]
         return positions, torques
 
-    def _task_state(self, torque: Array, positions: Array, torques: Array) -> TaskState:
+    def _make_state(self, torque: Array, positions: Array, torques: Array) -> TaskState:
         observer = self.observer
         info = {"torque": torque, "positions": positions.T, "torques": torques.T, "plant": dict(self._plant)}
         info |= {"information": observer.information, "estimates": observer.estimates}
-        return observer.observe(), log_det(observer.information), info
+        return observer.observe(), compute_log_det(observer.information), info
 
 
 class ExcitationDesign(Task):
@@ -137,7 +137,7 @@ class ExcitationDesign(Task):
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the arm, its torque and the reward of the episode (H, W, 3); return None in mode human."""
-        observer, info = self._batch.observer, self._last
+        observer, info = self._batch.observer, self._last_info
         measurement = {"time": TICK * observer.tick, "position": info["positions"][-1], "torque": info["torques"][-1]}
         return self._renderer.draw(measurement, observer.constraint.peak, (f"reward {self._episode_reward:.1f}",))
 

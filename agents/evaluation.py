@@ -13,10 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
-from agents.baselines import regressor_rows
+from agents.baselines import compute_regressor_rows
 from agents.contenders import Contender
 from agents.design_env import RATE, ExcitationDesignVector
-from agents.observer import N_PARAMETERS, NOMINAL, TICK, log_det
+from agents.observer import N_PARAMETERS, NOMINAL, TICK, compute_log_det
 from estimators.online import OnlineEstimator
 from estimators.schemes.six import scheme
 from pendulum_env._typing import Array
@@ -69,8 +69,8 @@ class Outcome:
         """Join the outcomes of one policy on several groups of plants."""
         arrays = [field.name for field in fields(Outcome) if field.name != "seconds_per_action"]
         axes = {"parameter_errors": 1}  # axis of the plants; the last one of other arrays
-        joined = {name: np.concatenate([getattr(p, name) for p in parts], axis=axes.get(name, -1)) for name in arrays}
-        return Outcome(**joined, seconds_per_action=sum(part.seconds_per_action for part in parts))
+        joint = {name: np.concatenate([getattr(p, name) for p in parts], axis=axes.get(name, -1)) for name in arrays}
+        return Outcome(**joint, seconds_per_action=sum(part.seconds_per_action for part in parts))
 
 
 def evaluate_policy(
@@ -93,7 +93,7 @@ def evaluate_policy(
     observation, info = env.reset(seed=SEED_OFFSET + seed)
     truth = np.stack([info["plant"][name] for name in PAPER], axis=1)
     estimator.take(np.zeros(plants), info["positions"][:, 0], np.zeros(plants))
-    steps, held = env.observer.ticks, env.observer.samples_per_tick
+    steps, n_samples = env.observer.ticks, env.observer.samples_per_tick
     errors = np.empty((steps, plants, N_PARAMETERS))
     torque, position, log_dets = np.empty((3, steps, plants))
     speed, action_peak, information = np.zeros(plants), np.zeros(plants), np.zeros((plants, N_PARAMETERS, N_PARAMETERS))
@@ -105,17 +105,17 @@ def evaluate_policy(
         seconds += time.thread_time() - start
         action_peak = np.maximum(action_peak, np.abs(action[:, 0]))
         observation, _, _, _, info = env.step(action)
-        for j in range(held):
-            now = np.full(plants, (k * held + j + 1) / RATE)
-            known = estimator.take(now, info["positions"][:, j], info["torques"][:, j])
-            row = known.regressor * NOMINAL
+        for j in range(n_samples):
+            now = np.full(plants, (k * n_samples + j + 1) / RATE)
+            estimates = estimator.take(now, info["positions"][:, j], info["torques"][:, j])
+            row = estimates.regressor * NOMINAL
             information += row[:, :, None] * row[:, None, :]
-        errors[k] = known.theta[:, 0] / truth - 1.0
-        torque[k], position[k], log_dets[k] = info["torque"], info["positions"][:, -1], log_det(information)
+        errors[k] = estimates.theta[:, 0] / truth - 1.0
+        torque[k], position[k], log_dets[k] = info["torque"], info["positions"][:, -1], compute_log_det(information)
         speed = np.maximum(speed, np.abs(np.diff(info["positions"])).max(axis=1) * RATE)
     bound = np.full((len(REPORT_TIMES), plants), np.nan)
     if not effects:
-        bound = compute_cramer_rao_bound(truth, np.repeat(torque, held, axis=0))
+        bound = compute_cramer_rao_bound(truth, np.repeat(torque, n_samples, axis=0))
     return Outcome(errors, log_dets, bound, torque, position, speed, action_peak, seconds / steps)
 
 
@@ -126,15 +126,15 @@ def compute_cramer_rao_bound(truth: Array, torque: Array) -> Array:
     sum phi phi' / s^2, with rows phi of the exact motion under parameters (N, P) and torque at 1 kHz (T, N). The bound
     is infinite where the information is singular.
     """
-    way = simulate(BASE, truth.T, 1.0 / RATE, torque, 0.0, 0.0)
-    moving = way.velocity[1:] * way.velocity[:-1] > 0
-    phi = regressor_rows(way, 1.0 / RATE) * truth * moving[..., None]  # of relative parameters
+    motion = simulate(BASE, truth.T, 1.0 / RATE, torque, 0.0, 0.0)
+    moving = motion.velocity[1:] * motion.velocity[:-1] > 0
+    phi = compute_regressor_rows(motion, 1.0 / RATE) * truth * moving[..., None]  # of relative parameters
     ends = [round(moment * RATE) for moment in REPORT_TIMES]
     parts = [np.einsum("tni,tnj->nij", phi[a:b], phi[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
     information = np.cumsum(parts, axis=0)  # (M, N, P, P)
-    known = np.linalg.matrix_rank(information, hermitian=True) == N_PARAMETERS
-    variance = TORQUE_NOISE**2 * np.linalg.inv(np.where(known[..., None, None], information, np.eye(N_PARAMETERS)))
-    return np.where(known, np.sqrt(np.trace(variance, axis1=-2, axis2=-1) / N_PARAMETERS), np.inf)
+    is_known = np.linalg.matrix_rank(information, hermitian=True) == N_PARAMETERS
+    variance = TORQUE_NOISE**2 * np.linalg.inv(np.where(is_known[..., None, None], information, np.eye(N_PARAMETERS)))
+    return np.where(is_known, np.sqrt(np.trace(variance, axis1=-2, axis2=-1) / N_PARAMETERS), np.inf)
 
 
 def find_settling_time(errors: Array, bound: float) -> Array:

@@ -52,9 +52,9 @@ class Network:
             ValueError: if the length of the observation differs from the training.
         """
         if np.shape(observation)[-1] != self.weights[0].shape[1]:
-            seen, known = np.shape(observation)[-1], self.weights[0].shape[1]
-            trained = f"the policy ({self.constraint}) was trained on observations of {known} numbers"
-            raise UserError(f"{trained}, not {seen}: use the observations of its task")
+            n_inputs, n_expected = np.shape(observation)[-1], self.weights[0].shape[1]
+            trained = f"the policy ({self.constraint}) was trained on observations of {n_expected} numbers"
+            raise UserError(f"{trained}, not {n_inputs}: use the observations of its task")
         x, sign = (observation, np.ones(())) if self.constraint == ARM else mirror_observation(observation)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = np.tanh(x @ weight.T + bias)
@@ -107,13 +107,13 @@ class Network:
             raise ValueError(f"its constraint is {quote_value(constraint)}, none of {', '.join(POLICY_NAMES)}")
         outputs = biases[-1].size
         actions = outputs // max(1, levels.size) if constraint == ARM else 1
-        seen = weights[0].shape[-1] if weights[0].ndim else 0
-        sizes = [seen, *(bias.size for bias in biases)]
+        n_inputs = weights[0].shape[-1] if weights[0].ndim else 0
+        sizes = [n_inputs, *(bias.size for bias in biases)]
         fits = all(w.shape == size for w, size in zip(weights, zip(sizes[1:], sizes, strict=False), strict=True))
         if not (fits and outputs and outputs == actions * levels.size) or any(bias.ndim != 1 for bias in biases):
             raise ValueError("its layers, outputs and levels do not follow from one another")
-        if constraint != ARM and seen != OBSERVATION_SIZE:
-            raise ValueError(f"its observations have {seen} numbers, not {OBSERVATION_SIZE}")
+        if constraint != ARM and n_inputs != OBSERVATION_SIZE:
+            raise ValueError(f"its observations have {n_inputs} numbers, not {OBSERVATION_SIZE}")
         return cls(weights, biases, levels, constraint)
 
 

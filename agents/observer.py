@@ -74,7 +74,7 @@ class ObservedState(NamedTuple):
     estimates: Array  # shares of the nominal parameters (B, P)
     time_left: Array  # share of the episode
     budget_left: Array  # share of the torque budget; 1 without a budget
-    stuck: Array  # 1 where the last tick was slower than `MIN_SPEED`
+    is_stuck: Array  # 1 where the last tick was slower than `MIN_SPEED`
 
 
 def decode_observation(observation: Array | Batch) -> ObservedState:
@@ -87,12 +87,13 @@ def decode_observation(observation: Array | Batch) -> ObservedState:
     correlations = np.tile(np.eye(N_PARAMETERS), (len(o), 1, 1))
     correlations[:, PAIRS[0], PAIRS[1]] = correlations[:, PAIRS[1], PAIRS[0]] = upper
     information = correlations * scale[:, :, None] * scale[:, None, :]
-    time_left, budget_left, stuck = o[:, 3 + N_FEATURES : OBSERVATION_SIZE].T
+    time_left, budget_left, is_stuck = o[:, 3 + N_FEATURES : OBSERVATION_SIZE].T
     position = np.arctan2(o[:, 0], o[:, 1])
-    return ObservedState(position, SPEED_SCALE * o[:, 2], information, 1.0 + deviations, time_left, budget_left, stuck)
+    motion = position, SPEED_SCALE * o[:, 2]
+    return ObservedState(*motion, information, 1.0 + deviations, time_left, budget_left, is_stuck)
 
 
-def log_det(information: Array) -> Array:
+def compute_log_det(information: Array) -> Array:
     """Compute log determinants (...) of information matrices (..., P, P) [nat]; D-optimality (Fedorov 1972)."""
     return np.linalg.slogdet(information).logabsdet
 
@@ -146,7 +147,7 @@ class Observer:
         self.information = np.tile(INFORMATION_PRIOR * np.eye(N_PARAMETERS), (batch, 1, 1))
         self._moment = np.full((batch, N_PARAMETERS), ESTIMATE_PRIOR)  # m0 1 + sum phi y
         self._position, self._velocity = position, velocity
-        self._stuck = np.ones(batch, dtype=bool)
+        self._is_stuck = np.ones(batch, dtype=bool)
         self._budget_left = np.full(batch, self._budget)
 
     def limit_torque(self, share: Array) -> Array:
@@ -168,18 +169,18 @@ class Observer:
         """
         path, ramp = np.concatenate([self._position[None], positions]), self._ramp
         velocity = self.rate * np.diff(path, axis=0)  # mean over each sample
-        fast = (np.abs(velocity) >= MIN_SPEED).all(axis=0) & (np.ptp(np.sign(velocity), axis=0) == 0)
+        is_fast = (np.abs(velocity) >= MIN_SPEED).all(axis=0) & (np.ptp(np.sign(velocity), axis=0) == 0)
         parts = [
             (velocity[-ramp:].mean(axis=0) - velocity[:ramp].mean(axis=0)) * self.rate / (self.samples_per_tick - ramp),
             self._weights_at_samples @ np.sin(path),
             self._weights_over_samples @ velocity,
             np.sign(velocity[-1]),
         ]
-        rows = np.stack(parts, axis=1) * NOMINAL * fast[:, None]
+        rows = np.stack(parts, axis=1) * NOMINAL * is_fast[:, None]
         self.information = self.information + rows[:, :, None] * rows[:, None, :]
         self._moment = self._moment + rows * (self._weights_over_samples @ torques)[:, None]
         self._position, self._velocity = positions[-1], velocity[-1]
-        self._stuck = np.asarray((np.abs(velocity) < MIN_SPEED).all(axis=0))
+        self._is_stuck = np.asarray((np.abs(velocity) < MIN_SPEED).all(axis=0))
         self.tick += 1
 
     @property
@@ -188,7 +189,7 @@ class Observer:
         learnt = self.information - (INFORMATION_PRIOR - ESTIMATE_PRIOR) * np.eye(N_PARAMETERS)
         return np.asarray(np.linalg.solve(learnt, self._moment[..., None])[..., 0], dtype=np.float64)
 
-    def features(self) -> Array:
+    def compute_features(self) -> Array:
         """Return log information, correlations, and deviations of the estimates from nominal (B, N_FEATURES)."""
         diagonal = np.einsum("bii->bi", self.information)
         scale = np.sqrt(diagonal)
@@ -202,9 +203,9 @@ class Observer:
         q, batch = self._position, len(self._position)
         time_left = np.full(batch, max(0.0, 1.0 - self.tick / self.ticks))
         budget_left = np.ones(batch) if np.isinf(self._budget) else self._budget_left / self._budget
-        parts = np.stack([np.sin(q), np.cos(q), self._velocity / SPEED_SCALE]), self.features().T
-        rest = np.stack([time_left, budget_left, self._stuck])
-        return np.clip(np.concatenate([*parts, rest]).T, -OBSERVATION_BOUND, OBSERVATION_BOUND).astype(np.float32)
+        parts = np.stack([np.sin(q), np.cos(q), self._velocity / SPEED_SCALE]), self.compute_features().T
+        progress = np.stack([time_left, budget_left, self._is_stuck])
+        return np.clip(np.concatenate([*parts, progress]).T, -OBSERVATION_BOUND, OBSERVATION_BOUND).astype(np.float32)
 
 
 class Pilot:

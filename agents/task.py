@@ -55,7 +55,7 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
         for name in options or {}:
             find("option of reset", name, dict.fromkeys(self.options))
-        return self._store(self._begin_episodes(options or {}))
+        return self._unpack_state(self._begin_episodes(options or {}))
 
     def step(  # type: ignore[override]  # Gymnasium types the flags like the rewards
         self, actions: Batch
@@ -66,19 +66,19 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
             raise ValueError(f"actions are {actions}: give finite numbers of shape {self.action_space.shape}")
         terminated = np.zeros(self.num_envs, dtype=bool)
         if self._steps_left <= 0 and self.autoreset is AutoresetMode.NEXT_STEP:
-            observation, info = self._store(self._begin_episodes({}))
+            observation, info = self._unpack_state(self._begin_episodes({}))
             return observation, np.zeros(self.num_envs), terminated, terminated.copy(), info
         before, self._steps_left = self._information, self._steps_left - 1
-        observation, info = self._store(self._apply_actions(shares))
+        observation, info = self._unpack_state(self._apply_actions(shares))
         reward = self._information - before
         truncated = np.full(self.num_envs, self._steps_left <= 0)
         if self._steps_left <= 0 and self.autoreset is AutoresetMode.SAME_STEP:
             final = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
-            observation, info = self._store(self._begin_episodes({}))
+            observation, info = self._unpack_state(self._begin_episodes({}))
             info |= final
         return observation, reward, terminated, truncated, info
 
-    def _store(self, state: TaskState) -> tuple[Batch, dict[str, Any]]:
+    def _unpack_state(self, state: TaskState) -> tuple[Batch, dict[str, Any]]:
         observation, self._information, info = state
         mask = np.ones(self.num_envs, dtype=bool)  # Gymnasium's: each environment has the value
         return observation, info | {f"_{name}": mask for name in info}
@@ -98,20 +98,20 @@ class Task(gym.Env[Batch, Batch]):
         super().reset(seed=seed)
         observation, info = self._batch.reset(seed=seed, options=options)
         self._episode_reward = 0.0
-        return observation[0], self._show(info)
+        return observation[0], self._unbatch_info(info)
 
     def step(self, action: Batch) -> tuple[Batch, float, bool, bool, dict[str, Any]]:
         """Apply an action: shares of the largest torque or speeds (A,)."""
         observation, reward, _, truncated, info = self._batch.step(np.reshape(action, (1, -1)))
         self._episode_reward += float(reward[0])
-        return observation[0], float(reward[0]), False, bool(truncated[0]), self._show(info)
+        return observation[0], float(reward[0]), False, bool(truncated[0]), self._unbatch_info(info)
 
-    def _show(self, info: dict[str, Any]) -> dict[str, Any]:
+    def _unbatch_info(self, info: dict[str, Any]) -> dict[str, Any]:
         """Return the info without the axis of the batch; render in mode human."""
-        self._last = _select_first(info)
+        self._last_info = _select_first(info)
         if self.render_mode == "human":
             self.render()
-        return self._last
+        return self._last_info
 
 
 def _select_first(info: dict[str, Any]) -> dict[str, Any]:

@@ -59,9 +59,9 @@ class TrainingTask(DiscreteActions):
         self._per_rms, self._rate = (0.0, 0.0) if rms is None else (peak / rms, config.price_rate)
         self.price = 0.0  # [nat] of the RMS torque of the budget over one decision
 
-    def reset(self, **given: Any) -> tuple[Any, dict[str, Any]]:
+    def reset(self, **arguments: Any) -> tuple[Any, dict[str, Any]]:
         """Reset the environment, and mirror the observation."""
-        observation, info = self.env.reset(**given)
+        observation, info = self.env.reset(**arguments)
         return self._mirror(observation), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -95,9 +95,9 @@ def train(config: Config, progress: Progress | None = None, folder: Path | None 
         if (folder / CHECKPOINT).exists():
             model = _read_checkpoint(folder, config)
         model.tensorboard_log = str(folder / "tensorboard") if find_spec("tensorboard") else None
-    if (left := config.steps - model.num_timesteps) > 0:
+    if (steps_left := config.steps - model.num_timesteps) > 0:
         callback = _TrainingCallback(config, progress, folder)
-        model.learn(left, callback, tb_log_name="training", reset_num_timesteps=model.num_timesteps == 0)
+        model.learn(steps_left, callback, tb_log_name="training", reset_num_timesteps=model.num_timesteps == 0)
     return export_network(model, config)
 
 
@@ -112,7 +112,7 @@ def make_model(config: Config) -> PPO:
         n_steps=config.rollout,
         n_epochs=config.epochs,
         batch_size=config.batch,
-        learning_rate=lambda left: config.learning_rate * left,
+        learning_rate=lambda share_left: config.learning_rate * share_left,
         gamma=config.gamma,
         ent_coef=config.entropy,
         policy_kwargs={"net_arch": [config.hidden, config.hidden], "activation_fn": torch.nn.Tanh},
@@ -124,20 +124,20 @@ def make_model(config: Config) -> PPO:
 
 def _read_checkpoint(folder: Path, config: Config) -> PPO:
     """Read the model in a folder, and seed it for new plants."""
-    found = PPO.load(folder / CHECKPOINT, device="cpu")
-    if getattr(found, "settings", None) != repr(config):
+    model = PPO.load(folder / CHECKPOINT, device="cpu")
+    if getattr(model, "settings", None) != repr(config):
         raise UserError(f"{folder}: holds a training with other settings: choose another folder")
-    found.set_env(BatchedVecEnv(make_task(config)))
-    found.set_random_seed(config.seed + found.num_timesteps)
-    return found
+    model.set_env(BatchedVecEnv(make_task(config)))
+    model.set_random_seed(config.seed + model.num_timesteps)
+    return model
 
 
 def make_task(config: Config) -> DiscreteActions:
     """Make the environment of a training."""
-    many: dict[str, Any] = {"num_envs": config.pendulums, "autoreset_mode": "SameStep"}
+    options: dict[str, Any] = {"num_envs": config.pendulums, "autoreset_mode": "SameStep"}
     if config.constraint == ARM:
-        return DiscreteActions(ArmExcitationDesignVector(robot=config.robot or None, draw=True, **many), config)
-    return TrainingTask(ExcitationDesignVector(constraint=config.constraint, **many), config)
+        return DiscreteActions(ArmExcitationDesignVector(robot=config.robot or None, draw=True, **options), config)
+    return TrainingTask(ExcitationDesignVector(constraint=config.constraint, **options), config)
 
 
 def export_network(model: PPO, config: Config) -> Network:
@@ -173,14 +173,14 @@ class _TrainingCallback(BaseCallback):
         self._report(at_end=True)
 
     def _report(self, at_end: bool = False) -> None:
-        done, config, mean = self.num_timesteps, self._config, float(np.mean(self._gained))
+        steps, config, mean = self.num_timesteps, self._config, float(np.mean(self._gained))
         self._gained = []
         self.logger.record("rollout/reward", mean)
         if self._progress is not None:
-            self._progress(f"{done:,} decisions, reward {mean:.4f} each", min(1.0, done / config.steps))
-        if self._folder is not None and (at_end or done // config.checkpoint > self._kept // config.checkpoint):
+            self._progress(f"{steps:,} decisions, reward {mean:.4f} each", min(1.0, steps / config.steps))
+        if self._folder is not None and (at_end or steps // config.checkpoint > self._kept // config.checkpoint):
             assert isinstance(self.model, PPO)
-            self._kept = done
-            export_network(self.model, config).save(self._folder / f"steps-{done}.npz")
+            self._kept = steps
+            export_network(self.model, config).save(self._folder / f"steps-{steps}.npz")
             self.model.save(self._folder / "written.zip")
             (self._folder / "written.zip").replace(self._folder / CHECKPOINT)

@@ -21,13 +21,13 @@ COMMANDS = (
 def main() -> int:
     terminal = Terminal()
     modules = {name: importlib.import_module(f"benchmarks.{name}") for name in COMMANDS}
-    terminal.heading("Benchmarks")
+    terminal.print_heading("Benchmarks")
     rows = [
         (f"python -m benchmarks.{name}", str(module.__doc__).partition("\n")[0]) for name, module in modules.items()
     ]
-    terminal.table(("command", "what it prints"), rows, left=("what it prints",))
+    terminal.print_table(("command", "what it prints"), rows, left=("what it prints",))
     for name, arguments in SHORT:
-        terminal.heading(" ".join([f"python -m benchmarks.{name}", *arguments]))
+        terminal.print_heading(" ".join([f"python -m benchmarks.{name}", *arguments]))
         code: int = modules[name].main(arguments)
         if code:
             return code

@@ -103,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     studies = [poor_study(arguments.seed, k) for k in range(arguments.n)]
 
     def show(row: Row) -> None:
-        terminal.say(row.line)
+        terminal.print(row.line)
 
     rows = each(examine, studies, workers=arguments.workers, title="diagnosing", terminal=terminal, show=show)
     print_results(rows, terminal)
@@ -175,13 +175,14 @@ def print_results(rows: Sequence[Row], terminal: Terminal) -> None:
     """Print the table of results."""
     failed = [row for row in rows if row.failure]
     ambiguous = [row for row in rows if row.open]
-    terminal.heading(f"{len(rows)} plants, {len(ambiguous)} ambiguous after the first recording, {len(failed)} failed")
+    after_first = f"{len(ambiguous)} ambiguous after the first recording"
+    terminal.print_heading(f"{len(rows)} plants, {after_first}, {len(failed)} failed")
     count: Callable[[Sequence[bool]], str] = lambda hits: rate(sum(hits), len(hits))  # noqa: E731
     table = [("first recording only", count([True for _ in ambiguous]), count([row.right for row in ambiguous]))]
     for arm in ARMS:
         still = count([bool(row.left[arm]) for row in ambiguous])
         table.append((arm, still, count([row.settled[arm] for row in ambiguous])))
-    terminal.table(("second recording", "still ambiguous", "right"), table)
+    terminal.print_table(("second recording", "still ambiguous", "right"), table)
 
 
 if __name__ == "__main__":

@@ -203,9 +203,9 @@ def print_bound(study: Study, realisations: int, workers: int, terminal: Termina
             ratio = float(np.sqrt(np.mean(error**2))) / smallest
             cells += [f"{ratio:.2f}", f"{np.mean(np.abs(error) < INTERVAL * std):.0%}"]
         rows.append((name, f"{truth[name]:.4g}", f"{smallest:.2g}", *cells))
-    terminal.heading(f"{study.name}: {len(found)} realisations of {study.experiment.seconds:g} s")
+    terminal.print_heading(f"{study.name}: {len(found)} realisations of {study.experiment.seconds:g} s")
     heads = ("bound", "windows / bound", "within 95 %", "segments / bound", "within 95 %")
-    terminal.table(("parameter", "truth", *heads), rows)
+    terminal.print_table(("parameter", "truth", *heads), rows)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -216,7 +216,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     terminal = Terminal()
     for study in STUDIES:
         print_bound(study, arguments.n, arguments.workers, terminal)
-    terminal.say(f"aim: within {AIM:g} of the bound")
+    terminal.print(f"aim: within {AIM:g} of the bound")
     return 0
 
 

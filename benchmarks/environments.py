@@ -86,8 +86,8 @@ def main(argv: Sequence[str] = ()) -> int:
         ("Batched environment", "million steps per s", batches()),
         ("Imports", "s", imports()),
     ):
-        terminal.heading(title)
-        terminal.table(
+        terminal.print_heading(title)
+        terminal.print_table(
             ("what", unit, "note"), [(what, f"{value:.3g}", note) for what, value, note in rows], left=("note",)
         )
     return 0

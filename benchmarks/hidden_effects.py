@@ -69,7 +69,7 @@ def generate(
 ) -> list[Truth]:
     """Simulate the set, or read it from the folder; `counts`: of nulls, pairs, outside and misfits."""
     if (folder / "truth.json").exists() and len(truths := read_truth(folder)) == n:
-        terminal.say(f"recordings taken from {folder}; delete it to simulate them anew")
+        terminal.print(f"recordings taken from {folder}; delete it to simulate them anew")
         return truths
     (folder / "truth.json").unlink(missing_ok=True)
     cases = blind_set(seed, n, *counts, **options)
@@ -83,7 +83,7 @@ def generate(
 def print_results(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     """Print every table."""
     wrong = [outcome for outcome in outcomes if not outcome.right]
-    terminal.heading("Wrong")
+    terminal.print_heading("Wrong")
     rows = [
         (
             o.truth.name,
@@ -98,14 +98,14 @@ def print_results(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
         for o in wrong
     ]
     columns = ("hidden", "selected", "rate [Hz]", "counts", "noise [N m]", "excitation", "share")
-    terminal.table(("case", *columns), rows, left=("hidden", "selected", "excitation"))
+    terminal.print_table(("case", *columns), rows, left=("hidden", "selected", "excitation"))
     print_totals(outcomes, terminal)
     print_by_effect(outcomes, terminal)
     print_by_share(outcomes, terminal)
     for curve in (power(outcomes), reliability(outcomes)):
         curve.print(terminal)
-    terminal.heading("Parameters within their 95 % intervals, where one effect is hidden and found")
-    terminal.table(("of", "within"), coverage(outcomes), left=("within",))
+    terminal.print_heading("Parameters within their 95 % intervals, where one effect is hidden and found")
+    terminal.print_table(("of", "within"), coverage(outcomes), left=("within",))
 
 
 # ---------------------------------------------------------------------------------------------------------- statistics

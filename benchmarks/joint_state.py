@@ -95,8 +95,8 @@ def accuracy(n: int, seed: int, terminal: Terminal) -> None:
             six = np.mean([one.covered for id, one in found.items() if id != JointState.id])
             covered = f"{100 * six:.0f} %", f"{100 * found[JointState.id].covered:.0f} %"
             rows.append((f"{counts:,}", f"{rate:g}", *errors, *covered))
-    terminal.heading(f"Errors of the parameters after {SECONDS:g} s [%]: half are smaller (nine in ten are)")
-    terminal.table(("counts", "rate [Hz]", *ids, "95 % intervals of the six", "of the joint state"), rows)
+    terminal.print_heading(f"Errors of the parameters after {SECONDS:g} s [%]: half are smaller (nine in ten are)")
+    terminal.print_table(("counts", "rate [Hz]", *ids, "95 % intervals of the six", "of the joint state"), rows)
 
 
 def recursions(seed: int) -> list[tuple[str, ...]]:
@@ -117,8 +117,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args(argv)
     terminal = Terminal()
-    terminal.heading("CPU time of a sample at 1 kHz, measurement included [us]")
-    terminal.table(("recursion", "one scheme", "six schemes"), recursions(args.seed))
+    terminal.print_heading("CPU time of a sample at 1 kHz, measurement included [us]")
+    terminal.print_table(("recursion", "one scheme", "six schemes"), recursions(args.seed))
     accuracy(args.n, args.seed, terminal)
     return 0
 

@@ -134,7 +134,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     work = partial(examine, named=arguments.diagnose)
     results = each(work, cases, workers=arguments.workers, title="late torque", terminal=terminal)
     results.sort(key=lambda found: (found.case.hidden, found.case.kind, found.case.ms, found.case.excitation))
-    terminal.heading("Not found, or not named right")
+    terminal.print_heading("Not found, or not named right")
     rows = [
         (found.case.hidden or "nothing", found.case.recording.name, f"{found.delay:.2f}", f"{found.lag:.2f}")
         + ((", ".join(found.named) or "nothing",) if found.named is not None else ())
@@ -142,14 +142,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not found.is_right or (found.named is not None and not found.is_named_right)
     ]
     columns = ("hidden", "log", "delay [ms]", "filter [ms]", *(("named",) if arguments.diagnose else ()))
-    terminal.table(columns, rows, left=[name for name in columns if "[ms]" not in name])
-    terminal.heading("Right")
+    terminal.print_table(columns, rows, left=[name for name in columns if "[ms]" not in name])
+    terminal.print_heading("Right")
     for hidden in dict.fromkeys(found.case.hidden for found in results):
         own = [found for found in results if found.case.hidden == hidden]
-        terminal.say(f"hidden: {hidden or 'nothing'}")
-        terminal.say(f"  time found {rate(sum(found.is_right for found in own), len(own))}")
+        terminal.print(f"hidden: {hidden or 'nothing'}")
+        terminal.print(f"  time found {rate(sum(found.is_right for found in own), len(own))}")
         if arguments.diagnose:
-            terminal.say(f"  named and nothing else {rate(sum(found.is_named_right for found in own), len(own))}")
+            terminal.print(f"  named and nothing else {rate(sum(found.is_named_right for found in own), len(own))}")
     return 0 if len(results) == len(cases) else 130
 
 

@@ -10,7 +10,7 @@ import json
 import numpy as np
 
 from agents.baselines import FREQUENCIES, WEIGHTS_FILE, multisine_torque, predict_rows
-from agents.observer import CONSTRAINTS, INFORMATION_PRIOR, N_PARAMETERS, NOMINAL, Constraint, log_det
+from agents.observer import CONSTRAINTS, INFORMATION_PRIOR, N_PARAMETERS, NOMINAL, Constraint, compute_log_det
 from pendulum_env._typing import Array
 
 PAPER = (1, 9)  # indices of the frequencies nearest to the paper's two tones
@@ -47,7 +47,7 @@ def mean_log_det(weights: Array, theta: Array, constraint: Constraint) -> Array:
     rows, usable = predict_rows(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest)
     rows = rows * usable[..., None]
     information = INFORMATION_PRIOR * np.eye(N_PARAMETERS) + np.einsum("tbci,tbcj->bcij", rows, rows, optimize=True)
-    return np.asarray(log_det(information).mean(axis=0))
+    return np.asarray(compute_log_det(information).mean(axis=0))
 
 
 def main() -> None:

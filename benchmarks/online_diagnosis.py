@@ -218,10 +218,10 @@ def print_detection(n: int, seed: int, workers: int, terminal: Terminal) -> None
             diagnose_change, [(what, k, seed) for k in range(n)], workers=workers, title=what, terminal=terminal
         )
         rows.append((what, *summary(found)))
-    terminal.heading(
+    terminal.print_heading(
         f"A parameter changes by {FACTOR:.0%}, or an effect of {SHARE:.0%} of the RMS torque sets in; n = {n}"
     )
-    terminal.table(HEADERS, rows, left=HEADERS[-1:])
+    terminal.print_table(HEADERS, rows, left=HEADERS[-1:])
 
 
 @dataclass(frozen=True)
@@ -271,8 +271,8 @@ def two_changes(n: int, seed: int, workers: int, terminal: Terminal) -> None:
         f"{np.mean([one.is_right for one in found]):.0%}",
         ", ".join(f"{name} {count}" for name, count in others),
     )
-    terminal.heading(f"Two parameters change by {FACTOR:.0%}, {APART:g} s apart; n = {n}")
-    terminal.table(HEADERS_OF_TWO, [row], left=HEADERS_OF_TWO[-1:])
+    terminal.print_heading(f"Two parameters change by {FACTOR:.0%}, {APART:g} s apart; n = {n}")
+    terminal.print_table(HEADERS_OF_TWO, [row], left=HEADERS_OF_TWO[-1:])
 
 
 def diagnose_unchanged(case: tuple[float, int, int]) -> tuple[float, float, list[str]]:
@@ -302,9 +302,9 @@ def print_false_alarms(hours: float, seconds: float, seed: int, workers: int, te
     found = each(diagnose_unchanged, cases, workers=workers, title="nothing changes", terminal=terminal)
     motion, cost = sum(one[0] for one in found), sum(one[1] for one in found)
     alarms = [alarm for *_, own in found for alarm in own]
-    terminal.heading("Nothing changes, where one alarm an hour is accepted")
-    terminal.say(f"{len(alarms)} alarms in {motion / 3600:.2f} h of motion: {'; '.join(alarms) or 'none'}")
-    terminal.say(f"{1e3 * cost / (len(cases) * seconds):.0f} ms of computing for a second")
+    terminal.print_heading("Nothing changes, where one alarm an hour is accepted")
+    terminal.print(f"{len(alarms)} alarms in {motion / 3600:.2f} h of motion: {'; '.join(alarms) or 'none'}")
+    terminal.print(f"{1e3 * cost / (len(cases) * seconds):.0f} ms of computing for a second")
 
 
 def diagnose_arms(n: int, terminal: Terminal) -> None:
@@ -328,8 +328,8 @@ def diagnose_arms(n: int, terminal: Terminal) -> None:
             one = Diagnoser(rate, arm_base(body), library=library, smoothing=Smoothing.from_encoder(counts, rate))
             found.append(score_verdicts(what, diagnose_run(run, one)))
         rows.append((what, *summary(found)))
-    terminal.heading(f"An arm of two links; n = {n}")
-    terminal.table(HEADERS, rows, left=HEADERS[-1:])
+    terminal.print_heading(f"An arm of two links; n = {n}")
+    terminal.print_table(HEADERS, rows, left=HEADERS[-1:])
 
 
 def replay_recordings(files: Sequence[str], seconds: float, terminal: Terminal) -> None:
@@ -347,9 +347,9 @@ def replay_recordings(files: Sequence[str], seconds: float, terminal: Terminal) 
         effects = Counter(verdict.group[0] for _, verdict in verdicts if verdict.group).most_common(2)
         words = ", ".join(f"{name} {count}" for name, count in effects)
         rows.append((recording.name, f"{later[-1]:.0f}", str(len(changes)), ", ".join(changes.values()), words))
-    terminal.heading("Recordings of machines played back")
+    terminal.print_heading("Recordings of machines played back")
     headers = ("recording", "seconds", "changes", "of", "most often missing")
-    terminal.table(headers, rows, left=headers[-2:])
+    terminal.print_table(headers, rows, left=headers[-2:])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -40,9 +40,9 @@ def each(
                 show(results[-1])
                 progress(f"{len(results)} of {len(items)}", len(results) / len(items))
     except KeyboardInterrupt:
-        terminal.say(f"interrupted: {len(results)} of {len(items)} done")
+        terminal.print(f"interrupted: {len(results)} of {len(items)} done")
     except BrokenProcessPool:
-        terminal.say(f"a worker died, of too little memory perhaps: {len(results)} of {len(items)} done")
+        terminal.print(f"a worker died, of too little memory perhaps: {len(results)} of {len(items)} done")
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
     return results

@@ -86,7 +86,7 @@ def main(argv: list[str] | None = None) -> int:
         for rate in RATES:
             progress(f"{rate:g} Hz", len(table) / len(RATES))
             table.append(row(rate, arguments.seconds, arguments.realtime))
-    terminal.table(headers, table)
+    terminal.print_table(headers, table)
     return 0
 
 

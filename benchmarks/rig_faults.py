@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> int:
     terminal = Terminal()
     with terminal.progress("sound runs"):
         stops, done = false_stops(arguments.samples)
-    terminal.say(f"{stops} false stops in {done:,} samples of sound runs")
+    terminal.print(f"{stops} false stops in {done:,} samples of sound runs")
     return 0
 
 

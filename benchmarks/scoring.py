@@ -185,7 +185,7 @@ def examine_all(folder: Path, truths: Sequence[Truth], workers: int, terminal: T
     """Diagnose every case and print a line for each; after an interrupt, return those so far."""
 
     def show(outcome: Outcome) -> None:
-        terminal.say(outcome.line)
+        terminal.print(outcome.line)
 
     work: Callable[[Truth], Outcome] = partial(examine, folder=folder)
     return each(work, truths, workers=workers, title="diagnosing", terminal=terminal, show=show)
@@ -245,8 +245,8 @@ class Curve:
 
     def print(self, terminal: Terminal) -> None:
         """Print the rate of each bin."""
-        terminal.heading(f"{self.success.capitalize()} by {self.quantity}")
-        terminal.table((self.quantity, "mean", self.success), self.rows, left=(self.success,))
+        terminal.print_heading(f"{self.success.capitalize()} by {self.quantity}")
+        terminal.print_table((self.quantity, "mean", self.success), self.rows, left=(self.success,))
 
 
 def select_library_cases(outcomes: Sequence[Outcome]) -> list[Outcome]:
@@ -274,7 +274,7 @@ def print_totals(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
     steps = [ratio for o in outcomes for ratio in o.ratios]
     alarms = sum(bool(o.selected) for o in nulls)
     fallen = sum(min(o.fall) >= FALL for o in inside)
-    terminal.heading("Totals")
+    terminal.print_heading("Totals")
     rows = [
         ("right", right_of(outcomes)),
         ("  exactly", rate(exact.count(Exact.YES), len(exact))),
@@ -295,7 +295,7 @@ def print_totals(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
         seconds = [o.seconds for o in done]
         rows.append(("time, median and longest [s]", f"{np.median(seconds):.1f}, {max(seconds):.1f}"))
         rows.append(("peak memory [MB]", f"{max(o.memory for o in done):.0f}"))
-    terminal.table(("", "rate (95 % interval)"), rows, left=("rate (95 % interval)",))
+    terminal.print_table(("", "rate (95 % interval)"), rows, left=("rate (95 % interval)",))
 
 
 def print_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
@@ -309,8 +309,8 @@ def print_by_effect(outcomes: Sequence[Outcome], terminal: Terminal) -> None:
             found = sum(id in o.selected or o.right for o in paired)
             right = sum(o.right for o in alone)
             rows.append((id, f"{right} of {len(alone)}", f"{found} of {len(paired)}" if paired else "-", str(wrongly)))
-    terminal.heading("By effect")
-    terminal.table(("hidden", "right alone", "found in pairs", "selected wrongly"), rows)
+    terminal.print_heading("By effect")
+    terminal.print_table(("hidden", "right alone", "found in pairs", "selected wrongly"), rows)
 
 
 def print_by_share(outcomes: Sequence[Outcome], terminal: Terminal) -> None:

@@ -75,12 +75,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             rows.append(row)
             named += some
     headers = ["size", "weeks", "drift named", "as jump", "jump named", "as drift", "drift in interval", "jump dated"]
-    terminal.table(headers, rows)
+    terminal.print_table(headers, rows)
     false, changes = named["", "drift"] + named["", "jump"], sum(own for (_, what), own in named.items() if what)
-    terminal.say(f"{false} of {changes} named changes are of parameters that do not change")
+    terminal.print(f"{false} of {changes} named changes are of parameters that do not change")
     steady = sum((count(0.0, 16, arguments.n, rng)[1] for _ in range(5)), Counter())
     wrong = sum(own for (_, what), own in steady.items() if what)
-    terminal.say(f"{wrong} changes are named in {5 * arguments.n} surveys in which nothing changes")
+    terminal.print(f"{wrong} changes are named in {5 * arguments.n} surveys in which nothing changes")
     return int(false > 0.02 * changes or wrong > 0.03 * 5 * arguments.n)
 
 

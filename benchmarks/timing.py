@@ -124,7 +124,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         beside = (f"{other:.1f}", f"{here / other:.2f}") if arguments.other else ()
         rows.append((name, f"{here:.1f}", *beside, f"{LIMITS[name]:g}" if name in LIMITS else ""))
     beside = ("other [s]", "ratio") if arguments.other else ()
-    terminal.table(("case", "CPU [s]", *beside, "limit [s]"), rows, left=("case",))
+    terminal.print_table(("case", "CPU [s]", *beside, "limit [s]"), rows, left=("case",))
     return 0
 
 

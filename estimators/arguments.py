@@ -122,7 +122,7 @@ def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
 def _find_term(text: str, body: Mechanism) -> Term:
     """Return a term by its id, or by `id@joint`, with default nonlinear parameters."""
     id, _, joint = text.partition("@")
-    return place_term(find_term(id)(), joint, joint in body.sliding)
+    return place_term(find_term(id)(), joint, joint in body.prismatic_joints)
 
 
 def select_effects(
@@ -163,7 +163,7 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
     Raises:
         IdentificationError: if effects are given, and recordings can show none.
     """
-    if any(recording.units.slides for recording in recordings):
+    if any(recording.units.is_prismatic for recording in recordings):
         sliding = {id: kind for id, kind in kinds.items() if id not in REVOLUTE_ONLY}
         if kinds and not sliding:
             raise IdentificationError(f"{next(iter(kinds))} needs a joint that turns: look for other effects")

@@ -57,7 +57,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     check_horizon(horizon, model.body.can_simulate)
     recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)
     recordings = convert_to_model_unit(model, recordings)
-    if recordings[0].units.slides:
+    if recordings[0].units.is_prismatic:
         model = model.convert_units(recordings[0].units)
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()

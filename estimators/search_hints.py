@@ -259,7 +259,7 @@ def _list_table_angles(kind: type[Any], x: Samples, residual: Array) -> list[Ter
     """List tables over the reached angles, and over a turn if the joint made a turn."""
     position, tables = np.asarray(x.position), list[Term]()
     ranges = [(position, float(position.min()), float(position.max()))]
-    if np.ptp(position) >= 2 * np.pi and not kind.slides:
+    if np.ptp(position) >= 2 * np.pi and not kind.is_prismatic:
         ranges.append(((position + np.pi) % (2 * np.pi) - np.pi, -np.pi, np.pi))
     for angles, low, high in ranges:
         for pieces in ANGLES if low < high else ():
@@ -289,7 +289,7 @@ def _list_table_speeds(kind: type[Any], x: Samples, residual: Array) -> list[Ter
 def _list_table_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """List a table of pieces of about `length` seconds, 2 to `most` of them."""
     first, last = float(np.min(x.time)), float(np.max(x.time))
-    pieces = min(max(2, round((last - first) / kind.length)), kind.most)
+    pieces = min(max(2, round((last - first) / kind.length)), kind.max_pieces)
     return [kind.with_extent(Extent(first, last, int(pieces)))()]
 
 

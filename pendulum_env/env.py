@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from pendulum_env import spaces
 from pendulum_env.backends import BACKENDS, Sample, Sensor, Setup, Start, Status
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulator import Simulator
@@ -17,16 +18,6 @@ from pendulum_env.parameters import PlantParameters, PlantProperties, Values
 from pendulum_env.physics import Model
 from pendulum_env.plant import Effects, make_plant
 from pendulum_env.rendering import MODES, Renderer
-from pendulum_env.spaces import (
-    MAX_TORQUE,
-    MAX_VELOCITY,
-    RESET_OPTIONS,
-    VELOCITIES,
-    check_positive,
-    is_beyond,
-    make_spaces,
-    read_start,
-)
 
 OWN_PLANT = {"replay": "a replay plays the plant it was recorded with", "dm1015b": "the rig is the plant"}
 
@@ -66,7 +57,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         model: Model | str | Path | None = None,
         rate: float = 1000.0,
         substeps: int = 1,
-        max_torque: float = MAX_TORQUE,
+        max_torque: float = spaces.MAX_TORQUE,
         counts: int = COUNTS,
         torque_noise: float = 0.0,
         velocity: str = "difference",
@@ -100,11 +91,11 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             DriveError: if the rig cannot be reached or is in use.
             ModuleNotFoundError: if a backend needs an extra that is not installed.
         """
-        check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
+        spaces.check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
         self._renderer = Renderer(render_mode)
         has_plant = bool(effects) or theta is not None or model is not None
-        _check_belongs(backend, recording, config, has_plant)
-        sensor = Sensor(counts, torque_noise, find("velocity", velocity, VELOCITIES))
+        _check_arguments(backend, recording, config, has_plant)
+        sensor = Sensor(counts, torque_noise, find("velocity", velocity, spaces.VELOCITIES))
         files = [None if file is None else str(file) for file in (recording, config)]
         self._setup = Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files)
         self.plant = PlantParameters(self._setup.model)
@@ -117,8 +108,8 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         self.recording, self.rate, self.counts = self.traits.recording, self.traits.rate, self.traits.counts
         self.max_torque = min(float(max_torque), self.traits.max_torque)
         self.metadata = {**self.metadata, "render_fps": self.rate}
-        self.observation_space, self.action_space = make_spaces(self.max_torque)
-        self._running = False
+        self.observation_space, self.action_space = spaces.make_spaces(self.max_torque)
+        self._is_running = False
 
     @property
     def simulated(self) -> bool:
@@ -138,8 +129,8 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
 
     def _update_plant(self) -> None:
         """Pass changed parameters to the backend."""
-        before, self._parameters = self._parameters, self.plant.info
-        if isinstance(self.backend, Simulator) and self._parameters != before:
+        previous, self._parameters = self._parameters, self.plant.info
+        if isinstance(self.backend, Simulator) and self._parameters != previous:
             self.backend.set_parameters(self.plant.terms, self.plant.theta)
 
     def reset(
@@ -160,23 +151,23 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         super().reset(seed=seed)
         options = dict(options or {})
         for name in options:
-            find("option of reset", name, RESET_OPTIONS)
-        clear = bool(options.pop("clear_fault", False))
+            find("option of reset", name, spaces.RESET_OPTIONS)
+        clear_fault = bool(options.pop("clear_fault", False))
         if options and not self.simulated:
             raise ValueError(f"the {type(self.backend).__name__} backend starts as it is: reset it without options")
-        if self._running:
+        if self._is_running:
             self.backend.disable()
-        position, velocity = map(float, read_start(options, ()))
+        position, velocity = map(float, spaces.read_start(options, ()))
         self.plant.reset(options.get("theta"))
         self._update_plant()
-        start = Start(position, velocity, self.np_random, clear)
-        first = self.backend.enable(start)
-        self._running = True
+        start = Start(position, velocity, self.np_random, clear_fault)
+        sample = self.backend.enable(start)
+        self._is_running = True
         # the backward difference starts with the angle one period earlier
-        self._previous_position, self._previous_time = first.position, first.time
+        self._previous_position, self._previous_time = sample.position, sample.time
         if self.simulated:
             self._previous_position = float(self._setup.sensor.position(position - velocity / self.rate))
-        return self._make_observation(first)
+        return self._make_observation(sample)
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold a torque for one period.
@@ -184,7 +175,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         Raises:
             ValueError: if the action is not a finite number.
         """
-        if not self._running:
+        if not self._is_running:
             raise gym.error.ResetNeeded("the pendulum has not been started: call reset before step")
         try:
             (torque,) = map(float, action)
@@ -194,7 +185,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             self.backend.disable()  # no torque between runs
             raise ValueError(f"the action is {action}, of shape {np.shape(action)}: it needs (1,), a torque in N m")
         sample = self.backend.exchange(min(max(torque, -self.max_torque), self.max_torque))
-        observation, info = self._make_observation(sample, clipped=bool(is_beyond(torque, self.max_torque)))
+        observation, info = self._make_observation(sample, clipped=bool(spaces.is_beyond(torque, self.max_torque)))
         return observation, 0.0, sample.status is Status.FAULT, sample.status is Status.ENDED, info
 
     def _make_observation(self, sample: Sample, clipped: bool = False) -> tuple[Observation, dict[str, Any]]:
@@ -204,7 +195,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             periods = max(1, round((sample.time - self._previous_time) * self.rate))  # a recording may have gaps
             velocity = (position - self._previous_position) * self.rate / periods
         self._previous_position, self._previous_time = position, sample.time
-        bounded = min(max(velocity, -MAX_VELOCITY), MAX_VELOCITY)
+        bounded = min(max(velocity, -spaces.MAX_VELOCITY), spaces.MAX_VELOCITY)
         observation = np.array([math.cos(position), math.sin(position), bounded], dtype=np.float32)
         info: dict[str, Any] = {
             "time": sample.time,
@@ -220,25 +211,25 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             info |= sample.timing._asdict()
         if sample.fault is not None:
             info["fault"] = sample.fault
-        self._last = info
+        self._last_info = info
         if self.render_mode == "human":
             self.render()
         return observation, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw arm, torque and estimates; return the picture (H, W, 3), or None in mode human."""
-        return self._renderer.draw(self._last, self.max_torque, self.overlay())
+        return self._renderer.draw(self._last_info, self.max_torque, self.overlay())
 
     def close(self) -> None:
         """Close the backend and the window."""
-        if self._running:
+        if self._is_running:
             self.backend.disable()
-            self._running = False
+            self._is_running = False
         self.backend.close()
         self._renderer.close()
 
 
-def _check_belongs(backend: str, recording: str | Path | None, config: str | Path | None, has_plant: bool) -> None:
+def _check_arguments(backend: str, recording: str | Path | None, config: str | Path | None, has_plant: bool) -> None:
     """Refuse arguments of another backend."""
     if backend != "replay" and recording is not None:
         raise ValueError(f"a recording is played by backend='replay', not by '{backend}'")

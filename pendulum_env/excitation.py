@@ -17,10 +17,10 @@ from pendulum_env.errors import FileError, UserError
 from pendulum_env.lookup import find
 from pendulum_env.reading import Number, convert
 
-MOST_TORQUE = 1e6  # [N m], upper limit of an amplitude; the largest robots have about 1e4
-Torque = Annotated[float, Meta(ge=1e-9, le=MOST_TORQUE)]  # [N m], amplitude in a file
+LARGEST_TORQUE = 1e6  # [N m], upper limit of an amplitude; the largest robots have about 1e4
+Torque = Annotated[float, Meta(ge=1e-9, le=LARGEST_TORQUE)]  # [N m], amplitude in a file
 Frequency = Annotated[float, Meta(ge=1e-6, le=1e3)]  # [Hz]
-USUAL_SPEED = 4.0  # [rad/s] default speed limit of a designed motion
+DEFAULT_SPEED = 4.0  # [rad/s] default speed limit of a designed motion
 
 
 class Excitation(Protocol):
@@ -117,7 +117,7 @@ class Levels(Struct, frozen=True, tag_field="kind", tag="levels"):
 
     amplitude: Torque
     edges: tuple[Annotated[float, Meta(ge=1e-6, le=1e6)], ...]  # end of each level [s], increasing
-    levels: tuple[Annotated[float, Meta(ge=-MOST_TORQUE, le=MOST_TORQUE)], ...]  # [N m]
+    levels: tuple[Annotated[float, Meta(ge=-LARGEST_TORQUE, le=LARGEST_TORQUE)], ...]  # [N m]
 
     def signal(self, time: ArrayLike) -> Array:
         """Return the torque [N m]."""
@@ -177,11 +177,11 @@ def excitation(
     """
     kind = find("excitation", name, EXCITATIONS)
     amplitude = kind.default_amplitude if amplitude is None else amplitude
-    for what, value in (("seconds", seconds), ("amplitude", amplitude)):
+    for argument, value in (("seconds", seconds), ("amplitude", amplitude)):
         if not 0 < value < np.inf:
-            raise UserError(f"an excitation needs {what} above zero, got {value:g}")
-    if amplitude > MOST_TORQUE:
-        raise UserError(f"an excitation needs an amplitude of at most {MOST_TORQUE:g} N m, got {amplitude:g}")
+            raise UserError(f"an excitation needs {argument} above zero, got {value:g}")
+    if amplitude > LARGEST_TORQUE:
+        raise UserError(f"an excitation needs an amplitude of at most {LARGEST_TORQUE:g} N m, got {amplitude:g}")
     return kind.draw(np.random.default_rng(rng), seconds, amplitude)
 
 
@@ -221,18 +221,18 @@ def decode_signal(data: JSON, key: str = "") -> Excitation:
     Raises:
         ValueError: if the dictionary is not a valid signal.
     """
-    known = "a signal is one of two_tone, multisine, chirp, levels with all of its numbers, within its amplitude"
+    expected = "a signal is one of two_tone, multisine, chirp, levels with all of its numbers, within its amplitude"
     try:
         signal: Signal = convert(data, Signal, key)  # type: ignore[arg-type]  # msgspec accepts unions
     except UserError as error:
-        raise FileError(f"{known}: {error}") from None
+        raise FileError(f"{expected}: {error}") from None
     match signal:
         case Multisine(harmonics=harmonics, phases=phases):
-            is_whole = len(phases) == len(harmonics) > 0
+            is_complete = len(phases) == len(harmonics) > 0
         case Levels(edges=edges, levels=levels):
-            is_whole = len(edges) == len(levels) > 0 and all(a < b for a, b in pairwise(edges))
+            is_complete = len(edges) == len(levels) > 0 and all(a < b for a, b in pairwise(edges))
         case _:
-            is_whole = True
-    if is_whole and np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
+            is_complete = True
+    if is_complete and np.abs(signal.signal(np.linspace(0, 60, 6001))).max() <= signal.amplitude * (1 + 1e-9):
         return signal
-    raise FileError(known)
+    raise FileError(expected)

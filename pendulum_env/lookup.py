@@ -29,8 +29,8 @@ def find(kind: str, name: str, known: Mapping[str, T]) -> T:
     if name not in known:
         name = str(name)
         name = name if len(name) <= 60 else f"{name[:57]}..."
-        near = difflib.get_close_matches(name, known, n=1)
-        hint = f": did you mean {near[0]}? Known: " if near else "; known: "
+        similar = difflib.get_close_matches(name, known, n=1)
+        hint = f": did you mean {similar[0]}? Known: " if similar else "; known: "
         raise UnknownName(f"unknown {kind} '{name}'{hint}{', '.join(sorted(known))}")
     return known[name]
 

@@ -24,7 +24,7 @@ class PlantParameters:
 
     Attributes:
         model: plant that the environment was made with.
-        now: current parameters by name, each () or (B,).
+        values: current parameters by name, each () or (B,).
     """
 
     def __init__(self, model: Model, batch: tuple[int, ...] = ()) -> None:
@@ -33,7 +33,7 @@ class PlantParameters:
         self._linear = [column.name for column in model.columns]
         self._nonlinear = {term.get_full_name(p.name): (term.id, p) for term in model.terms for p in term.free}
         self._start: dict[str, Array] = {name: np.full(batch, e.value) for name, e in model.estimates.items()}
-        self.now = dict(self._start)
+        self.values = dict(self._start)
 
     def reset(self, theta: Values | None = None) -> None:
         """Begin an episode.
@@ -44,65 +44,67 @@ class PlantParameters:
         Raises:
             UserError: if a parameter is unknown or impossible; the parameters then stay unchanged.
         """
-        before, self.now = self.now, dict(self._start)
+        previous, self.values = self.values, dict(self._start)
         try:
             if theta is not None:
                 self.change(theta)
         except (TypeError, UserError):
-            self.now = before
+            self.values = previous
             raise
-        self._start = dict(self.now)
+        self._start = dict(self.values)
 
-    def restart(self, which: Mask) -> None:
-        """Begin an episode of the plants in the mask `which` (B,)."""
-        self.now = {name: np.where(which, self._start[name], value) for name, value in self.now.items()}
+    def restart(self, is_reset: Mask) -> None:
+        """Begin an episode of the plants in the mask `is_reset` (B,)."""
+        self.values = {name: np.where(is_reset, self._start[name], value) for name, value in self.values.items()}
 
-    def change(self, values: Values, which: Mask | None = None) -> None:
-        """Change parameters until the next reset, of all plants or of those in the mask `which` (B,)."""
+    def change(self, values: Values, is_changed: Mask | None = None) -> None:
+        """Change parameters until the next reset, of all plants or of those in the mask `is_changed` (B,)."""
         for name, value in self._check_values(values).items():
-            self.now[name] = value if which is None else np.where(which, value, self.now[name])
+            self.values[name] = value if is_changed is None else np.where(is_changed, value, self.values[name])
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """Return the terms with the current nonlinear parameters."""
-        return set_nonlinear_values(self.model.terms, self.now)
+        return set_nonlinear_values(self.model.terms, self.values)
 
     @property
     def theta(self) -> Array:
         """Return the current linear parameters (P,) or (P, B), in the order of the model's columns."""
-        return np.array([self.now[name] for name in self._linear])
+        return np.array([self.values[name] for name in self._linear])
 
     @property
     def current_model(self) -> Model:
         """Return the current plant; of a batch, the model that the environment was made with."""
         if self._batch:
             return self.model
-        changed = {name: float(value) for name, value in self.now.items() if value != self.model.estimates[name].value}
+        estimates = self.model.estimates
+        changed = {name: float(value) for name, value in self.values.items() if value != estimates[name].value}
         return self.model.with_values(changed) if changed else self.model
 
     @property
     def info(self) -> dict[str, Any]:
         """Return the current parameters for `info`: numbers, or arrays (B,) with Gymnasium's masks."""
         if not self._batch:
-            return {name: float(value) for name, value in self.now.items()}
+            return {name: float(value) for name, value in self.values.items()}
         all_plants = np.ones(self._batch, dtype=bool)
-        return {**self.now, **{f"_{name}": all_plants for name in self.now}}
+        return {**self.values, **{f"_{name}": all_plants for name in self.values}}
 
-    def _check_values(self, given: Values) -> dict[str, Array]:
+    def _check_values(self, parameters: Values) -> dict[str, Array]:
         """Return the given parameters as arrays () or (B,); refuse unknown names and impossible values."""
-        refuse_unnamed(given)
-        values = {name: value for name, value in given.items() if not name.startswith("_")}  # without Gymnasium's masks
+        refuse_unnamed(parameters)
         checked = {}
-        for name, value in values.items():
+        for name, value in parameters.items():
+            if name.startswith("_"):  # Gymnasium's masks
+                continue
             id = name.partition(".")[0]
-            if name not in self.now and id in effects() and id not in self.model.effects:
+            if name not in self.values and id in effects() and id not in self.model.effects:
                 raise UserError(f"the plant has no effect '{id}' to change: make it with effects=['{id}=0']")
-            find("parameter of the plant", name, self.now)
+            find("parameter of the plant", name, self.values)
             try:
                 array = np.array(np.broadcast_to(np.asarray(value, dtype=float), self._batch))
             except (TypeError, ValueError):
-                wanted = f"a number{', or one for each of the plants' * bool(self._batch)}"
-                raise UserError(f"{name} of a plant cannot be {value!r}: give {wanted}") from None
+                expected = f"a number{', or one for each of the plants' * bool(self._batch)}"
+                raise UserError(f"{name} of a plant cannot be {value!r}: give {expected}") from None
             for number in np.unique(array):
                 if name in self._nonlinear:
                     check_nonlinear(*self._nonlinear[name], float(number))
@@ -116,13 +118,13 @@ class PlantParameters:
         """Refuse nonlinear parameters that contradict each other, and dead times that differ within a batch."""
         if not values.keys() & self._nonlinear.keys():
             return
-        merged = {**self.now, **values}
+        merged = {**self.values, **values}
         terms = set_nonlinear_values(self.model.terms, merged)
         if any(np.ndim(term.delay) for term in terms):
             raise UserError("plants of a batch have one dead_time: give one number, or make each environment by itself")
         for k in range(max(1, *self._batch) if self._batch else 1):
-            one = {name: np.ravel(value)[k] for name, value in merged.items()}
-            for term in set_nonlinear_values(self.model.terms, one):
+            plant = {name: np.ravel(value)[k] for name, value in merged.items()}
+            for term in set_nonlinear_values(self.model.terms, plant):
                 if term.fault:
                     raise UserError(f"{term.id} of a plant cannot be so: {term.fault}")
 

@@ -44,7 +44,7 @@ def paper_plant(theta: Mapping[str, float] | None = None) -> Model:
         find("parameter", name, PAPER)
         if not 0 <= value <= MAX_NUMBER or (name == "inertia" and value == 0):
             raise ValueError(f"{name} of a plant cannot be {value:g}: give a positive number, {MAX_NUMBER:g} at most")
-    return Model.build(BASE, np.array([theta.get(name, usual) for name, usual in PAPER.items()]))
+    return Model.build(BASE, np.array([theta.get(name, default) for name, default in PAPER.items()]))
 
 
 def refuse_unnamed(theta: object) -> None:
@@ -84,29 +84,29 @@ def hide(plant: Model, text: str) -> Model:
         ValueError: if the effect or a parameter is unknown, or a value is not a number in the admissible range.
         ModelError: if the plant already has the effect.
     """
-    id, separator, listed = re.fullmatch("([^:=]*)([:=]?)(.*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    id, separator, value_text = re.fullmatch("([^:=]*)([:=]?)(.*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
     id = id.strip()
     if id in MEASURED:
         raise ValueError(f"{id} acts by the joint's {MEASURED[id].needs}, which no simulated pendulum has")
     kind = effect(id)
     parameters = get_typical_values(kind())
     if separator == "=":
-        values = [_parse_number(part, text) for part in listed.split(",")]
+        values = [_parse_number(part, text) for part in value_text.split(",")]
         if len(values) > len(parameters):
             raise ValueError(
                 f"{id} takes at most {len(parameters)} values ({', '.join(parameters)}), got {len(values)}"
             )
-        given = dict(zip(parameters, values, strict=False))
+        values_by_name = dict(zip(parameters, values, strict=False))
     else:
-        given = read_parameters(listed) if separator else {}
-    nonlinear = {p.name: given.get(p.name, parameters[p.name]) for p in kind.nonlinear_parameters}
+        values_by_name = read_parameters(value_text) if separator else {}
+    nonlinear = {p.name: values_by_name.get(p.name, parameters[p.name]) for p in kind.nonlinear_parameters}
     for parameter in kind.nonlinear_parameters:
         check_nonlinear(id, parameter, nonlinear[parameter.name])
     term = kind(**nonlinear)
     parameters = get_typical_values(term)
-    for name in given:
+    for name in values_by_name:
         find(f"parameter of {id}", name, parameters)
-    linear = {name: given.get(name, usual) for name, usual in parameters.items() if name not in nonlinear}
+    linear = {name: values_by_name.get(name, typical) for name, typical in parameters.items() if name not in nonlinear}
     for name, value in linear.items():
         if not abs(value) <= MAX_NUMBER:
             raise ValueError(
@@ -186,8 +186,8 @@ def list_effects(effects: Effects) -> tuple[str, ...]:
 def _write_effect(id: str, size: object) -> str:
     try:
         if isinstance(size, Mapping):
-            listed = ",".join(f"{name}={float(value)!r}" for name, value in size.items())
-            return f"{id}:{listed}" if listed else id
+            value_text = ",".join(f"{name}={float(value)!r}" for name, value in size.items())
+            return f"{id}:{value_text}" if value_text else id
         return f"{id}={float(size)!r}"  # type: ignore[arg-type]  # float raises TypeError
     except (TypeError, ValueError):
         raise TypeError(f"the size of {id} is {quote_value(size)}: give a number, or numbers by parameter") from None

@@ -30,14 +30,14 @@ MAX_TEXT = 1000  # characters of a text field
 T = TypeVar("T")
 
 
-def quote_value(value: object, most: int = MAX_QUOTED) -> str:
-    """Quote a value for a message in up to `most` characters, without nested values."""
+def quote_value(value: object, max_length: int = MAX_QUOTED) -> str:
+    """Quote a value for a message in up to `max_length` characters, without nested values."""
     if type(value).__module__ != "builtins" and "\n" in repr(value):  # arrays and results
         return f"<{type(value).__name__}>"
     brief = reprlib.Repr()
-    brief.maxlevel, brief.maxlong, brief.maxstring, brief.maxother = 1, most, most, most
+    brief.maxlevel, brief.maxlong, brief.maxstring, brief.maxother = 1, max_length, max_length, max_length
     text = " ".join(brief.repr(value).split())
-    return text if len(text) <= most else f"{text[: most - 3]}..."
+    return text if len(text) <= max_length else f"{text[: max_length - 3]}..."
 
 
 # ----------------------------------------------------------------------------------------------------------- files
@@ -150,19 +150,19 @@ def convert(content: Any, kind: type[T], key: str = "") -> T:
 def _refuse_unknown(content: Any, kind: inspect.Type, key: str) -> None:
     """Refuse unknown keys and literals; the message lists the known ones."""
     kinds = kind.types if isinstance(kind, inspect.UnionType) else (kind,)
-    words = [word for one in kinds if isinstance(one, inspect.LiteralType) for word in one.values]
-    if words and isinstance(content, str | int) and content not in words:
-        raise FileError(f"'{key}' is {quote_value(content)}: expected one of {', '.join(map(str, words))}")
-    for one in kinds:
-        if isinstance(content, list) and isinstance(one, inspect.ListType | inspect.VarTupleType):
+    choices = [word for member in kinds if isinstance(member, inspect.LiteralType) for word in member.values]
+    if choices and isinstance(content, str | int) and content not in choices:
+        raise FileError(f"'{key}' is {quote_value(content)}: expected one of {', '.join(map(str, choices))}")
+    for member in kinds:
+        if isinstance(content, list) and isinstance(member, inspect.ListType | inspect.VarTupleType):
             for k, inner in enumerate(content):
-                _refuse_unknown(inner, one.item_type, f"{key}[{k}]")
-        if isinstance(content, dict) and isinstance(one, inspect.StructType | inspect.DataclassType):
-            fields = {field.encode_name: field.type for field in one.fields}
+                _refuse_unknown(inner, member.item_type, f"{key}[{k}]")
+        if isinstance(content, dict) and isinstance(member, inspect.StructType | inspect.DataclassType):
+            fields = {field.encode_name: field.type for field in member.fields}
             for name, inner in content.items():
                 if name in fields:
                     _refuse_unknown(inner, fields[name], f"{key}.{name}".lstrip("."))
-                elif isinstance(one, inspect.DataclassType) or one.forbid_unknown_fields:
+                elif isinstance(member, inspect.DataclassType) or member.forbid_unknown_fields:
                     try:
                         find("key", name, fields)
                     except UserError as error:

@@ -13,7 +13,7 @@ from pendulum_env.lookup import find
 MODES = ("human", "rgb_array")
 WIDTH, HEIGHT = 600, 480  # [pixels]
 REACH, BOB = 173, 18  # [pixels], length of all links together, and radius of the discs at their ends
-LINE, MOST = 20, 15  # [pixels] between lines of text, and largest number of lines
+LINE, MAX_LINES = 20, 15  # [pixels] between lines of text, and largest number of lines
 FRAMES = 50  # pictures per second of simulated time, in a window
 PAPER, INK, ARM, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 92, 40)
 
@@ -36,7 +36,7 @@ class Renderer:
         self._surface: Any = None
         self._font: Any = None
         self._clock: Any = None
-        self._due = -np.inf
+        self._next_frame = -np.inf
 
     def __reduce__(self) -> Any:
         return Renderer, (self.mode,)  # without the window, which cannot be pickled
@@ -56,7 +56,7 @@ class Renderer:
         Args:
             measurement: time [s], position [rad] and torque [N m], each () or (n,), by name.
             max_torque: torque of an arc of three quarters of a turn [N m].
-            lines: lines of text; at most `MOST` are shown.
+            lines: lines of text; at most `MAX_LINES` are shown.
             lengths: relative lengths of the links (n,).
             angles: angles of the links (n,) from hanging down at joint position zero [rad].
         """
@@ -64,22 +64,22 @@ class Renderer:
             gym.logger.warn("render was called without a render_mode: pass render_mode='rgb_array' to gym.make")
             return None
         if self.mode == "human":
-            if self._due - 1.0 / FRAMES < measurement["time"] < self._due:
+            if self._next_frame - 1.0 / FRAMES < measurement["time"] < self._next_frame:
                 return None
-            self._due = measurement["time"] + 1.0 / FRAMES
+            self._next_frame = measurement["time"] + 1.0 / FRAMES
         pygame = self._open()
         surface = self._surface
         surface.fill(PAPER)
         positions, torques = np.atleast_1d(measurement["position"]), np.atleast_1d(measurement["torque"])
         q_text, torque_text = " ".join(f"{q:+.3f}" for q in positions), " ".join(f"{u:+.2f}" for u in torques)
-        first = f"t {measurement['time']:.2f} s   q {q_text} rad   torque {torque_text} N m"
-        shown = [first, *lines][:MOST]
-        top = HEIGHT - LINE * len(shown) - LINE // 2  # of the text
-        for k, line in enumerate(shown):
+        status = f"t {measurement['time']:.2f} s   q {q_text} rad   torque {torque_text} N m"
+        shown_lines = [status, *lines][:MAX_LINES]
+        top = HEIGHT - LINE * len(shown_lines) - LINE // 2  # of the text
+        for k, line in enumerate(shown_lines):
             surface.blit(self._font.render(line, True, INK), (12, top + LINE * k))
         pivot, reach = np.array([WIDTH // 2, top // 2]), min(REACH, top // 2 - BOB)
-        turned, shares = np.cumsum(positions) + angles, np.divide(lengths, np.sum(lengths))
-        for q, torque, share in zip(turned, torques, shares, strict=True):
+        absolute_angles, shares = np.cumsum(positions) + angles, np.divide(lengths, np.sum(lengths))
+        for q, torque, share in zip(absolute_angles, torques, shares, strict=True):
             bob = pivot + reach * share * np.array([np.sin(q), np.cos(q)])
             angle = 1.5 * np.pi * torque / max_torque
             if abs(angle) > 0.02:

@@ -30,5 +30,5 @@ def format_setting(name: str, value: object) -> str:
 def use_writer(writer: Writer) -> Writer:
     """Set the writer of arguments for this process; return the previous writer."""
     global _write
-    before, _write = _write, writer
-    return before
+    previous, _write = _write, writer
+    return previous

@@ -14,7 +14,7 @@ MAX_TORQUE = 15.0  # [N m], limit of the DM1015B
 MAX_VELOCITY = 100.0  # [rad/s], bound of the observation; `info` is unbounded
 VELOCITIES = {"difference": False, "ideal": True}  # by name: whether velocity is measured exactly
 RESET_OPTIONS = dict.fromkeys(("position", "velocity", "theta", "clear_fault"))
-WHOLE = ("substeps", "num_envs")  # integer arguments
+INTEGERS = ("substeps", "num_envs")  # integer arguments
 
 
 def make_spaces(max_torque: float, joints: int = 1) -> tuple[gym.spaces.Box[np.float32], gym.spaces.Box[np.float32]]:
@@ -24,18 +24,18 @@ def make_spaces(max_torque: float, joints: int = 1) -> tuple[gym.spaces.Box[np.f
     return observations, gym.spaces.Box(-max_torque, max_torque, (joints,), dtype=np.float32)
 
 
-def is_beyond(torque: Any, most: float) -> Any:
+def is_beyond(torque: Any, bound: float) -> Any:
     """Return whether torques exceed a bound, compared in the single precision of the action space."""
-    return np.abs(torque).astype(np.float32) > np.float32(most)
+    return np.abs(torque).astype(np.float32) > np.float32(bound)
 
 
 def check_positive(owner: str, **values: float) -> None:
-    """Refuse numbers that are not positive, or not integer for the names in `WHOLE`. `owner` is for the message."""
-    for what, value in values.items():
+    """Refuse numbers that are not positive, or not integer for the names in `INTEGERS`. `owner` is for the message."""
+    for argument, value in values.items():
         is_number = isinstance(value, Real)
-        if not is_number or not 0 < value < np.inf or (what in WHOLE and value != int(value)):
-            given = f"{value:g}" if is_number else quote_value(value)
-            raise ValueError(f"{what} of {owner} cannot be {given}: give a positive number")
+        if not is_number or not 0 < value < np.inf or (argument in INTEGERS and value != int(value)):
+            value_text = f"{value:g}" if is_number else quote_value(value)
+            raise ValueError(f"{argument} of {owner} cannot be {value_text}: give a positive number")
 
 
 def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array]:
@@ -47,6 +47,6 @@ def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array
         except (TypeError, ValueError):
             start.append(np.full(shape, np.nan))
         if not np.isfinite(start[-1]).all():
-            wanted = f"a number{', or one for each of the pendulums' * bool(shape)}"
-            raise ValueError(f"{name} of a reset cannot be {quote_value(options[name])}: give {wanted}")
+            expected = f"a number{', or one for each of the pendulums' * bool(shape)}"
+            raise ValueError(f"{name} of a reset cannot be {quote_value(options[name])}: give {expected}")
     return start

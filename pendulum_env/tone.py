@@ -22,25 +22,25 @@ def find_tone(series: Array, period: float) -> tuple[float, float]:
     series, period = series[::stride], stride * period
     time = np.arange(len(series)) * period
     line = np.column_stack([np.ones_like(time), np.linspace(-1.0, 1.0, len(time))])
-    rest = series - line @ np.linalg.lstsq(line, series, rcond=None)[0]
-    power = float(rest @ rest)
+    remainder = series - line @ np.linalg.lstsq(line, series, rcond=None)[0]
+    power = float(remainder @ remainder)
     if power <= 0 or len(series) < 8:
         return 0.0, 0.0
     spacing = 2 * np.pi / (len(series) * period)
-    spectrum, share = np.abs(np.fft.rfft(rest)) ** 2, 0.0
+    spectrum, share = np.abs(np.fft.rfft(remainder)) ** 2, 0.0
     line_number = int(np.argmax(spectrum))
     if spectrum[max(line_number - 2, 0) : line_number + 3].sum() < MIN_PEAK_SHARE * spectrum.sum():
         return 0.0, 0.0
-    best = spacing * max(1, line_number)
+    frequency_estimate = spacing * max(1, line_number)
     for _ in range(STEPS):
         shares = []
-        frequencies = best + spacing * np.linspace(-1.0, 1.0, ZOOM + 1)
+        frequencies = frequency_estimate + spacing * np.linspace(-1.0, 1.0, ZOOM + 1)
         for frequency in frequencies:
             sine = np.column_stack([line, np.cos(frequency * time), np.sin(frequency * time)])
             remaining = series - sine @ np.linalg.lstsq(sine, series, rcond=None)[0]
             shares.append(1.0 - float(remaining @ remaining) / power)
-        best, share, spacing = float(frequencies[np.argmax(shares)]), max(shares), 2 * spacing / ZOOM
-    return best, share
+        frequency_estimate, share, spacing = float(frequencies[np.argmax(shares)]), max(shares), 2 * spacing / ZOOM
+    return frequency_estimate, share
 
 
 def has_one_frequency(series: Array, period: float) -> bool:

@@ -23,7 +23,7 @@ RELATIVE = {  # units after division by the inertia [N m s^2/rad]
     "N m rad": "rad^2/s^2",
     "N m rad/s": "rad^2/s^3",
 }
-SLIDING = {"torque": "force", "angle": "position"}  # names of quantities of a linear joint
+NAMES_OF_LINEAR = {"torque": "force", "angle": "position"}  # names of quantities of a linear joint
 
 IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad within a turn": "deg within a turn"}  # displayed units of motion
 
@@ -34,11 +34,11 @@ _angle = "rad"
 def show_angles(unit: str) -> Iterator[None]:
     """Show angles and speeds in `rad` or `deg` within a context or a decorated function; files stay in SI."""
     global _angle
-    before, _angle = _angle, unit
+    previous, _angle = _angle, unit
     try:
         yield
     finally:
-        _angle = before
+        _angle = previous
 
 
 def to_shown_unit(value: T, unit: str, is_parameter: bool = False) -> tuple[T, str]:
@@ -67,27 +67,27 @@ class JointUnits:
 
     Attributes:
         torque_unit: `N m`, the unit of a current, or `rad/s^2` for torque divided by inertia.
-        slides: whether the joint is linear, with force in place of torque.
+        is_prismatic: whether the joint is linear, with force in place of torque.
     """
 
     torque_unit: str = "N m"
-    slides: bool = False
+    is_prismatic: bool = False
 
     def unit(self, si: str) -> str:
         """Return the unit of a quantity from its unit at a revolute joint with torque in N m, such as `kg m^2`."""
         unit = si
         if self.torque_unit != "N m" and is_of_torque(si):
             product = PRODUCTS.get(si, si)
-            per = "/rad" if self.slides and si == "kg m^2" else ""  # omitted at a revolute joint
-            rest = f"{self.torque_unit}{product.removeprefix('N m')}{per}"
-            unit = RELATIVE.get(product, rest) if self.torque_unit == "rad/s^2" else rest
-        if self.slides:
+            per = "/rad" if self.is_prismatic and si == "kg m^2" else ""  # omitted at a revolute joint
+            channel_unit = f"{self.torque_unit}{product.removeprefix('N m')}{per}"
+            unit = RELATIVE.get(product, channel_unit) if self.torque_unit == "rad/s^2" else channel_unit
+        if self.is_prismatic:
             unit = "kg" if unit == "kg m^2" else unit.replace("N m", "N").replace("rad", "m")
         return unit
 
     def name(self, quantity: str) -> str:
         """Return the name of a quantity; `force` for `torque` of a linear joint."""
-        return SLIDING.get(quantity, quantity) if self.slides else quantity
+        return NAMES_OF_LINEAR.get(quantity, quantity) if self.is_prismatic else quantity
 
 
 TURNING = JointUnits()

@@ -11,30 +11,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from pendulum_env import spaces
 from pendulum_env._typing import Array, Mask
 from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantParameters, PlantProperties, Values
-from pendulum_env.physics import Model, Samples
-from pendulum_env.physics.simulation import (
-    CommandDelay,
-    TorqueBalance,
-    make_start_samples,
-    stack_rows,
-    step,
-    unstack_rows,
-)
+from pendulum_env.physics import Model, Samples, simulation
 from pendulum_env.plant import Effects, make_plant
-from pendulum_env.spaces import (
-    MAX_TORQUE,
-    MAX_VELOCITY,
-    RESET_OPTIONS,
-    VELOCITIES,
-    check_positive,
-    is_beyond,
-    make_spaces,
-    read_start,
-)
 
 Batch = NDArray[np.float32]
 Bools = NDArray[np.bool_]
@@ -60,7 +43,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         model: Model | str | Path | None = None,
         rate: float = 1000.0,
         substeps: int = 1,
-        max_torque: float = MAX_TORQUE,
+        max_torque: float = spaces.MAX_TORQUE,
         counts: int = COUNTS,
         torque_noise: float = 0.0,
         velocity: str = "difference",
@@ -78,17 +61,17 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         Raises:
             ValueError: if an argument is unknown or out of its range.
         """
-        check_positive("pendulums", max_torque=max_torque, rate=rate, substeps=substeps, num_envs=num_envs)
+        spaces.check_positive("pendulums", max_torque=max_torque, rate=rate, substeps=substeps, num_envs=num_envs)
         self.autoreset = AutoresetMode(autoreset_mode)
         if self.autoreset is AutoresetMode.DISABLED:
             raise ValueError("pendulums restart by themselves: choose autoreset_mode NextStep or SameStep")
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset}
-        ideal = find("velocity", velocity, VELOCITIES)
+        ideal = find("velocity", velocity, spaces.VELOCITIES)
         self.sensor, self.counts = Sensor(counts, torque_noise, ideal), counts
         self.num_envs, self.rate, self.substeps, self.max_torque = num_envs, float(rate), int(substeps), max_torque
         self.max_episode_steps = np.inf if max_episode_steps in (None, -1) else max_episode_steps
         self.render_mode = None
-        self.single_observation_space, self.single_action_space = make_spaces(max_torque)
+        self.single_observation_space, self.single_action_space = spaces.make_spaces(max_torque)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._all_plants, self._no_plants = np.ones(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
@@ -107,7 +90,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
 
     def _update_plant(self) -> None:
         """Pass changed parameters to the torque balance."""
-        self._balance = TorqueBalance(self.plant.terms, self.plant.theta)
+        self._balance = simulation.TorqueBalance(self.plant.terms, self.plant.theta)
         if self._x is not None:
             self._command.set_delay(self._balance.terms)
         self._parameters = self.plant.info
@@ -128,14 +111,14 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         super().reset(seed=seed[0] if isinstance(seed, list) else seed)
         options = options or {}
         for name in options:
-            find("option of reset", name, RESET_OPTIONS)
-        position, velocity = read_start(options, (self.num_envs,))
+            find("option of reset", name, spaces.RESET_OPTIONS)
+        position, velocity = spaces.read_start(options, (self.num_envs,))
         self.steps = np.zeros(self.num_envs, dtype=np.int64)
         self._ended = self._no_plants
         self.plant.reset(options.get("theta"))
-        self._command = CommandDelay(self.plant.terms, 1.0 / self.rate, self.substeps)
+        self._command = simulation.CommandDelay(self.plant.terms, 1.0 / self.rate, self.substeps)
         self._update_plant()
-        self._x = make_start_samples(self._balance, position, velocity)
+        self._x = simulation.make_start_samples(self._balance, position, velocity)
         self._previous_position = self.sensor.position(position - velocity / self.rate)
         observation, info = self._make_observation(np.zeros(self.num_envs), clipped=self._no_plants.copy())
         return observation, {**info, "torque": np.zeros(self.num_envs)}
@@ -152,20 +135,22 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
             raise gym.error.ResetNeeded("the pendulums have not been started: call reset before step")
         if np.shape(actions) != (self.num_envs, 1):
             raise ValueError(f"the actions have shape {np.shape(actions)}, {self.num_envs} pendulums need one each")
-        asked = np.asarray(actions, dtype=float)[:, 0]
-        torque = np.clip(asked, -self.max_torque, self.max_torque)
+        unclipped = np.asarray(actions, dtype=float)[:, 0]
+        torque = np.clip(unclipped, -self.max_torque, self.max_torque)
         if np.isnan(torque).any():
             raise ValueError(f"the action of pendulum {int(np.isnan(torque).argmax())} is NaN: a torque is needed")
-        revived = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else self._no_plants
+        is_reset = self._ended if self.autoreset is AutoresetMode.NEXT_STEP else self._no_plants
         x, h = self._x, 1.0 / self.rate / self.substeps
-        for command in self._command.push(torque):
-            x = step(self._balance, replace(x, torque=command), h)
+        for command in self._command.delay_command(torque):
+            x = simulation.step(self._balance, replace(x, torque=command), h)
         self.steps = self.steps + 1
         self._x = replace(x, time=self.steps / self.rate)
-        if revived.any():
-            torque = np.where(revived, 0.0, torque)
-            self._restart(revived)
-        observation, info = self._make_observation(torque, clipped=is_beyond(asked, self.max_torque) & ~revived)
+        if is_reset.any():
+            torque = np.where(is_reset, 0.0, torque)
+            self._restart(is_reset)
+        observation, info = self._make_observation(
+            torque, clipped=spaces.is_beyond(unclipped, self.max_torque) & ~is_reset
+        )
         truncated = self._ended = self.steps >= self.max_episode_steps
         if self.autoreset is AutoresetMode.SAME_STEP and truncated.any():
             info = {"final_obs": observation, "_final_obs": truncated, "final_info": info, "_final_info": truncated}
@@ -177,26 +162,29 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
             info |= {name: self._all_plants for name in info["final_info"] if name not in info}
         return observation, np.zeros(self.num_envs), self._no_plants.copy(), truncated, info
 
-    def _restart(self, which: Mask) -> None:
-        """Reset the pendulums in the mask `which` (B,): at rest, hanging down, with initial parameters."""
-        self.plant.restart(which)
+    def _restart(self, is_reset: Mask) -> None:
+        """Reset the pendulums in the mask `is_reset` (B,): at rest, hanging down, with initial parameters."""
+        self.plant.restart(is_reset)
         self._update_plant()
         assert self._x is not None
-        still = make_start_samples(self._balance, *np.zeros((2, self.num_envs)))
-        rows = [np.where(which, *each) for each in zip(stack_rows(still), stack_rows(self._x), strict=True)]
-        self._x = unstack_rows(rows, self._x)
-        self._previous_position = np.where(which, 0.0, self._previous_position)
-        self._command.clear(which)
-        self.steps = np.where(which, 0, self.steps)
+        at_rest = simulation.make_start_samples(self._balance, *np.zeros((2, self.num_envs)))
+        rows = [
+            np.where(is_reset, *values)
+            for values in zip(simulation.stack_rows(at_rest), simulation.stack_rows(self._x), strict=True)
+        ]
+        self._x = simulation.unstack_rows(rows, self._x)
+        self._previous_position = np.where(is_reset, 0.0, self._previous_position)
+        self._command.clear(is_reset)
+        self.steps = np.where(is_reset, 0, self.steps)
 
     def _make_observation(self, torque: Array, clipped: Bools) -> tuple[Batch, dict[str, Any]]:
         """Return observations (B, 3) and info after `torque` (B,), with the mask of clipped actions (B,)."""
         assert self._x is not None
         position, velocity = self.sensor.measure(self._x.position, self._x.velocity, self._previous_position, self.rate)
         self._previous_position = position
-        bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
+        bounded = np.clip(velocity, -spaces.MAX_VELOCITY, spaces.MAX_VELOCITY)
         observation = np.stack([np.cos(position), np.sin(position), bounded], axis=1, dtype=np.float32)
-        seen = {
+        measurement = {
             "time": self._x.time,
             "position": position,
             "velocity": velocity,
@@ -205,4 +193,4 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
             "follows": self._all_plants,
             "plant": dict(self._parameters),
         }
-        return observation, seen | {f"_{name}": self._all_plants for name in seen}
+        return observation, measurement | {f"_{name}": self._all_plants for name in measurement}

@@ -33,7 +33,7 @@ def machines(folder: Path, data: Path) -> None:
     """Write pictures of the residual in two recordings of `docs/machines.md`."""
     folder.mkdir(exist_ok=True)
     emps = read_recording(data / "emps" / "emps.csv.gz", columns={"position": "position:m", "torque": "torque:N"})
-    drawn = compute_residuals(emps, (Inertia(), Viscous(), Coulomb()), JointUnits(slides=True))
+    drawn = compute_residuals(emps, (Inertia(), Viscous(), Coulomb()), JointUnits(is_prismatic=True))
     _write(folder / "emps.svg", draw_row("What friction that is the same in both directions leaves", drawn))
     motor = read_recording(data / "odrive" / "accel_5_nocomp_first22.csv.gz")
     _write(folder / "odrive.svg", draw_row("What a rotor without cogging leaves", compute_residuals(motor)))

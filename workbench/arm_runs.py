@@ -12,7 +12,7 @@ from estimators.arms.limits import find_limits
 from pendulum_env.arms import Body, BodyError, find_planar_links
 from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.backends.simulated import TORQUE_NOISE
-from pendulum_env.excitation import MOST_TORQUE
+from pendulum_env.excitation import LARGEST_TORQUE
 from pendulum_env.reading import MAX_NUMBER
 from pendulum_env.recording import write_recording
 from workbench.errors import InputError
@@ -45,30 +45,30 @@ def record_arm(
     if not (np.abs(recording.position) <= MAX_NUMBER).all():  # false for NaN, too
         raise InputError(f"the joints turn by more than {MAX_NUMBER:g} rad: hide less, or allow less torque")
     write_recording(recording, arguments.output)
-    terminal.say(recording.summary)
-    terminal.say(f"the joints follow {motion}, condition of the regressor {motion.condition:.3g}")
+    terminal.print(recording.summary)
+    terminal.print(f"the joints follow {motion}, condition of the regressor {motion.condition:.3g}")
     deviation = np.sqrt(np.mean((motion(recording.time)[0] - recording.position) ** 2, axis=0))
     rows = [
         (
             name,
-            f"{joint.position.min():.2f} to {joint.position.max():.2f}{' m' * slides}",
-            f"{rms:.2g}{' m' * slides}",
-            f"{np.abs(joint.torque).max():.3g}{' N' * slides}",
+            f"{joint.position.min():.2f} to {joint.position.max():.2f}{' m' * is_prismatic}",
+            f"{rms:.2g}{' m' * is_prismatic}",
+            f"{np.abs(joint.torque).max():.3g}{' N' * is_prismatic}",
         )
-        for name, joint, rms, slides in zip(
-            recording.names, recording.joints, deviation.tolist(), body.slides, strict=True
+        for name, joint, rms, is_prismatic in zip(
+            recording.names, recording.joints, deviation.tolist(), body.is_prismatic, strict=True
         )
     ]
-    terminal.table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
+    terminal.print_table(("joint", "angle [rad]", "off its reference [rad]", "largest torque [N m]"), rows)
     if arguments.effects:
-        terminal.say(f"hidden: {', '.join(text.partition('=')[0].partition(':')[0] for text in arguments.effects)}")
+        terminal.print(f"hidden: {', '.join(text.partition('=')[0].partition(':')[0] for text in arguments.effects)}")
     report_files([arguments.output], terminal)
 
 
 def _make_arm(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
     """Create the arm in pymunk if all joints turn in one vertical plane, else or on request in MuJoCo."""
     sensors = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": TORQUE_NOISE}
-    sensors |= {"effects": arguments.effects, "max_torque": MOST_TORQUE}
+    sensors |= {"effects": arguments.effects, "max_torque": LARGEST_TORQUE}
     if arguments.backend != "mujoco":
         try:
             links = find_planar_links(body)

@@ -58,9 +58,9 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     named = argv[0] if argv and not argv[0].startswith("-") else None
     if named is not None:
         find("command", named, COMMANDS)
-    early = Parser(add_help=False)  # load effects before arguments that name them are parsed
-    early.add_argument("--plugin", action="append", default=[])
-    for path in early.parse_known_args(argv)[0].plugin:
+    plugin_parser = Parser(add_help=False)  # load effects before arguments that name them are parsed
+    plugin_parser.add_argument("--plugin", action="append", default=[])
+    for path in plugin_parser.parse_known_args(argv)[0].plugin:
         import_module(PLUGINS).load_plugin(path)
     program = Parser(prog=PROGRAM, description=DESCRIPTION)
     program.add_argument("--version", action="version", version=f"{PROGRAM} {find_version()}")
@@ -77,24 +77,24 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     arguments, unknown = program.parse_known_args(argv)
     arguments.line = shlex.join([PROGRAM, *argv])  # the whole command line
     if unknown:
-        used = commands.choices.get(named or "", program)
-        wrong = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
-        near = difflib.get_close_matches(wrong, used._option_string_actions, n=1, cutoff=0.75)
+        parser = commands.choices.get(named or "", program)
+        option = next((word for word in unknown if word.startswith("-")), "").partition("=")[0]
+        near = difflib.get_close_matches(option, parser._option_string_actions, n=1, cutoff=0.75)
         hint = f": did you mean {near[0]}?" if near else ""
-        used.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+        parser.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
     _refuse_other_kind(arguments)
     return arguments
 
 
 def _refuse_other_kind(arguments: argparse.Namespace) -> None:
     """Raise InputError for options of arms without --robot, and options of pendulums with --robot."""
-    given = vars(arguments)
-    kind, why = ("of_arms", "is of an arm: give its links with --robot ARM.urdf")
-    if given.get("robot") is not None:
-        kind, why = ("of_pendulums", "is for pendulums: leave it out with --robot")
-    for name in given.get(kind, ()):
-        if given.get(name) not in (None, False, [], {}):
-            raise InputError(f"{write_option(name, True)} {why}")
+    options = vars(arguments)
+    kind, reason = ("of_arms", "is of an arm: give its links with --robot ARM.urdf")
+    if options.get("robot") is not None:
+        kind, reason = ("of_pendulums", "is for pendulums: leave it out with --robot")
+    for name in options.get(kind, ()):
+        if options.get(name) not in (None, False, [], {}):
+            raise InputError(f"{write_option(name, True)} {reason}")
 
 
 def find_version() -> str:
@@ -107,7 +107,7 @@ def find_version() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code."""
-    before = use_writer(write_option)
+    previous = use_writer(write_option)
     try:
         _run(sys.argv[1:] if argv is None else argv)
         print(end="", flush=True)
@@ -128,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         return _print_error(format_mistake(of_plugin), BAD_INPUT)
     finally:
-        use_writer(before)
+        use_writer(previous)
 
 
 def _run(argv: Sequence[str]) -> None:

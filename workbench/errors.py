@@ -30,12 +30,12 @@ def write_option(name: str, value: object) -> str:
     return f"{option} {shlex.quote(str(value))}"
 
 
-def format_mistake(mistake: Exception) -> str:
+def format_mistake(error: Exception) -> str:
     """Format an error as one printable line; a text of more than `LONGEST` characters loses its middle."""
-    if isinstance(mistake, OSError) and mistake.strerror is not None:
-        text = f"{mistake.filename}: {mistake.strerror}" if mistake.filename is not None else mistake.strerror
+    if isinstance(error, OSError) and error.strerror is not None:
+        text = f"{error.filename}: {error.strerror}" if error.filename is not None else error.strerror
     else:
-        text = str(mistake)
+        text = str(error)
     text = escape_controls(" ".join(text.split()))
     if len(text) <= LONGEST:
         return text

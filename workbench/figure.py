@@ -24,7 +24,7 @@ class Figure:
     height: int = 340  # [px]
 
 
-def numbers(values: Array) -> list[float | None]:
+def round_numbers(values: Array) -> list[float | None]:
     """Round values to `DIGITS` significant digits, flattened to a list; non-finite values become None."""
     values = np.asarray(values, dtype=float)
     size = np.floor(np.log10(np.maximum(np.abs(np.nan_to_num(values)), 1e-30)))
@@ -33,64 +33,64 @@ def numbers(values: Array) -> list[float | None]:
     return [value if isfinite(value) else None for value in rounded.ravel().tolist()]
 
 
-def thin(series: Array, most: int = POINTS) -> Index:
-    """Return indices of about `most` samples of a series (N,): the minimum and maximum of equal parts."""
-    if len(series) <= most:
+def select_samples(series: Array, max_count: int = POINTS) -> Index:
+    """Return indices of about `max_count` samples of a series (N,): the minimum and maximum of equal parts."""
+    if len(series) <= max_count:
         return np.arange(len(series))
-    parts = np.array_split(np.arange(len(series)), most // 2)
+    parts = np.array_split(np.arange(len(series)), max_count // 2)
     return np.unique([(part[np.argmin(series[part])], part[np.argmax(series[part])]) for part in parts])
 
 
-def line(x: Array, y: Array, name: str, color: str, unit: str, **more: object) -> JSON:
+def make_line(x: Array, y: Array, name: str, color: str, unit: str, **options: object) -> JSON:
     """Make the trace of a curve y (N,) over x (N,)."""
     return {
         "type": "scatter",
         "mode": "lines",
         "name": name,
-        "x": numbers(x),
-        "y": numbers(y),
+        "x": round_numbers(x),
+        "y": round_numbers(y),
         "line": {"color": color, "width": 1.6},
         "hovertemplate": f"%{{y:.3g}} {unit}",
-        **more,
+        **options,
     }
 
 
-def band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **more: object) -> JSON:
+def make_band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **options: object) -> JSON:
     """Make the trace of a filled band from `middle - half` to `middle + half` (N,)."""
     return {
         "type": "scatter",
         "mode": "lines",
         "name": name,
-        "x": numbers(np.r_[x, x[::-1]]),
-        "y": numbers(np.r_[middle + half, (middle - half)[::-1]]),
+        "x": round_numbers(np.r_[x, x[::-1]]),
+        "y": round_numbers(np.r_[middle + half, (middle - half)[::-1]]),
         "fill": "toself",
         "fillcolor": "--noise",
         "line": {"width": 0},
         "legendrank": 2000,
         "hoverinfo": "skip",
-        **more,
+        **options,
     }
 
 
-def axis(title: str, **more: object) -> JSON:
+def make_axis(title: str, **options: object) -> JSON:
     """Make an axis with a title."""
-    return {"title": {"text": title}, **more}
+    return {"title": {"text": title}, **options}
 
 
-def insert_gaps(time: Array, kept: Index, *series: Array) -> tuple[Array, list[Array]]:
+def insert_gaps(time: Array, indices: Index, *series: Array) -> tuple[Array, list[Array]]:
     """Select samples of time (N,) and series (N,) by index, with NaN wherever the time has a gap."""
     steps = np.diff(time)
-    run = np.r_[0, np.cumsum(steps > 1.5 * np.median(steps))][kept] if len(steps) else np.zeros(len(kept))
+    run = np.r_[0, np.cumsum(steps > 1.5 * np.median(steps))][indices] if len(steps) else np.zeros(len(indices))
     gaps = np.flatnonzero(np.diff(run)) + 1
-    return np.insert(time[kept], gaps, np.nan), [np.insert(values[kept], gaps, np.nan) for values in series]
+    return np.insert(time[indices], gaps, np.nan), [np.insert(values[indices], gaps, np.nan) for values in series]
 
 
 def make_stacked_layout(upper: str, lower: str, x: str, share: float = 0.55) -> JSON:
     """Make the layout of two plots above each other with one abscissa; `share`: height of the lower one."""
     return {
-        "xaxis": axis(x, anchor="y2"),
-        "yaxis": axis(upper, domain=[1 - share + 0.04, 1]),
-        "yaxis2": axis(lower, domain=[0, 1 - share - 0.04]),
+        "xaxis": make_axis(x, anchor="y2"),
+        "yaxis": make_axis(upper, domain=[1 - share + 0.04, 1]),
+        "yaxis2": make_axis(lower, domain=[0, 1 - share - 0.04]),
         "hovermode": "x unified",
     }
 
@@ -100,7 +100,7 @@ def join_arrays(parts: Sequence[Array]) -> Array:
     return np.concatenate([np.r_[part, np.nan] for part in parts]) if parts else np.empty(0)
 
 
-def before_and_after(
+def plot_before_and_after(
     id: str,
     label: str,
     x: Array,
@@ -115,9 +115,9 @@ def before_and_after(
     `models` are pairs of name and colour; `names`: of the quantity, of the difference, and the unit.
     """
     quantity, difference, unit = names
-    data = [line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": BROAD})]
+    data = [make_line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": BROAD})]
     for (name, color), above, below in zip(models, modelled, differences, strict=True):
-        data.append(line(x, above, name, color, unit, legendgroup=name))
-        data.append(line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
+        data.append(make_line(x, above, name, color, unit, legendgroup=name))
+        data.append(make_line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
     layout = make_stacked_layout(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
     return Figure(id, label, data, layout, 460)

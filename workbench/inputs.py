@@ -47,8 +47,8 @@ class Inputs:
     def read_more(self, names: Sequence[str], arguments: argparse.Namespace, terminal: Terminal) -> list[Recording]:
         """Read further recordings or studies in the log format of the model."""
         sources = [source for name in names for source in read_source_names(name, arguments)]
-        known = [apply_log_format(source, self.model.log_format, arguments.model) for source in sources]
-        return read_all(known, terminal, self.read)
+        formatted = [apply_log_format(source, self.model.log_format, arguments.model) for source in sources]
+        return read_all(formatted, terminal, self.read)
 
     def convert(self, terminal: Terminal, align: bool) -> FitData:
         """Convert torque to the unit of the model, and report its timing."""
@@ -61,10 +61,10 @@ class Inputs:
         self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None
     ) -> FitData:
         """Calibrate torque by known loads or known values, and report its timing."""
-        known = find_known_values(self.model.terms) | dict(fixed or {})
-        data = FitData.from_recordings(self.recordings, self.holdout, self.model.terms, known=known)
+        known_values = find_known_values(self.model.terms) | dict(fixed or {})
+        data = FitData.from_recordings(self.recordings, self.holdout, self.model.terms, known=known_values)
         for finding in data.conventions:
-            terminal.say(describe(finding))
+            terminal.print(describe(finding))
         if not self.body.can_simulate:
             align = align or None  # the test is slow for arms: only with --align
         return report_timing(data, align, terminal)
@@ -87,7 +87,7 @@ def open_sources(
     n_fitted = sum(source.role == "fit" for source in sources)
     for name, (low, high) in collect_limits(model.terms).items():
         range_text = f"is fixed at {low:g}" if low == high else f"lies from {low:g} to {high:g}"
-        terminal.say(f"{path}: {name} {range_text}, as given when the model was fitted")
+        terminal.print(f"{path}: {name} {range_text}, as given when the model was fitted")
     return Inputs(model, recordings[:n_fitted], recordings[n_fitted:])
 
 
@@ -98,14 +98,14 @@ def report_timing(data: FitData, align: bool | None, terminal: Terminal) -> FitD
     its timing is not tested.
     """
     if data.constant is not None:
-        terminal.say(data.constant.text)
+        terminal.print(data.constant.text)
     align = align if all(recording.has_logged_torque for recording in data.recordings) else None
     timed = data if align is None else data.with_timing()
     if align and not timed.has_moved:
-        terminal.say("no torque shows to be logged late: taken as it was logged")
+        terminal.print("no torque shows to be logged late: taken as it was logged")
     for finding in timed.find_timing(True):
         text = describe_late(finding, "It is corrected." if align else "Correct it with --align.")
-        terminal.say(text if align else f"warning: {text}", style="yellow")
+        terminal.print(text if align else f"warning: {text}", style="yellow")
     return timed if align else data
 
 
@@ -119,7 +119,7 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
     recordings = read_all(sources, terminal, robot.read)
     body = robot.body(saved.held) if saved.held else robot.hold_joints(recordings)
     if robot is not requested:
-        terminal.say("joints without columns of torque in the log are held; --joints names those that move")
+        terminal.print("joints without columns of torque in the log are held; --joints names those that move")
     report_held(body, recordings, terminal)
     model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
     n_fitted = sum(source.role == "fit" for source in sources)

@@ -15,7 +15,7 @@ from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import MAX_NUMBER, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import UNIT_NAMES
-from pendulum_env.servo import KEYS, WORDS, ServoDrive
+from pendulum_env.servo import KEYS, TEXT_KEYS, ServoDrive
 from workbench.errors import InputError
 
 T = TypeVar("T")
@@ -89,21 +89,21 @@ def parse_effects(text: str) -> list[str]:
 
     The word after `coupling@elbow,` is its second joint. Raises ValueError if an effect is unknown.
     """
-    found: list[str] = []
+    ids: list[str] = []
     for id in filter(None, (word.strip() for word in text.split(","))):
-        if found and found[-1].startswith(f"{COUPLING}@") and "," not in found[-1] and "@" not in id:
-            found[-1] += f",{id}"
+        if ids and ids[-1].startswith(f"{COUPLING}@") and "," not in ids[-1] and "@" not in id:
+            ids[-1] += f",{id}"
         else:
-            found.append(find_effect(id.partition("@")[0]) + "".join(id.partition("@")[1:]))
-    return found
+            ids.append(find_effect(id.partition("@")[0]) + "".join(id.partition("@")[1:]))
+    return ids
 
 
-def find_effect(id: str, known: Callable[[str], type[Term]] | None = None) -> str:
-    """Return the id of an effect, found by `known`, by default in the library.
+def find_effect(id: str, find_kind: Callable[[str], type[Term]] | None = None) -> str:
+    """Return the id of an effect, found by `find_kind`, by default in the library.
 
     Raises ValueError if it is unknown; the message names the nearest id.
     """
-    return id if id == COUPLING else (find("effect", id, list_nameable()) if known is None else known(id)).id
+    return id if id == COUPLING else (find("effect", id, list_nameable()) if find_kind is None else find_kind(id)).id
 
 
 def parse_values(text: str) -> dict[str, float]:
@@ -114,10 +114,10 @@ def parse_values(text: str) -> dict[str, float]:
 def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
     """Parse bounds of parameters, `viscous=0:0.5,...`; raises ValueError for another form."""
     bounds, expected = {}, "NAME=LOW:HIGH, such as viscous=0:0.5"
-    for name, both in _split_pairs(text, expected):
-        low, colon, high = (word.strip() for word in both.partition(":"))
+    for name, range_text in _split_pairs(text, expected):
+        low, colon, high = (word.strip() for word in range_text.partition(":"))
         if not colon:
-            raise InputError(f"{quote_value(f'{name}={both}')} should be {expected}")
+            raise InputError(f"{quote_value(f'{name}={range_text}')} should be {expected}")
         bounds[name] = (_parse_bound(low or "-inf"), _parse_bound(high or "inf"))
     return bounds
 
@@ -125,7 +125,7 @@ def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
 def parse_drive(text: str) -> ServoDrive:
     """Parse the settings of a drive, `preset=xl330,kp=200`; raises ValueError if they are invalid."""
     pairs = _split_pairs(text, "KEY=VALUE, such as kp=200")
-    words = ("preset", *WORDS)
+    words = ("preset", *TEXT_KEYS)
     return ServoDrive.from_settings({name: value if name in words else _parse_bound(value) for name, value in pairs})
 
 

@@ -23,9 +23,9 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
     """
     if "-" in outputs:
         raise InputError("results are written to files: give a name such as result.json instead of '-'")
-    given = [check_output(path) for path in outputs if path is not None]
-    resolved = [os.path.realpath(path) for path in given]  # Path.resolve fails on cyclic links
-    for path, place in zip(given, resolved, strict=True):
+    paths = [check_output(path) for path in outputs if path is not None]
+    resolved = [os.path.realpath(path) for path in paths]  # Path.resolve fails on cyclic links
+    for path, place in zip(paths, resolved, strict=True):
         if place in map(os.path.realpath, inputs):
             raise InputError(f"{path}: is one of the inputs: name another file to write to")
         if resolved.count(place) > 1:
@@ -40,10 +40,11 @@ def write_model(model: Model, path: str | None, terminal: Terminal, findings: Se
     inertia = model.estimates.get("inertia")
     is_turned = any(finding.kind is Kind.INERTIA_NEGATIVE for finding in findings)
     if path is not None and inertia is not None and inertia.value <= 0 and (is_turned or not inertia.is_unknown):
-        old, advice = ", what is there is that of before" if Path(path).is_file() else "", advise_inertia()
-        terminal.say(
-            f"warning: {path} is not written{old}: inertia came out as {format_estimate(inertia.value, inertia.std)} "
-            f"{inertia.unit}, and no body has that: {advice[0].lower()}{advice[1:]}",
+        remark, advice = ", what is there is that of before" if Path(path).is_file() else "", advise_inertia()
+        terminal.print(
+            f"warning: {path} is not written{remark}: inertia came out as "
+            f"{format_estimate(inertia.value, inertia.std)} {inertia.unit}, and no body has that: "
+            f"{advice[0].lower()}{advice[1:]}",
             style="yellow",
         )
         return None
@@ -58,17 +59,17 @@ def write_json(path: str | None, content: JSON) -> None:
         write_whole(path, format_json(content))
 
 
-def write_page(path: str | None, terminal: Terminal, page: str, *shown: Any) -> None:
+def write_page(path: str | None, terminal: Terminal, page: str, *results: Any) -> None:
     """Write a page, if a path is given; `page`: its function as "module:name", imported here because Plotly is slow."""
     if path is not None:
         module, _, name = page.partition(":")
         render = getattr(import_module(module), name)
         with terminal.progress("writing the report"):
-            write_whole(path, render(*shown))
+            write_whole(path, render(*results))
 
 
 def report_files(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
     """Print the names of the files that were written."""
     written = [str(path) for path in paths if path is not None]
     if written:
-        terminal.say(f"\nwrote {join_words(written)}")
+        terminal.print(f"\nwrote {join_words(written)}")

@@ -30,9 +30,9 @@ def hold_interrupts() -> Iterator[None]:
     """Delay interrupts until the block ends; processes started inside it keep the signal blocked."""
     if os.name == "posix":
         resource_tracker.ensure_running()  # its start inside the block would unblock the signal
-    in_front = threading.current_thread() is threading.main_thread()  # Python handles signals only in the main thread
-    came: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_front else None
+    is_main = threading.current_thread() is threading.main_thread()  # Python handles signals only in the main thread
+    received: list[int] = []
+    previous = signal.signal(signal.SIGINT, lambda number, frame: received.append(number)) if is_main else None
     block = getattr(signal, "pthread_sigmask", None)  # missing on Windows
     mask = block(signal.SIG_BLOCK, {signal.SIGINT}) if block is not None else None
     try:
@@ -40,9 +40,9 @@ def hold_interrupts() -> Iterator[None]:
     finally:
         if block is not None:
             block(signal.SIG_SETMASK, mask)
-        if in_front:
-            signal.signal(signal.SIGINT, before)
-            if came:
+        if is_main:
+            signal.signal(signal.SIGINT, previous)
+            if received:
                 signal.raise_signal(signal.SIGINT)
 
 

@@ -24,18 +24,19 @@ def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = 
     Raises InputError if one is named twice or none is fitted, StudyError if a study is invalid, and as
     `check_outputs` for outputs that would overwrite inputs.
     """
-    names, held = list(arguments.recordings), list(getattr(arguments, "holdout", []))
+    names, holdout = list(arguments.recordings), list(getattr(arguments, "holdout", []))
     sources = [source for name in names for source in read_source_names(name, arguments)]
-    sources += [replace(source, role="holdout") for name in held for source in read_source_names(name, arguments)]
-    if (twice := find_duplicate(sources)) is not None:
-        raise InputError(f"{twice.file}: is named twice: name each recording once, to fit or to hold out")
+    sources += [replace(source, role="holdout") for name in holdout for source in read_source_names(name, arguments)]
+    if (duplicate := find_duplicate(sources)) is not None:
+        raise InputError(f"{duplicate.file}: is named twice: name each recording once, to fit or to hold out")
     for source in sources:  # held-out sources, too
         if not source.file.exists():
             raise InputError(f"{source.file}: there is no such file: check the path")
     sources.sort(key=lambda source: source.role == "holdout")
     if names and sources[0].role == "holdout":
         raise InputError(f'{names[0]}: holds every recording out: give one of them role = "fit"')
-    check_outputs(outputs, [*names, *held, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)])
+    files = [str(source.file) for source in sources]
+    check_outputs(outputs, [*names, *holdout, *filter(None, [arguments.robot]), *files])
     return tuple(sources)
 
 
@@ -60,11 +61,11 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
             recordings.append(read(source))
     counts = Counter(note for recording in recordings for note in set(_collect_notes(recording)))
     for source, recording in zip(sources, recordings, strict=True):
-        terminal.say(f"{source.file}: {recording.summary}")
+        terminal.print(f"{source.file}: {recording.summary}")
         if source.format_source:
             columns = [f"{quantity}={text}" for quantity, text in source.columns.items()]
-            others = (f"with its {key}" for key in source.format if key != "columns")
-            terminal.say(f"  read as {source.format_source} says: {join_words([*columns, *others])}")
+            options = (f"with its {key}" for key in source.format if key != "columns")
+            terminal.print(f"  read as {source.format_source} says: {join_words([*columns, *options])}")
         for note in _collect_notes(recording):
             if counts[note] == 1:
                 _print_note(note, terminal)
@@ -76,9 +77,9 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
 
 def _collect_notes(recording: Recording) -> list[str]:
     """Collect the notes of a recording, and a note on the units of a linear axis."""
-    sliding = ["the joint slides: position is in metres"] if recording.units.slides else []
+    sliding = ["the joint slides: position is in metres"] if recording.units.is_prismatic else []
     return [*map(describe_note, recording.notes), *sliding]
 
 
 def _print_note(note: str, terminal: Terminal) -> None:
-    terminal.say(f"  {note}", style="yellow" if note.startswith(WARNING) else None)
+    terminal.print(f"  {note}", style="yellow" if note.startswith(WARNING) else None)

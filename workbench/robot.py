@@ -11,7 +11,7 @@ import numpy as np
 
 from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.model import ModelOptions
-from pendulum_env.arms.reading import STILL, find_logged_joints, read_arm_source
+from pendulum_env.arms.reading import HELD_RANGE, find_logged_joints, read_arm_source
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.arms.robot import find_movable_joints, import_pinocchio
 from pendulum_env.physics.mechanism import Mechanism
@@ -62,8 +62,8 @@ class RobotFile:
     def hold_joints(self, recordings: Sequence[Recording]) -> Body:
         """Return the links, with other joints held at their mean position in the recordings."""
         body, arms = self.body(), [recording for recording in recordings if isinstance(recording, ArmRecording)]
-        seen = {joint: [np.mean(one.still[joint]) for one in arms if joint in one.still] for joint in body.held}
-        return self.body({joint: float(np.mean(places)) for joint, places in seen.items() if places})
+        positions = {joint: [np.mean(one.still[joint]) for one in arms if joint in one.still] for joint in body.held}
+        return self.body({joint: float(np.mean(places)) for joint, places in positions.items() if places})
 
 
 @lru_cache(maxsize=8)
@@ -88,15 +88,15 @@ def describe_held(body: Body) -> str:
     return f"held: {', '.join(places)}" if places else ""
 
 
-def find_straying(body: Body, recordings: Sequence[Recording]) -> list[str]:
+def find_moving_held_joints(body: Body, recordings: Sequence[Recording]) -> list[str]:
     """Describe held joints that leave their position in recordings, a sentence each."""
-    found = []
+    sentences = []
     for recording, (joint, q) in product(recordings, body.held.items()):
         places = recording.still.get(joint, q) if isinstance(recording, ArmRecording) else q
-        if (off := np.max(np.abs(places - q))) > STILL:
+        if (off := np.max(np.abs(places - q))) > HELD_RANGE:
             away = f"{joint} gets {off:.2g} {body.units(joint).unit('rad')} away from there in {recording.name}"
-            found.append(f"{away}: name it in --joints if it moves")
-    return found
+            sentences.append(f"{away}: name it in --joints if it moves")
+    return sentences
 
 
 def make_robot(
@@ -114,8 +114,8 @@ def make_robot(
 def report_held(body: Body, recordings: Sequence[Recording], terminal: Terminal) -> None:
     """Print the held joints, and warn if they leave their position in recordings."""
     if text := describe_held(body):
-        terminal.say(text)
+        terminal.print(text)
     if body.impossible_text:
-        terminal.say(f"warning: {body.impossible_text}: only the kinematics of the file are used", style="yellow")
-    for text in find_straying(body, recordings):
-        terminal.say(f"warning: {text}", style="yellow")
+        terminal.print(f"warning: {body.impossible_text}: only the kinematics of the file are used", style="yellow")
+    for text in find_moving_held_joints(body, recordings):
+        terminal.print(f"warning: {text}", style="yellow")

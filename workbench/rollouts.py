@@ -56,7 +56,7 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     env = RecordMeasurements(make_environment(plan), output, overwrite=True)
     try:
         if plan.remark:
-            terminal.say(plan.remark)
+            terminal.print(plan.remark)
         with terminal.progress("running") as show:
             recording = rollout(env, _make_controller(plan, rate), steps, watch=watch)
     except (DriveError, RecordingError) as error:
@@ -66,12 +66,12 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     finally:
         env.close()
     jitter = 1e3 * np.percentile(late, (50, 99))
-    terminal.say(
+    terminal.print(
         f"samples {jitter[0]:.2g} ms after their tick, 99 % within {jitter[1]:.2g} ms; {last['overruns']} ticks missed"
     )
     # [s]; interpolation over a longer gap is no measurement
     if (worst := max(late)) > 0.03:
-        terminal.say(
+        terminal.print(
             f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
             "record again on a machine that does nothing else, or with realtime = true"
         )
@@ -113,5 +113,5 @@ def make_environment(plan: Plan) -> gym.Env[Any, Any]:
 def describe_recording(recording: Recording, terminal: Terminal) -> None:
     """Print the duration, rate, range of angles and largest torque of a recording."""
     turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
-    terminal.say(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
-    terminal.say(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
+    terminal.print(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
+    terminal.print(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")

@@ -58,11 +58,11 @@ class Plan:
     @property
     def remark(self) -> str:
         """Describe the reduction of the torque by the limits of the rig; empty if it is not reduced."""
-        rig, most = self.rig, self.command.amplitude
-        if rig is None or most <= rig.max_torque:
+        rig, amplitude = self.rig, self.command.amplitude
+        if rig is None or amplitude <= rig.max_torque:
             return ""
         until = "limits.torque" if rig.checked else "until `hardware check` has passed"
-        return f"torque is cut at {rig.max_torque:g} N m ({until}), {most:g} were asked for"
+        return f"torque is cut at {rig.max_torque:g} N m ({until}), {amplitude:g} were asked for"
 
 
 def _choose_experiment(

@@ -27,16 +27,16 @@ class Terminal:
         self._out = _make_console(stderr=False, quiet=quiet)
         self._err = _make_console(stderr=True, quiet=quiet)
 
-    def heading(self, text: str) -> None:
+    def print_heading(self, text: str) -> None:
         """Print a blank line and a heading."""
         self._out.print()
         self._out.print(text, style="bold")
 
-    def say(self, text: str, style: str | None = None) -> None:
+    def print(self, text: str, style: str | None = None) -> None:
         """Print a paragraph without interpreting markup."""
         self._out.print(text, style=style)
 
-    def table(self, headers: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> None:
+    def print_table(self, headers: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> None:
         """Print a table; the first column and those in `left` are left-aligned, the others right-aligned.
 
         If it is wider than the terminal, each row is printed as a block, so that no number is broken.
@@ -75,11 +75,11 @@ class Terminal:
         if lines and not self._err.is_terminal:
             printed = 0
 
-            def print_tenth(what: str, share: float) -> None:
+            def print_tenth(step: str, share: float) -> None:
                 nonlocal printed
                 if (tenths := int(10 * share + 1e-9)) > printed:
                     printed = tenths
-                    self._err.print(f"{title} {10 * tenths} %: {what}")
+                    self._err.print(f"{title} {10 * tenths} %: {step}")
 
             yield print_tenth
             return
@@ -91,7 +91,7 @@ class Terminal:
         )
         with Progress(*columns, console=self._err, transient=True, disable=not self._err.is_terminal) as bars:
             task = bars.add_task("", title=title, total=1.0)
-            yield lambda what, share: bars.update(task, description=what, completed=share)
+            yield lambda step, share: bars.update(task, description=step, completed=share)
 
 
 class _PatientConsole(Console):

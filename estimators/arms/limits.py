@@ -10,7 +10,7 @@ import numpy as np
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
-from pendulum_env.excitation import USUAL_SPEED
+from pendulum_env.excitation import DEFAULT_SPEED
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class DefaultLimits:
 
     angle: float = np.pi  # [rad] to either side
     stroke: float = 0.2  # [m] to either side
-    slide: float = 0.5  # [m/s], largest speed of a sliding joint
+    linear_speed: float = 0.5  # [m/s], largest speed of a sliding joint
     rise: float = 0.2  # [s] from rest to the largest speed
     narrowest: float = 1e-3  # [rad] or [m], least range between limits
 
@@ -56,11 +56,11 @@ def find_limits(
     for name, bound in bounds.items():
         if bound is not None and not bound > 0:
             raise IdentificationError(f"{body.name}: max_{name} is {bound:g}: give a positive number")
-    slides, joints = np.array(body.slides), np.array(body.joints)
-    (low, high), default = body.position_limits, np.where(slides, DEFAULT_LIMITS.stroke, DEFAULT_LIMITS.angle)
+    is_linear, joints = np.array(body.is_prismatic), np.array(body.joints)
+    (low, high), default = body.position_limits, np.where(is_linear, DEFAULT_LIMITS.stroke, DEFAULT_LIMITS.angle)
     low, high = np.where(np.isfinite(low), low, -default), np.where(np.isfinite(high), high, default)
     if max_angle is not None:
-        reach = np.where(slides, np.inf, max_angle)
+        reach = np.where(is_linear, np.inf, max_angle)
         low, high = np.maximum(low, -reach), np.minimum(high, reach)
         for joint in joints[low >= high]:
             raise IdentificationError(
@@ -69,10 +69,11 @@ def find_limits(
     for joint in joints[high - low < DEFAULT_LIMITS.narrowest]:
         raise IdentificationError(f"{body.name}: the limits of joint '{joint}' leave no room to move: widen them")
     speed = np.minimum(
-        body.velocity_limits, np.where(slides, DEFAULT_LIMITS.slide, USUAL_SPEED if max_speed is None else max_speed)
+        body.velocity_limits,
+        np.where(is_linear, DEFAULT_LIMITS.linear_speed, DEFAULT_SPEED if max_speed is None else max_speed),
     )
-    torque = np.minimum(body.torque_limits, np.where(slides, np.inf, np.inf if max_torque is None else max_torque))
+    torque = np.minimum(body.torque_limits, np.where(is_linear, np.inf, np.inf if max_torque is None else max_torque))
     acceleration = speed / DEFAULT_LIMITS.rise
     if max_acceleration is not None:
-        acceleration = np.where(slides, acceleration, max_acceleration)
+        acceleration = np.where(is_linear, acceleration, max_acceleration)
     return Limits(low, high, speed, torque, acceleration)

@@ -233,7 +233,7 @@ class RegressionData:
         if self.layout.errors is not None:
             return self.layout.errors(residual)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
-        torque = torque if len({*body.slides}) == 1 else np.nan
+        torque = torque if len({*body.is_prismatic}) == 1 else np.nan
         joints, sizes = self.joint_errors(residual), self.joint_errors(self.data.torque())
         shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
         if self.segments and model.has_known_inertia:

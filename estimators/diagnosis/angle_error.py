@@ -36,7 +36,7 @@ def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
     """
     effects, estimate = list_angle_effects(model, evaluator.base), model.estimates.get(Gravity.id)
     low, high = evaluator.train.get_range()
-    if not effects or estimate is None or not estimate.std or model.slides or high - low >= TURN:
+    if not effects or estimate is None or not estimate.std or model.is_prismatic or high - low >= TURN:
         return model
     gravity = evaluator.fit_with_std(model.terms).model.estimates[Gravity.id]
     rivals = (rival for effect in effects for rival in _list_rivals(evaluator, model.terms, effect))

@@ -41,7 +41,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     body, data = find_links(trial.setting.base), trial.evaluator.train.data
     samples = (concatenate_samples([w.samples for w in data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in samples), strict=True)
-    model = last.model.withhold(find_undetermined_links(last.model, *map(np.column_stack, motion)))
+    model = last.model.mark_unknown(find_undetermined_links(last.model, *map(np.column_stack, motion)))
     return replace(trial.found, steps=[*others, replace(last, model=model)]), ()
 
 

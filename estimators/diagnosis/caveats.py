@@ -48,7 +48,7 @@ def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, rea
     others = (term for term in model.terms if term.kind in ("potential", "sensor") and not term.has_impacts)
     effects = tuple(term.id for term in others if term.id not in {*list_ids(base.terms), GravityTilt.id})
     old, new = base.estimates.get(Gravity.id), model.estimates.get(Gravity.id)
-    if not effects or old is None or new is None or not new.std or model.slides or reach >= TURN:
+    if not effects or old is None or new is None or not new.std or model.is_prismatic or reach >= TURN:
         return []
     std = evaluator.fit_with_std(model.terms).model.estimates[Gravity.id].std
     if abs(new.value - old.value) <= SIGNIFICANT * std:

@@ -62,7 +62,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     model = output_error.make_model_with_covariance(
         point, compute_robust_covariance(slopes, error, clusters)
     ).convert_units(data[0].recordings[0].units)
-    model = model.withhold({name for name, estimate in last.model.estimates.items() if estimate.is_unknown})
+    model = model.mark_unknown({name for name, estimate in last.model.estimates.items() if estimate.is_unknown})
     after = _make_step(last, model, data)
     old_rms, new_rms = (step.errors["holdout"].position_rms for step in (before, after))
     is_kept = new_rms < old_rms and not find_violations(model, trial.evaluator.train.motions)

@@ -127,7 +127,7 @@ def _list_families(table: Table) -> list[Family]:
     places_range, widths = (low, high), ((high - low) * WIDTHS[0], (high - low) * WIDTHS[1])
     waves = [
         Family("wave", lambda q, n=n: (np.sin(n * q), np.cos(n * q)), known=(n,))
-        for n in (() if table.slides else ORDERS)
+        for n in (() if table.is_prismatic else ORDERS)
     ]
     return [
         *waves,

@@ -54,7 +54,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     unknown = find_unidentifiable(last.model, measured, doubts)
     unknown = (*unknown, *find_stiff_stops(last.model, trial.data.recordings))
     withholding = (*unknown, *(doubt for doubt in doubts if doubt.kind in NOTHING_DETERMINED))
-    model = last.model.withhold(collect_withheld(withholding))
+    model = last.model.mark_unknown(collect_withheld(withholding))
     return replace(result, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
 
 

@@ -16,7 +16,7 @@ from estimators.in_loop.refit import refine_rows
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
-from pendulum_env.servo.torque import compute_asked_torque
+from pendulum_env.servo.torque import compute_commanded_torque
 
 
 def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
@@ -69,7 +69,8 @@ def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
     if not recorded:
         return None
     logged, requested = (
-        np.concatenate(series) for series in zip(*((r.torque, compute_asked_torque(r)) for r in recorded), strict=True)
+        np.concatenate(series)
+        for series in zip(*((r.torque, compute_commanded_torque(r)) for r in recorded), strict=True)
     )
     factor = float(logged @ requested / max(requested @ requested, np.finfo(float).tiny))
     if abs(factor - 1.0) < LOOP.scale:

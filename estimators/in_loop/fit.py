@@ -24,7 +24,7 @@ from estimators.weak_form.nonlinear import list_continuous_parameters, set_value
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
-from pendulum_env.physics.term import zero
+from pendulum_env.physics.term import return_zero
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def compute_parameter_sizes(point: Point, typical: Array) -> Array:
     values = np.abs(point.values)
     count = len(point.theta)
     if has_local_minima(point.terms):
-        is_mass = np.array([column.mass is not zero for term in point.terms for column in term.columns])
+        is_mass = np.array([column.mass is not return_zero for term in point.terms for column in term.columns])
         heaviest = np.max(values[:count], where=is_mass, initial=0.0)
         typical = np.where(is_mass & (heaviest > 0), np.minimum(typical, heaviest), typical)
     values[:count] = np.maximum(values[:count], typical)

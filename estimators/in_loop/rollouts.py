@@ -24,7 +24,7 @@ from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import has_link
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import LONGEST
+from pendulum_env.servo.drive import LONGEST_DELAY
 from pendulum_env.servo.loop import Servos, simulate_servos
 
 GRAIN = 0.02  # [s] between compared positions, about
@@ -164,7 +164,7 @@ class Rollouts:
             assert recording.reference is not None and recording.drive is not None  # every rollout has both
             reference = np.interp(recording.time - goal, recording.time, recording.reference)
             delay = recording.drive.delay
-            delayed = replace(recording.drive, delay=delay + drive if delay + drive <= LONGEST else delay - drive)
+            delayed = replace(recording.drive, delay=delay + drive if delay + drive <= LONGEST_DELAY else delay - drive)
             return replace(recording, reference=reference, drive=delayed)
 
         jitter = [JITTER / recording.rate for recording in self.recordings]

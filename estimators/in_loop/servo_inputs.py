@@ -11,7 +11,7 @@ from estimators.signals.motion import get_known_load, get_temperature
 from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, KnownLoad
 from pendulum_env.recording import Recording
-from pendulum_env.servo.loop import Looks, Servos
+from pendulum_env.servo.loop import ControllerSamples, Servos
 from pendulum_env.servo.torque import get_bus_voltage
 
 
@@ -52,14 +52,14 @@ def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_ste
         is_ramp, rate = part.actuator.goal == "ramp", part.actuator.rate
         if rate is None:
             return interpolate(series, part) if is_ramp else average_held(series, part)
-        looks = Looks(rate, step, count)
+        looks = ControllerSamples(rate, step, count)
         samples = (looks.time + 1e-6) * part.rate
         goals = (
             np.interp(samples, np.arange(len(series)), series)
             if is_ramp
             else series[np.minimum(samples.astype(np.intp), len(series) - 1)]
         )
-        return looks.average(goals)[np.maximum.accumulate(np.where(looks.due > 0, np.arange(count), 0))]
+        return looks.average(goals)[np.maximum.accumulate(np.where(looks.has_sample > 0, np.arange(count), 0))]
 
     loads = [get_known_load(part) for part in parts]
     known_load = KnownLoad(

@@ -17,7 +17,7 @@ from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Column, Samples, Term
-from pendulum_env.physics.term import one, zero
+from pendulum_env.physics.term import return_one, return_zero
 
 BIN = 0.01  # [s], averaging time: long against encoder noise, short against effects
 BLOCK = 20  # bins in a block of gains
@@ -202,7 +202,7 @@ class Bins:
             joint_bins = self if in_joint.all() else self.select_joint(term.at)
             scale = joint_bins.scale[:, None]
             for column in term.columns:
-                if column.mass is zero and column.force is zero and column.dry is zero:
+                if column.mass is return_zero and column.force is return_zero and column.dry is return_zero:
                     phi[..., j] = (next(link_columns) / self.scale)[:, None]
                 elif in_joint.any():
                     value, by_torque = joint_bins._average_column(column, column.of_torque)
@@ -230,12 +230,12 @@ class Bins:
         """Average the impulse view of a column (`schemes.six`) over the bins (R, V)."""
         average = _make_averaging_matrix(x.velocity.shape[-1])  # (n + 3, n)
         total: Array | float = 0.0
-        if column.mass is not zero:
-            mass = np.broadcast_to(column.mass(x), x.velocity.shape) if column.mass is one else column.mass(x)
+        if column.mass is not return_zero:
+            mass = np.broadcast_to(column.mass(x), x.velocity.shape) if column.mass is return_one else column.mass(x)
             total = np.mean((mass @ average) * np.diff(x.velocity)[..., 1:-1], axis=-1) / self.period
-        if column.force is not zero or column.dry is not zero:
+        if column.force is not return_zero or column.dry is not return_zero:
             force = column.force(x)
-            if column.dry is not zero:
+            if column.dry is not return_zero:
                 force = force + column.dry(x) * np.sign(x.velocity)
             force = np.asarray(force)
             total = total + (force @ average.mean(axis=1) if force.ndim > 1 else force)

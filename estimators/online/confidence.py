@@ -57,7 +57,7 @@ class ClusterCovariance:
         Returns:
             True if the current cluster is long enough to be closed.
         """
-        given = self._machine.given
+        given = self._machine.inputs
         given["row"].T[:], given["used"].T[:] = equations, usable
         self._machine.step()
         self._n_rows += 1
@@ -69,7 +69,7 @@ class ClusterCovariance:
         A cluster without equations is dropped; others lower the weight of the earlier clusters by forgetting. At
         `max_clusters`, neighbours are merged, or the oldest is dropped.
         """
-        self._n_rows, now = 0, self._machine.now
+        self._n_rows, now = 0, self._machine.states
         n_used = now["count"].T.copy()
         if not n_used.any():
             return

@@ -30,7 +30,7 @@ from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term, simulate
 from pendulum_env.physics.simulation import StepPrograms, TorqueBalance, compile_step
-from pendulum_env.physics.term import Memory, zero
+from pendulum_env.physics.term import Memory, return_zero
 
 # chosen on simulated plants by `benchmarks.joint_state`
 INERTIA_STD = 0.1  # relative standard error of the inertia at which the filter starts
@@ -70,7 +70,7 @@ class JointFilters:
         self._make_filter = functools.partial(_Filter, tuple(terms), period, forgetting)
         self._period, self.position_noise = period, position_noise
         columns = [column for term in terms for column in term.columns]
-        self._inertia = next((k for k, column in enumerate(columns) if column.mass is not zero), None)
+        self._inertia = next((k for k, column in enumerate(columns) if column.mass is not return_zero), None)
         self.filters: list[_Filter | None] = [None] * batch
         self._error = np.zeros((batch, 1))  # last innovations [rad]
 

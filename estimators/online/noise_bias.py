@@ -57,13 +57,13 @@ class NoiseBias:
         """
         if len(copies) < len(COPIES):
             return
-        given = self._machine.given
+        given = self._machine.inputs
         given["copies"][:], given["used"].T[:] = copies.transpose(0, 3, 2, 1), usable
         self._machine.step()
 
     def make_correction(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], Correction]:
         """Make a function that computes the present correction at any time; `compute_P` computes the present P."""
-        excess = self._machine.now["excess"].copy().T
+        excess = self._machine.states["excess"].copy().T
         return functools.partial(_compute_correction, excess, squares.theta, compute_P, squares.squares)
 
 

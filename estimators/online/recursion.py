@@ -43,16 +43,16 @@ class SquareRootLeastSquares:
     @theta.setter
     def theta(self, theta: Array) -> None:
         self._theta = np.array(theta)
-        self._machine.now["theta"].T[:] = theta
+        self._machine.states["theta"].T[:] = theta
 
     @property
     def root(self) -> Array:
         """Return the current factor of P for unit noise (B, S, P, P)."""
-        return self._machine.now["root"].copy().transpose(3, 2, 0, 1)
+        return self._machine.states["root"].copy().transpose(3, 2, 0, 1)
 
     @root.setter
     def root(self, root: Array) -> None:
-        self._machine.now["root"][:] = root.transpose(2, 3, 1, 0)
+        self._machine.states["root"][:] = root.transpose(2, 3, 1, 0)
 
     def reset(self, which: Mask) -> None:
         """Restart plants (B,): theta and sums are 0, P is P(0)."""
@@ -73,7 +73,7 @@ class SquareRootLeastSquares:
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
         """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones are ignored."""
-        given, size = self._machine.given, phi.shape[-1]
+        given, size = self._machine.inputs, phi.shape[-1]
         given["phi"].T[:], given["y"].T[:], given["used"].T[:] = phi, y, usable
         if self.forgetting < 1:
             given["turn"][:] = 0.0
@@ -83,7 +83,7 @@ class SquareRootLeastSquares:
         self._read_state()
 
     def _read_state(self) -> None:
-        now = self._machine.now
+        now = self._machine.states
         # copies: returned arrays must not change
         self._theta, sums = now["theta"].copy().T, now["sums"].copy()
         self.error, self.squares, self.count, self.variance = sums.swapaxes(-1, -2)

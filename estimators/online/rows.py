@@ -13,7 +13,7 @@ from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.compiled import SymbolicStep
 from pendulum_env.physics.simulation import TorqueBalance
 from pendulum_env.physics.symbols import Operand, Symbol, make_symbols
-from pendulum_env.physics.term import Law, zero
+from pendulum_env.physics.term import Law, return_zero
 
 TIME, POSITION, VELOCITY, ACCELERATION, TORQUE, HELD = range(INSTANT := 6)  # values of an instant, as in `Measurements`
 
@@ -44,7 +44,7 @@ def list_laws(terms: Sequence[Term]) -> dict[str, Law]:
     laws: dict[str, Law] = {}
     for j, column in enumerate(columns):
         laws[f"mass.{j}"], laws[f"torque.{j}"] = column.mass, partial(column.torque, acceleration=0.0)
-        laws[f"power.{j}"], laws[f"stored.{j}"] = column.power, column.potential or zero
+        laws[f"power.{j}"], laws[f"stored.{j}"] = column.power, column.potential or return_zero
     return laws
 
 

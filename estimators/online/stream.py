@@ -125,7 +125,7 @@ class Stream:
         self._instants = np.zeros((behind + int(dead_time) + 2, INSTANT, batch))
         self._halts = np.full((behind + 1, batch), NEVER)  # index of the last halt, as of the last instants
         self._shorter_guards = [(k, behind - n) for k, n in enumerate(distances) if n is not None and n < behind]
-        width = self._machine.now["total"].shape[1]
+        width = self._machine.states["total"].shape[1]
         self._sums = [(k, np.zeros((n, width, *lanes))) for k, n in enumerate(list_windows(schemes, period)) if n]
         self._arrival = Machine(_receive_sample, (CLEANING.long_step * period,), batch)
         self._index = np.full(batch, -length, dtype=np.intp)
@@ -137,7 +137,7 @@ class Stream:
     @cached_property
     def _numeric_laws(self) -> dict[str, Any]:
         """Laws that are no formulas, by the symbol of their value."""
-        given = self._machine.given
+        given = self._machine.inputs
         return {label: law for label, law in list_laws(self._terms).items() if label in given}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -150,7 +150,7 @@ class Stream:
         self._samples[..., which] = self._instants[..., which] = 0.0
         self._halts[:, which] = NEVER
         self._machine.reset(which)
-        self._machine.now["halt"][:, which] = NEVER
+        self._machine.states["halt"][:, which] = NEVER
         for _, sums in self._sums:
             sums[..., which] = 0.0
 
@@ -165,14 +165,14 @@ class Stream:
             torque: over the period that ends with the sample (B,) [N m].
         """
         arrival = self._arrival
-        sample = arrival.given["sample"]
+        sample = arrival.inputs["sample"]
         sample[0], sample[1], sample[2] = time, position, torque
         arrival.step()
         restarted = self._no_restart
-        if np.count_nonzero(arrival.now["restarted"]):
-            restarted = arrival.now["restarted"] > 0
+        if np.count_nonzero(arrival.states["restarted"]):
+            restarted = arrival.states["restarted"] > 0
             self.reset(restarted)
-        self._smooth_instant(arrival.now["taken"])
+        self._smooth_instant(arrival.states["taken"])
         return (self._advance_recurrence(restarted),)
 
     def _smooth_instant(self, sample: Array) -> None:
@@ -190,7 +190,7 @@ class Stream:
 
     def _advance_recurrence(self, restarted: Mask) -> StreamEquations:
         """Advance the recurrence by one instant; return the equations of the sample `behind` the newest instant."""
-        given, now, count, ring = self._machine.given, self._machine.now, self._count, self._instants
+        given, now, count, ring = self._machine.inputs, self._machine.states, self._count, self._instants
         row = count - self._behind
         next_instant = ring[(row + 1) % len(ring)]
         given["index"][:], given["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
@@ -217,7 +217,7 @@ class Stream:
         self._count += 1
         return StreamEquations(
             index,
-            self._arrival.now["taken"][TIME] - self.delay * self._period,
+            self._arrival.states["taken"][TIME] - self.delay * self._period,
             now["equations"].transpose(2, 3, 0, 1),
             now["usable"][:, 0].T > 0,
             now["regressor"][:, 0].T.copy(),
@@ -232,7 +232,7 @@ class Stream:
             index: index of the instant since the start of each pendulum (B,); states restart up to index 0.
             instant: values of the instant after that of the last call (6, B).
         """
-        given, balance = self._machine.given, self._balance
+        given, balance = self._machine.inputs, self._balance
         x = Samples(instant[TIME], instant[POSITION], instant[VELOCITY], instant[TORQUE])
         if balance.has_states:
             memory = balance.start(x)

@@ -25,7 +25,7 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Links
 from pendulum_env.physics import Term, list_loads
-from pendulum_env.physics.term import zero
+from pendulum_env.physics.term import return_zero
 from pendulum_env.recording import Recording
 
 CLUSTER_TIME = 0.5  # [s], longer than the correlation of residuals without drift; shorter in short recordings
@@ -230,7 +230,7 @@ def _interleave_rows(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 def find_momentum_columns(terms: Sequence[Term]) -> list[int]:
     """Find the indices of the columns of the momentum, which have mass."""
-    has_momentum = [column.mass is not zero for term in terms for column in term.columns]
+    has_momentum = [column.mass is not return_zero for term in terms for column in term.columns]
     if isinstance(terms[0], Links):
         body = terms[0].body
         q, v = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, 20, len(body.joints)))

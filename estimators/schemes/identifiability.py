@@ -62,7 +62,7 @@ def find_undetermined(
         withheld = tuple(name for name in constants if name in names)
         doubts.append(Finding(Kind.ONE_DIRECTION, parameters=withheld, effects=("torque_offset", "coulomb")))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
-    if furthest < SMALL_ANGLE and not units.slides:
+    if furthest < SMALL_ANGLE and not units.is_prismatic:
         alike = ("gravity", "spring.stiffness")
         withheld, angle = alike if set(alike) <= set(names) else (), Quantity(furthest, unit=units.unit("rad"))
         doubts.append(Finding(Kind.SMALL_ANGLES, {"angle": angle}, withheld, ("spring", "gravity")))
@@ -133,7 +133,7 @@ def withhold_estimates(
         doubts = (*doubts, *(doubt for doubt in next(iter(by_scheme.values())) if shared.issuperset(doubt.withheld)))
     withheld = collect_withheld(doubts)
     return {
-        id: replace(result, model=result.model.withhold(withheld | unknown[id])) for id, result in results.items()
+        id: replace(result, model=result.model.mark_unknown(withheld | unknown[id])) for id, result in results.items()
     }, doubts
 
 

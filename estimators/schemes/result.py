@@ -89,7 +89,7 @@ class Identification(Mapping[str, Identified], Shown):
         if inertia is not None and not inertia.is_significant:
             unknown.add("inertia")
         is_incomplete = any(finding.kind is Kind.INCOMPLETE for finding in self.findings)
-        return (model.mark_biased() if is_incomplete else model).withhold(unknown)
+        return (model.mark_biased() if is_incomplete else model).mark_unknown(unknown)
 
     def fit_windows(self, fit: Callable[[TorqueWindows], Model]) -> Model:
         """Fit a model to the windows by `fit`; return it in the unit of the recorded torque, with the torque constant.

@@ -388,12 +388,12 @@ class ModelEvaluator:
 
     def model(self, terms: Terms) -> Model:
         """Fit the terms to the training data, without standard errors."""
-        return Model.build(*self.train.maker.fit(terms)).withhold(self._unknown)
+        return Model.build(*self.train.maker.fit(terms)).mark_unknown(self._unknown)
 
     def _screened_model(self, terms: Terms) -> Model:
         """Return the model of the terms with the parameters of `fit_folds`, on which the score depends."""
         fits = self.train.maker.fit_folds(terms)
-        return Model.build(fits.terms, fits.theta).withhold(self._unknown)
+        return Model.build(fits.terms, fits.theta).mark_unknown(self._unknown)
 
     def _find_unknown(self) -> frozenset[str]:
         """Return the name of an inertia to withhold, insignificant by noise alone; else an empty set."""
@@ -420,7 +420,7 @@ class ModelEvaluator:
         parts: Sequence[RegressionData] = self.parts
         if self.linked is None and has_link(model.terms):
             parts = self._estimate_link_states(model.terms, tuple(map(float, model.theta)))
-        model = make_arm_model(model).convert_units(self.train.recordings[0].units).withhold(self._unknown)
+        model = make_arm_model(model).convert_units(self.train.recordings[0].units).mark_unknown(self._unknown)
         return Step(
             added, model, {name: part.errors(model) for name, part in zip(("train", "holdout"), parts, strict=True)}
         )

@@ -25,7 +25,7 @@ from pendulum_env.physics import (
     list_loads,
 )
 from pendulum_env.physics.potential import HardStop
-from pendulum_env.physics.term import zero
+from pendulum_env.physics.term import return_zero
 from pendulum_env.physics.terms import list_forms
 
 MAX_NEGATIVE = 0.1  # share of the samples at which the power of friction may be negative
@@ -96,7 +96,7 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
 
 def _is_friction(term: Term) -> bool:
     """Return whether a term is friction, which may change with time: only the sum of its parts must dissipate."""
-    return term.kind == "dissipative" or any(column.dry is not zero for column in term.columns)
+    return term.kind == "dissipative" or any(column.dry is not return_zero for column in term.columns)
 
 
 def _drives_joint(term: Term) -> bool:

@@ -30,10 +30,10 @@ from pendulum_env.physics.mechanism import Mechanism
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link in its joint's frame
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # others: kg m^2
-LATE = ("rotor", "m")  # last to name a base parameter
+NAMED_LAST = ("rotor", "m")  # last to name a base parameter
 DIFFERENCE = 2e-6  # [s], step of the central difference; truncation and rounding errors are below 1e-9 at a few rad/s
 UNLIMITED = 1e6  # speed or torque from which a limit in a file counts as infinite
-LIGHTEST = 1e-9  # [kg], least mass of a link
+LEAST_MASS = 1e-9  # [kg], least mass of a link
 ROUNDING = 1e-9  # relative rounding error of inertias in a file
 INDEPENDENT = 1e-8  # least relative length of a column's part that is independent of previous columns
 DRAWS = 60  # samples of random motion for the rank
@@ -111,15 +111,15 @@ class Body(Mechanism):
     @cached_property
     def impossible_links(self) -> dict[str, str]:
         """Return the fault of each link with an impossible inertia, by the name of its joint."""
-        found = {}
+        faults = {}
         for joint, link in zip(self.links, list(self.model.inertias)[1:], strict=True):
-            if not link.mass > LIGHTEST:
-                found[joint] = "no mass"
+            if not link.mass > LEAST_MASS:
+                faults[joint] = "no mass"
             elif np.linalg.eigvalsh(link.inertia).min() < -ROUNDING * np.abs(link.inertia).max():
-                found[joint] = "an inertia that is not positive definite"
+                faults[joint] = "an inertia that is not positive definite"
             elif np.linalg.eigvalsh(link.toPseudoInertia().toMatrix()).min() < -ROUNDING * link.mass:
-                found[joint] = "an inertia that breaks the triangle inequality"
-        return found
+                faults[joint] = "an inertia that breaks the triangle inequality"
+        return faults
 
     @property
     def impossible_text(self) -> str:
@@ -160,12 +160,12 @@ class Body(Mechanism):
     @cached_property
     def base(self) -> tuple[BaseParameter, ...]:
         """Return the base parameters with their combinations."""
-        found = []
+        parameters = []
         for place, row in zip(self._independent, self.combine, strict=True):
-            others = [k for k in np.flatnonzero(np.abs(row) > INDEPENDENT) if k != place]
-            parts = [(self.standard[place], 1.0), *((self.standard[k], float(row[k])) for k in others)]
-            found.append(BaseParameter(self.standard[place], self.get_unit(self.standard[place]), tuple(parts)))
-        return tuple(found)
+            further = [k for k in np.flatnonzero(np.abs(row) > INDEPENDENT) if k != place]
+            parts = [(self.standard[place], 1.0), *((self.standard[k], float(row[k])) for k in further)]
+            parameters.append(BaseParameter(self.standard[place], self.get_unit(self.standard[place]), tuple(parts)))
+        return tuple(parameters)
 
     @property
     def combined(self) -> dict[str, str]:
@@ -208,17 +208,17 @@ class Body(Mechanism):
         chosen: list[int] = []
         basis = np.empty(columns.shape, order="F")  # orthonormal basis of the chosen columns
         kinds = [name.split("@")[0] for name in self.standard]
-        for k in sorted(range(len(size)), key=lambda k: LATE.index(kinds[k]) if kinds[k] in LATE else -1):
-            rest, before = columns[:, k], basis[:, : len(chosen)]
+        for k in sorted(range(len(size)), key=lambda k: NAMED_LAST.index(kinds[k]) if kinds[k] in NAMED_LAST else -1):
+            remainder, chosen_basis = columns[:, k], basis[:, : len(chosen)]
             for _ in range(2):  # the second pass removes rounding errors
-                rest = rest - before @ (before.T @ rest)
-            if np.linalg.norm(rest) > INDEPENDENT * max(size[k], size.max() * 1e-6):
-                basis[:, len(chosen)] = rest / np.linalg.norm(rest)
+                remainder = remainder - chosen_basis @ (chosen_basis.T @ remainder)
+            if np.linalg.norm(remainder) > INDEPENDENT * max(size[k], size.max() * 1e-6):
+                basis[:, len(chosen)] = remainder / np.linalg.norm(remainder)
                 chosen.append(k)
-        lead = np.sort(np.array(chosen, dtype=np.intp))
-        combine = np.asarray(np.linalg.lstsq(columns[:, lead], columns, rcond=None)[0], dtype=np.float64)
+        independent = np.sort(np.array(chosen, dtype=np.intp))
+        combine = np.asarray(np.linalg.lstsq(columns[:, independent], columns, rcond=None)[0], dtype=np.float64)
         combine[np.abs(combine) < INDEPENDENT] = 0.0
-        return lead, combine
+        return independent, combine
 
     # ------------------------------------------------------------------------------------------------------- regressors
 
@@ -233,9 +233,9 @@ class Body(Mechanism):
     def exchange(self, q: Array, v: Array) -> Array:
         """Return the regressor of dU/dq - dK/dq, the loss of momentum without friction (N, n, P)."""
         h = DIFFERENCE
-        along = (self._momentum(q + h * v, v) - self._momentum(q - h * v, v)) / (2 * h)  # M' v
-        still = np.zeros_like(v)
-        return (self._torque(q, v, still) - along)[..., self._independent]  # C v + g - M' v
+        momentum_rate = (self._momentum(q + h * v, v) - self._momentum(q - h * v, v)) / (2 * h)  # M' v
+        zero = np.zeros_like(v)
+        return (self._torque(q, v, zero) - momentum_rate)[..., self._independent]  # C v + g - M' v
 
     def mass_matrix(self, q: Array, theta: Array) -> Array:
         """Return the mass matrix M(q) (N, n, n) [kg m^2] of base parameters theta (P,)."""
@@ -292,8 +292,8 @@ class Body(Mechanism):
     def position_limits(self) -> tuple[Array, Array]:
         """Return the least and largest position of each joint (n,) [rad] or [m], infinite by default."""
         low, high = map(self._select_joints, (self.model.lowerPositionLimit, self.model.upperPositionLimit))
-        endless = low >= high  # MJCF without a range
-        return np.where(endless, -np.inf, low), np.where(endless, np.inf, high)
+        is_unlimited = low >= high  # MJCF without a range
+        return np.where(is_unlimited, -np.inf, low), np.where(is_unlimited, np.inf, high)
 
     @property
     def torque_limits(self) -> Array:

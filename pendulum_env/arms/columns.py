@@ -20,43 +20,44 @@ OF_JOINTS = (*QUANTITIES, "temperature")  # temperature is optional
 
 
 def find_joint_columns(
-    label: str, headers: Sequence[str], joints: Sequence[str], held: Collection[str], given: dict[str, str]
+    label: str, headers: Sequence[str], joints: Sequence[str], held: Collection[str], named_columns: dict[str, str]
 ) -> dict[str, str]:
-    """Find the columns of all joints by quantity, `position_<joint>`; columns `given` by the user take precedence."""
-    wanted = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]
-    for name in given:
+    """Find the columns of all joints by quantity, `position_<joint>`; those that the user names take precedence."""
+    known_names = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]
+    for name in named_columns:
         try:
-            find("column of the arm", name, dict.fromkeys(["time", *wanted]))
+            find("column of the arm", name, dict.fromkeys(["time", *known_names]))
         except ValueError as error:
             raise ColumnError(f"{label}: {error}") from None
-    plain, found = strip_units(headers), match_joints(headers, (*joints, *held)) | given
-    exact = {plain.get(name) for name in wanted}
+    plain, columns = strip_units(headers), match_joints(headers, (*joints, *held)) | named_columns
+    exact = {plain.get(name) for name in known_names}
     for quantity in OF_JOINTS:
         labelled = find_labelled_columns(quantity, [text for text in headers if text not in exact])
         numbered = [labelled[label] for label in sorted(filter(_is_number, labelled), key=lambda label: int(*label))]
         names = [f"{quantity}_{joint}" for joint in joints]
-        missing = [joint for joint, name in zip(joints, names, strict=True) if name not in found]
-        is_named = any(name in given or found[name] not in numbered for name in names if name in found)
+        missing = [joint for joint, name in zip(joints, names, strict=True) if name not in columns]
+        is_named = any(name in named_columns or columns[name] not in numbered for name in names if name in columns)
         if missing and not is_named and len(names) == len(numbered):  # numbered in order, not by the joints
-            found = {name: text for name, text in found.items() if name in given or text not in numbered}
-            found |= dict(zip(names, numbered, strict=True))
+            columns = {name: text for name, text in columns.items() if name in named_columns or text not in numbered}
+            columns |= dict(zip(names, numbered, strict=True))
         elif missing and quantity in QUANTITIES:
-            need = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
-            first = f"{quantity}_{missing[0]}"
-            option = format_setting("columns", {first: "NAME:A*0.4" if quantity == "torque" else "NAME"})
+            reason = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
+            example = f"{quantity}_{missing[0]}"
+            option = format_setting("columns", {example: "NAME:A*0.4" if quantity == "torque" else "NAME"})
             current = " (a current, by its torque constant)" if quantity == "torque" else ""
             raise ColumnError(
-                f"{label}: {len(joints)} {need} of {quantity}, there is none for {', '.join(missing)} among "
-                f"{', '.join([*plain][:12])}: name them {first} and so on, say which with "
+                f"{label}: {len(joints)} {reason} of {quantity}, there is none for {', '.join(missing)} among "
+                f"{', '.join([*plain][:12])}: name them {example} and so on, say which with "
                 f"{option}{current}, or hold joints by naming those that move, "
                 f"{format_setting('joints', Blank('A,B,C'))}"
             )
         for header in plain:
-            if header.startswith(f"{quantity}_") and header not in wanted and plain[header] not in found.values():
+            is_unused = header not in known_names and plain[header] not in columns.values()
+            if header.startswith(f"{quantity}_") and is_unused:
                 raise ColumnError(
                     f"{label}: column '{header}' is of no joint of the robot, which has {', '.join((*joints, *held))}"
                 )
-    return found
+    return columns
 
 
 def match_joints(headers: Sequence[str], joints: Sequence[str]) -> dict[str, str]:
@@ -64,34 +65,34 @@ def match_joints(headers: Sequence[str], joints: Sequence[str]) -> dict[str, str
 
     Columns with numbers alone, `q_1`, are those of `joint_1` and so on if all are of joints, or all joints have one.
     """
-    plain, found = strip_units(headers), dict[str, str]()
+    plain, columns_of_joints = strip_units(headers), dict[str, str]()
     exact = {plain.get(f"{quantity}_{joint}") for quantity in OF_JOINTS for joint in joints}
-    others = [header for header in headers if header not in exact]
-    labelled = {quantity: find_labelled_columns(quantity, others) for quantity in OF_JOINTS}
+    remaining = [header for header in headers if header not in exact]
+    labelled = {quantity: find_labelled_columns(quantity, remaining) for quantity in OF_JOINTS}
     numbers = {label for columns in labelled.values() for label in columns if _is_number(label)}
     labels = {joint: find_label(joint) for joint in joints}
-    unread = set() if numbers <= {*labels.values()} or numbers >= {*labels.values()} else numbers
+    ignored = set() if numbers <= {*labels.values()} or numbers >= {*labels.values()} else numbers
     for quantity in OF_JOINTS:
         for joint, joint_label in labels.items():
             name = f"{quantity}_{joint}"
             if header := plain.get(name):
-                found[name] = add_si_unit(quantity, header) if header == name else header
-            elif joint_label in labelled[quantity] and joint_label not in unread:
-                found[name] = labelled[quantity][joint_label]
-    return found
+                columns_of_joints[name] = add_si_unit(quantity, header) if header == name else header
+            elif joint_label in labelled[quantity] and joint_label not in ignored:
+                columns_of_joints[name] = labelled[quantity][joint_label]
+    return columns_of_joints
 
 
 def _is_number(label: Collection[str]) -> bool:
     return len(label) == 1 and "".join(label).isdecimal()
 
 
-def read_held_position(label: str, look: Preview, text: str) -> Array:
+def read_held_position(label: str, preview: Preview, text: str) -> Array:
     """Read the finite positions (M,) [rad] or [m] of a held joint."""
     try:
-        column = parse_column("position", text, look.headers)
+        column = parse_column("position", text, preview.headers)
     except ColumnError as error:
         raise ColumnError(f"{label}: {error}") from None
-    values = look.values[column.index]
+    values = preview.values[column.index]
     if values is None or not np.isfinite(values).any():
         option = format_setting("columns", {"position_JOINT": NONE})
         raise ColumnError(f"{label}: column {column.header!r} has no numbers: leave it out, {option}")
@@ -101,8 +102,8 @@ def read_held_position(label: str, look: Preview, text: str) -> Array:
 def note_joint(joint: str, note: Note) -> Note:
     """Return a note on one joint with the column names of the arm's file."""
     quantities = (f"{quantity}_{joint}" if quantity in OF_JOINTS else quantity for quantity in note.quantities)
-    named = {q: text for q, text in note.columns.items() if text != NONE}
-    columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in named.items()}
+    columns_of_joint = {q: text for q, text in note.columns.items() if text != NONE}
+    columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in columns_of_joint.items()}
     text = name_joint(joint, note.text) if note.kind is NoteKind.IMPLAUSIBLE else note.text
     return replace(note, quantities=tuple(quantities), columns=columns, text=text)
 
@@ -110,5 +111,5 @@ def note_joint(joint: str, note: Note) -> Note:
 def name_joint(joint: str, text: str) -> str:
     """Add the joint to the column names in a text."""
     text = re.sub(",(velocity|reference)=none|, '(velocity|reference)': 'none'", "", text)
-    text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda found: f"{found[1]}_{joint} is", text)
-    return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda found: f"{found[1]}_{joint}{found[2]}", text)
+    text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda match: f"{match[1]}_{joint} is", text)
+    return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda match: f"{match[1]}_{joint}{match[2]}", text)

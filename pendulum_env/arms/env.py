@@ -58,33 +58,33 @@ class SimulatedArm(gym.Env[Observation, Action]):
         self.rate, self.counts, self.max_torque = float(rate), sensor.counts, float(max_torque)
         self.metadata = {**self.metadata, "render_fps": self.rate}
         self.observation_space, self.action_space = make_spaces(self.max_torque, len(self.joints))
-        self._running = False
+        self._is_running = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode at `position` [rad] and `velocity` [rad/s] of `options`, (n,) each; default 0."""
         super().reset(seed=seed)
-        given = dict(options or {})
-        for name in given:
+        options_by_name = dict(options or {})
+        for name in options_by_name:
             find("option of reset", name, RESET_OPTIONS)
-        still = np.zeros(len(self.joints))
-        position, velocity = (self._check_numbers(name, given.get(name, still)) for name in RESET_OPTIONS)
+        zeros = np.zeros(len(self.joints))
+        position, velocity = (self._check_numbers(name, options_by_name.get(name, zeros)) for name in RESET_OPTIONS)
         self._bodies.start(position, velocity)
-        self._count, self._running = 0, True
+        self._count, self._is_running = 0, True
         self._previous_position = self.sensor.position(position - velocity / self.rate)
-        return self._make_observation(still, still > 0)
+        return self._make_observation(zeros, zeros > 0)
 
     def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold torques for one period."""
-        if not self._running:
+        if not self._is_running:
             raise gym.error.ResetNeeded("the arm has not been started: call reset before step")
-        asked = self._check_numbers("action", action)
-        torque = np.clip(asked, -self.max_torque, self.max_torque)
+        command = self._check_numbers("action", action)
+        torque = np.clip(command, -self.max_torque, self.max_torque)
         self._bodies.advance(torque)
         self._count += 1
         measured = self.sensor.torque(torque, self.np_random)
-        observation, info = self._make_observation(measured, is_beyond(asked, self.max_torque))
+        observation, info = self._make_observation(measured, is_beyond(command, self.max_torque))
         return observation, 0.0, False, False, info
 
     def _check_numbers(self, name: str, values: Any) -> Array:
@@ -102,7 +102,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
         self._previous_position = position
         bounded = np.clip(velocity, -MAX_VELOCITY, MAX_VELOCITY)
         observation = np.concatenate([np.cos(position), np.sin(position), bounded]).astype(np.float32)
-        self._last = {
+        self._last_info = {
             "time": self._count / self.rate,
             "position": position,
             "velocity": velocity,
@@ -112,7 +112,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
         }
         if self.render_mode == "human":
             self.render()
-        return observation, self._last
+        return observation, self._last_info
 
 
 class PlanarArm(SimulatedArm):
@@ -174,11 +174,11 @@ class PlanarArm(SimulatedArm):
         """Draw the arm and its torques; return the picture (H, W, 3), or None in mode human."""
         lengths = [link.length for link in self.links]
         angles = [link.angle for link in self.links]
-        return self._renderer.draw(self._last, self.max_torque, self.overlay(), lengths, angles)
+        return self._renderer.draw(self._last_info, self.max_torque, self.overlay(), lengths, angles)
 
     def close(self) -> None:
         """Close the window."""
-        self._running = False
+        self._is_running = False
         self._renderer.close()
 
 
@@ -201,7 +201,7 @@ class SpatialArm(SimulatedArm):
         """Make the arm of a body, with ideal velocities. Other arguments are those of `PlanarArm`."""
         body.refuse_impossible_links()
         (mass,) = body.mass_matrix(np.zeros((1, len(body.joints))), body.values)
-        light = np.minimum(1.0, np.diag(mass) / PAPER["inertia"])
-        models = make_joint_models(get_friction(body, light), body.joints, effects, body.sliding)
+        shares = np.minimum(1.0, np.diag(mass) / PAPER["inertia"])
+        models = make_joint_models(get_friction(body, shares), body.joints, effects, body.prismatic_joints)
         sensor = Sensor(counts, torque_noise, ideal_velocity=True)
         super().__init__(body.joints, SpatialBodies(body, models, 1.0 / rate), sensor, rate=rate, max_torque=max_torque)

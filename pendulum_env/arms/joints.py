@@ -22,7 +22,7 @@ from pendulum_env.physics.base import BASE, Coulomb, Viscous
 from pendulum_env.physics.library import MEASURED, find_addition
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
-from pendulum_env.physics.term import derive_kind, list_loads, one
+from pendulum_env.physics.term import derive_kind, list_loads, return_one
 from pendulum_env.units import JointUnits
 
 T = TypeVar("T")
@@ -35,12 +35,12 @@ NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "g
 REVOLUTE_ONLY = ("cogging", "torque_ripple", "position_dependent_friction", "gravity_tilt", "encoder_eccentricity")
 
 
-def is_possible_at_joint(id: str, slides: bool = False) -> bool:
+def is_possible_at_joint(id: str, is_prismatic: bool = False) -> bool:
     """Return whether an effect is possible at a revolute or linear joint of an arm."""
-    return id not in NOT_DECENTRALISED and not (slides and (id in REVOLUTE_ONLY or id == Coupling.id))
+    return id not in NOT_DECENTRALISED and not (is_prismatic and (id in REVOLUTE_ONLY or id == Coupling.id))
 
 
-def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[Term]:
+def place_effect(effect: type[Term], joint: str, is_prismatic: bool = False) -> type[Term]:
     """Make the effect at a joint: the same law, with `@joint` appended to its id and parameters.
 
     For a linear joint, units have m and N. The joint of a pendulum has an empty name and returns the effect itself.
@@ -49,29 +49,29 @@ def place_effect(effect: type[Term], joint: str, slides: bool = False) -> type[T
         return effect
     if effect.at:
         raise UserError(f"{effect.id} is at a joint already: place {effect.id.partition('@')[0]} at '{joint}' instead")
-    return _make_placed_effect(cast(Hashable, effect), joint, slides)
+    return _make_placed_effect(cast(Hashable, effect), joint, is_prismatic)
 
 
 @cache  # one class per effect and joint
-def _make_placed_effect(effect: type[Term], joint: str, slides: bool) -> type[Term]:
-    units = JointUnits(slides=slides)
+def _make_placed_effect(effect: type[Term], joint: str, is_prismatic: bool) -> type[Term]:
+    units = JointUnits(is_prismatic=is_prismatic)
 
     def name_columns(columns: Sequence[Column]) -> tuple[Column, ...]:
         of_joint = (column for column in columns if column.name not in EXCLUDED_COLUMNS)
         return tuple(replace(c, name=f"{c.name}@{joint}", unit=units.unit(c.unit)) for c in of_joint)
 
-    made = derive_kind(
-        effect, place_effect, joint, slides,
+    placed_effect = derive_kind(
+        effect, place_effect, joint, is_prismatic,
         id=f"{effect.id}@{joint}",
         at=joint,
-        slides=slides,
+        is_prismatic=is_prismatic,
         nonlinear_parameters=tuple(
             replace(p, unit=p.get_unit(units)) for p in effect.nonlinear_parameters if not p.follows
         ),
-        columns=cached_property(lambda term: name_columns(super(made, term).columns)),
-        fixed=cached_property(lambda term: name_columns(super(made, term).fixed)),
+        columns=cached_property(lambda term: name_columns(super(placed_effect, term).columns)),
+        fixed=cached_property(lambda term: name_columns(super(placed_effect, term).fixed)),
     )  # fmt: skip
-    return made
+    return placed_effect
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,9 @@ class Coupling(Term):
         """Return the columns of inertia and friction as functions of the motor's motion."""
         friction = (
             Column(f"coupling.viscous@{self.at}", "N m s/rad", force=lambda x: x.velocity, least=0.0),
-            Column(f"coupling.coulomb@{self.at}", "N m", dry=one, least=0.0),
+            Column(f"coupling.coulomb@{self.at}", "N m", dry=return_one, least=0.0),
         )
-        inertia = Column(f"coupling.inertia@{self.at}", "kg m^2", mass=one, least=0.0)
+        inertia = Column(f"coupling.inertia@{self.at}", "kg m^2", mass=return_one, least=0.0)
         return (inertia, *friction) if self.is_heavy else friction
 
 
@@ -110,8 +110,8 @@ def get_coupling(at: str, is_heavy: bool) -> type[Coupling]:
 
 def list_couplings(body: Body) -> tuple[type[Coupling], ...]:
     """List the couplings of adjacent revolute joints, with both signs."""
-    turning = [is_possible_at_joint(Coupling.id, slides) for slides in body.slides]
-    pairs = [pair for pair, both in zip(pairwise(body.joints), pairwise(turning), strict=True) if all(both)]
+    can_couple = [is_possible_at_joint(Coupling.id, is_linear) for is_linear in body.is_prismatic]
+    pairs = [pair for pair, flags in zip(pairwise(body.joints), pairwise(can_couple), strict=True) if all(flags)]
     return tuple(choose_coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
 
 
@@ -119,14 +119,14 @@ def choose_coupling(at: str, body: Body) -> type[Coupling]:
     """Return the coupling of two joints, without motor inertia if link parameters explain it."""
     factors = np.array([list_loads(at).get(joint, 0.0) for joint in body.joints])
     q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
-    felt, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
-    left = felt - links @ np.linalg.lstsq(links, felt, rcond=None)[0]
-    return get_coupling(at, bool(np.linalg.norm(left) > NEGLIGIBLE * np.linalg.norm(felt)))
+    motor_torque, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
+    residual = motor_torque - links @ np.linalg.lstsq(links, motor_torque, rcond=None)[0]
+    return get_coupling(at, bool(np.linalg.norm(residual) > NEGLIGIBLE * np.linalg.norm(motor_torque)))
 
 
-def place_term(term: Term, joint: str, slides: bool = False) -> Term:
+def place_term(term: Term, joint: str, is_prismatic: bool = False) -> Term:
     """Place a term at a joint."""
-    return place_effect(type(term), joint, slides)(**term.nonlinear_values)
+    return place_effect(type(term), joint, is_prismatic)(**term.nonlinear_values)
 
 
 def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
@@ -141,8 +141,8 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
 
 def friction(body: Mechanism) -> tuple[Term, ...]:
     """Return viscous and Coulomb friction at each joint."""
-    joints = zip(body.joints, body.slides, strict=True)
-    return tuple(place_term(term, joint, slides) for joint, slides in joints for term in FRICTION)
+    joints = zip(body.joints, body.is_prismatic, strict=True)
+    return tuple(place_term(term, joint, is_prismatic) for joint, is_prismatic in joints for term in FRICTION)
 
 
 def arm_base(body: Mechanism) -> tuple[Term, ...]:
@@ -185,21 +185,21 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
     kinds = list(kinds)
     if not isinstance(body, Body):
         return kinds
-    joints = zip(body.joints, body.slides, strict=True)
-    alone = [kind for kind in kinds if kind is not Coupling and not kind.at]
-    placed = [
-        place_effect(kind, joint, slides)
-        for joint, slides in joints
-        for kind in alone
-        if is_possible_at_joint(kind.id, slides)
+    joints = zip(body.joints, body.is_prismatic, strict=True)
+    single = [kind for kind in kinds if kind is not Coupling and not kind.at]
+    effects = [
+        place_effect(kind, joint, is_prismatic)
+        for joint, is_prismatic in joints
+        for kind in single
+        if is_possible_at_joint(kind.id, is_prismatic)
     ]
-    return [*placed, *(list_couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
+    return [*effects, *(list_couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
 
-def find_kind(text: str, body: Mechanism, known: Mapping[str, type[Term]] | None = None) -> type[Term]:
+def find_kind(text: str, body: Mechanism, library: Mapping[str, type[Term]] | None = None) -> type[Term]:
     """Find an effect or table by name: `stribeck`, of an arm `stribeck@elbow` or `coupling@elbow,-wrist`.
 
-    `known` holds the allowed effects at joints by id, by default all effects and tables.
+    `library` holds the allowed effects at joints by id, by default all effects and tables.
 
     Raises:
         ValueError: if effect or joint is unknown; the message names the nearest.
@@ -208,10 +208,10 @@ def find_kind(text: str, body: Mechanism, known: Mapping[str, type[Term]] | None
         return find_addition(text)
     joints, (id, _, at) = body.joints, text.partition("@")
     if id != Coupling.id:
-        kind, joint = parse_effect(text, joints, known or joint_effects() | TABLES, body.sliding)
-        return place_effect(kind, joint, body.slides[joints.index(joint)])
+        kind, joint = parse_effect(text, joints, library or joint_effects() | TABLES, body.prismatic_joints)
+        return place_effect(kind, joint, body.is_prismatic[joints.index(joint)])
     pair = [find("joint", joint, {name: name for name in joints}) for joint in list_loads(at)]
-    _refuse_sliding(id, pair, body.sliding)
+    _refuse_prismatic(id, pair, body.prismatic_joints)
     if len(pair) != 2 or at.startswith("-"):
         example = f"{id}@{joints[0]},{joints[-1]}"
         raise UserError(f"'{text}' should name two joints, such as {example}, with - for the second")
@@ -219,38 +219,41 @@ def find_kind(text: str, body: Mechanism, known: Mapping[str, type[Term]] | None
 
 
 def find_kinds(
-    names: Iterable[str], body: Mechanism, known: Mapping[str, type[Term]] | None = None
+    names: Iterable[str], body: Mechanism, library: Mapping[str, type[Term]] | None = None
 ) -> list[type[Term]]:
     """Find effects by name: `stribeck` at each joint where it is possible, `stribeck@elbow` at this joint.
 
-    `known` holds the allowed effects by id, by default those of the library.
+    `library` holds the allowed effects by id, by default those of the library.
     """
-    names, known = list(names), list_effects(body) if known is None else known
-    what = "effect of joints" if isinstance(body, Body) else "effect"
-    everywhere = [find(what, name, known) for name in names if "@" not in name]
+    names, library = list(names), list_effects(body) if library is None else library
+    label = "effect of joints" if isinstance(body, Body) else "effect"
+    everywhere = [find(label, name, library) for name in names if "@" not in name]
     return [*place_effects(everywhere, body), *(find_kind(name, body) for name in names if "@" in name)]
 
 
 def parse_effect(
-    text: str, joints: Sequence[str], known: Mapping[str, type[Term]] | None = None, sliding: Collection[str] = ()
+    text: str,
+    joints: Sequence[str],
+    library: Mapping[str, type[Term]] | None = None,
+    prismatic_joints: Collection[str] = (),
 ) -> tuple[type[Term], str]:
-    """Parse effect and joint of `stribeck@elbow`; `known` holds the allowed effects, by default `joint_effects`."""
+    """Parse effect and joint of `stribeck@elbow`; `library` holds the allowed effects, by default `joint_effects`."""
     id, at, joint = text.partition("@")
-    if known is None and id in (Coupling.id, *MEASURED):
+    if library is None and id in (Coupling.id, *MEASURED):
         raise UserError(f"{id} is nothing that the simulator here has: leave it out")
     if not at and id not in NOT_DECENTRALISED:
         raise UserError(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     if id in NOT_DECENTRALISED:
         raise UserError(f"{id} is no effect of one joint's motion and torque alone: it cannot sit at a joint of an arm")
     joint = find("joint", joint, {name: name for name in joints})
-    kind = find("effect", id, known or joint_effects())
-    _refuse_sliding(id, [joint], sliding)
+    kind = find("effect", id, library or joint_effects())
+    _refuse_prismatic(id, [joint], prismatic_joints)
     return kind, joint
 
 
-def _refuse_sliding(id: str, joints: Iterable[str], sliding: Collection[str]) -> None:
+def _refuse_prismatic(id: str, joints: Iterable[str], prismatic_joints: Collection[str]) -> None:
     for joint in joints:
-        if joint in sliding and not is_possible_at_joint(id, slides=True):
+        if joint in prismatic_joints and not is_possible_at_joint(id, is_prismatic=True):
             raise UserError(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
 
 
@@ -282,12 +285,12 @@ class Links(Term):
     def list_angle_functions(self, at: str) -> tuple[str, ...]:
         """Return the angle functions of a joint's gravity, if it is independent of the other joints."""
         joint = self.body.joints.index(at)
-        one, other = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.body.joints)))
-        other[:, joint] = one[:, joint]
-        here, there = (self.body.torque(q, 0 * q, 0 * q)[:, joint] for q in (one, other))  # (DRAWS, P)
-        if not np.any((np.abs(here - there).max(axis=0) < NEGLIGIBLE) & (np.abs(here).max(axis=0) > NEGLIGIBLE)):
+        first, second = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.body.joints)))
+        second[:, joint] = first[:, joint]
+        torque, other = (self.body.torque(q, 0 * q, 0 * q)[:, joint] for q in (first, second))  # (DRAWS, P)
+        if not np.any((np.abs(torque - other).max(axis=0) < NEGLIGIBLE) & (np.abs(torque).max(axis=0) > NEGLIGIBLE)):
             return ()
-        return ("one",) if self.body.slides[joint] else ("sine", "cosine")
+        return ("one",) if self.body.is_prismatic[joint] else ("sine", "cosine")
 
 
 at_joint, placed = place_effect, place_term  # names of 1.0.0, kept for one release

@@ -76,8 +76,8 @@ class ArmModel(Model):
                 f"{format_setting('rotors', True)} as then"
             )
         data = convert(content if schema == ARM_SCHEMA else _convert_old_terms(content), ModelFile)
-        known = joint_effects() | TABLES | {term.id: type(term) for term in FRICTION}
-        terms = build_terms(data, lambda id: find_kind(id, body, known))
+        library = joint_effects() | TABLES | {term.id: type(term) for term in FRICTION}
+        terms = build_terms(data, lambda id: find_kind(id, body, library))
         return cls.from_content(data, (Links(body), *terms))
 
 
@@ -96,10 +96,10 @@ class ModelOptions(Struct, frozen=True):
         if not path:
             return cls()
         try:
-            found = convert(read_json(path, HINT), cls)
+            options = convert(read_json(path, HINT), cls)
         except FileError:
             return cls()  # `load` raises the error
-        return found if found.held else structs.replace(found, joints=None)
+        return options if options.held else structs.replace(options, joints=None)
 
 
 class _ArmFile(ModelOptions, frozen=True, kw_only=True):
@@ -126,11 +126,11 @@ class _OldTerms(Struct):
 
 def _convert_old_terms(content: JSON) -> JSON:
     """Return the content of a model file of version 1.0 in the present form."""
-    old = convert(content, _OldTerms)
-    shapes = {f"{term.id}.{name}@{term.joint}": {"value": x} for term in old.terms for name, x in term.shape.items()}
-    tables = {f"{term.id}@{term.joint}": term.extent for term in old.terms if term.extent is not None}
-    terms = [f"{term.id}@{term.joint}" for term in old.terms]
-    return content | {"terms": terms, "theta": shapes | old.theta, "tables": tables}
+    file = convert(content, _OldTerms)
+    values = {f"{term.id}.{name}@{term.joint}": {"value": x} for term in file.terms for name, x in term.shape.items()}
+    tables = {f"{term.id}@{term.joint}": term.extent for term in file.terms if term.extent is not None}
+    terms = [f"{term.id}@{term.joint}" for term in file.terms]
+    return content | {"terms": terms, "theta": values | file.theta, "tables": tables}
 
 
 def make_arm_model(model: Model) -> Model:

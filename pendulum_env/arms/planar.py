@@ -32,7 +32,7 @@ class Link:
         inertia: inertia about the centre of mass [kg m^2].
         viscous: viscous friction at the joint [N m s/rad].
         coulomb: dry friction at the joint [N m].
-        aside: distance of the centre of mass from the line, to the right of a link that hangs down [m].
+        center_offset: distance of the centre of mass from the line, to the right of a link that hangs down [m].
         angle: angle of the line from hanging down, counter-clockwise, with all joints at zero [rad].
     """
 
@@ -42,7 +42,7 @@ class Link:
     inertia: float = 0.02
     viscous: float = PAPER["viscous"]
     coulomb: float = PAPER["coulomb"]
-    aside: float = 0.0
+    center_offset: float = 0.0
     angle: float = 0.0
 
     def __post_init__(self) -> None:
@@ -61,7 +61,10 @@ def name_joints(count: int) -> tuple[str, ...]:
 
 
 def make_joint_models(
-    friction: Sequence[tuple[float, float]], names: Sequence[str], effects: Effects = (), sliding: Collection[str] = ()
+    friction: Sequence[tuple[float, float]],
+    names: Sequence[str],
+    effects: Effects = (),
+    prismatic_joints: Collection[str] = (),
 ) -> tuple[Model, ...]:
     """Make a model without inertia for each joint, from its friction and hidden effects.
 
@@ -70,7 +73,7 @@ def make_joint_models(
     models = [Model.build(FRICTION, np.array(pair)) for pair in friction]
     for text in list_effects(effects):
         place = re.split("[=:]", text, maxsplit=1)[0]
-        kind, joint = parse_effect(place, names, sliding=sliding)
+        kind, joint = parse_effect(place, names, prismatic_joints=prismatic_joints)
         at = list(names).index(joint)
         models[at] = hide(models[at], kind.id + text[len(place) :])
     return tuple(models)
@@ -86,30 +89,31 @@ class JointBalances:
     def start(self, position: Array, velocity: Array) -> None:
         """Set the initial positions (n,) [rad] and velocities (n,) [rad/s]."""
         self._lines = [CommandDelay(balance.terms, self._h, 1) for balance in self._balances]
-        self._now = [make_start_samples(*state) for state in zip(self._balances, position, velocity, strict=True)]
+        self._states = [make_start_samples(*state) for state in zip(self._balances, position, velocity, strict=True)]
 
     def delay_torque(self, torque: Array) -> Array:
         """Return the torques of the next step (n,) [N m], after the delays of the terms."""
-        return np.array([now for line, part in zip(self._lines, torque, strict=True) for now in line.push(part)])
+        commands = (line.delay_command(part) for line, part in zip(self._lines, torque, strict=True))
+        return np.array([delayed for command in commands for delayed in command])
 
     def torques(self, position: Array, velocity: Array, torque: Array) -> tuple[Array, Array]:
         """Return the torque without dry friction and the bound of dry friction, (n,) each [N m]."""
-        each = zip(self._balances, self._samples(position, velocity, torque), strict=True)
-        pairs = [(balance.net(x), max(float(balance.dry(x)), 0.0)) for balance, x in each]
+        pairs_of_samples = zip(self._balances, self._make_samples(position, velocity, torque), strict=True)
+        pairs = [(balance.net(x), max(float(balance.dry(x)), 0.0)) for balance, x in pairs_of_samples]
         net, dry = np.array(pairs, dtype=float).T
         return net, dry
 
     def advance(self, position: Array, velocity: Array, torque: Array, mean: Array) -> None:
         """Advance the internal states by a step, with mean joint velocities (n,) [rad/s]."""
-        each = zip(self._balances, self._samples(position, velocity, torque), mean, strict=True)
-        self._now = [
+        steps = zip(self._balances, self._make_samples(position, velocity, torque), mean, strict=True)
+        self._states = [
             Samples(x.time + self._h, x.position, x.velocity, x.torque, balance.advance(x, memory, self._h))
-            for balance, x, memory in each
+            for balance, x, memory in steps
         ]
 
-    def _samples(self, position: Array, velocity: Array, torque: Array) -> list[Samples]:
-        each = zip(self._now, position, velocity, torque, strict=True)
-        return [Samples(x.time, q, v, u, x.memory) for x, q, v, u in each]
+    def _make_samples(self, position: Array, velocity: Array, torque: Array) -> list[Samples]:
+        states = zip(self._states, position, velocity, torque, strict=True)
+        return [Samples(x.time, q, v, u, x.memory) for x, q, v, u in states]
 
 
 class PlanarBodies:
@@ -121,7 +125,7 @@ class PlanarBodies:
     def __init__(self, links: Sequence[Link], models: Sequence[Model], period: float, substeps: int) -> None:
         """Set links, models of the joints, sample time [s] and integration steps per sample."""
         self.links, self.substeps, self.step = tuple(links), substeps, period / substeps
-        self._acting = JointBalances(models, self.step)
+        self._balances = JointBalances(models, self.step)
 
     def start(self, position: Array, velocity: Array) -> None:
         """Put the arm at joint angles (n,) [rad] with joint velocities (n,) [rad/s]."""
@@ -132,68 +136,68 @@ class PlanarBodies:
         self._space.iterations = self.iterations
         self._bodies: list[Any] = []
         self._motors: list[Any] = []
-        before: Any = self._space.static_body
+        parent: Any = self._space.static_body
         joint, joint_velocity = np.zeros(2), np.zeros(2)
         self.position, self.velocity = np.array(position, dtype=float), np.array(velocity, dtype=float)
         anchor = (0.0, 0.0)
-        for link, turned, rate in zip(self.links, np.cumsum(position), np.cumsum(velocity), strict=True):
+        for link, turn, rate in zip(self.links, np.cumsum(position), np.cumsum(velocity), strict=True):
             body = pymunk.Body(link.mass, link.inertia)
-            angle = turned + link.angle
+            angle = turn + link.angle
             along, across = np.array([np.sin(angle), -np.cos(angle)]), np.array([np.cos(angle), np.sin(angle)])
             body.angle, body.angular_velocity = float(angle), float(rate)
-            body.position = tuple(joint + link.center * along + link.aside * across)
-            body.velocity = tuple(joint_velocity + rate * (link.center * across - link.aside * along))
-            pivot = pymunk.PivotJoint(before, body, anchor, (-link.aside, link.center))
-            anchor = (-link.aside, link.center - link.length)
+            body.position = tuple(joint + link.center * along + link.center_offset * across)
+            body.velocity = tuple(joint_velocity + rate * (link.center * across - link.center_offset * along))
+            pivot = pymunk.PivotJoint(parent, body, anchor, (-link.center_offset, link.center))
+            anchor = (-link.center_offset, link.center - link.length)
             pivot.error_bias = 0.0
-            motor = pymunk.SimpleMotor(before, body, 0.0)
+            motor = pymunk.SimpleMotor(parent, body, 0.0)
             self._space.add(body, pivot, motor)
             self._bodies.append(body)
             self._motors.append(motor)
             joint, joint_velocity = joint + link.length * along, joint_velocity + rate * link.length * across
-            before = body
+            parent = body
         self._command = np.zeros(len(self.links))
-        self._acting.start(self.position, self.velocity)
-        self._before = self.velocity
+        self._balances.start(self.position, self.velocity)
+        self._previous_velocity = self.velocity
         # advance the velocities by half a step; keep the positions
-        kept = [(body.position, body.angle) for body in self._bodies]
-        self._push(self.position, self.velocity, self._command, 0.5 * self.step)
-        for body, (place, angle) in zip(self._bodies, kept, strict=True):
+        places = [(body.position, body.angle) for body in self._bodies]
+        self._step_bodies(self.position, self.velocity, self._command, 0.5 * self.step)
+        for body, (place, angle) in zip(self._bodies, places, strict=True):
             body.position, body.angle = place, angle
-        self._half = self._compute_rates()
+        self._half_step_velocity = self._compute_rates()
 
     def advance(self, torque: Array) -> None:
         """Hold torques (n,) [N m] for one period."""
         h = self.step
         for _ in range(self.substeps):
-            now = self._acting.delay_torque(torque)
+            delayed = self._balances.delay_torque(torque)
             # a change of torque also acts in the previous half step, unless the joint stuck
-            command = now + 0.5 * (now - self._command) * (np.abs(self._half) > self.at_rest)
-            self._command = now
-            position = self.position + h * self._half
-            expected = 1.5 * self._half - 0.5 * self._before
-            self._acting.advance(self.position, self._half, now, self._half)
-            before = self._half
-            last = [(body.position, body.angle, body.velocity, body.angular_velocity) for body in self._bodies]
-            dry = self._push(position, expected, command, h)
+            command = delayed + 0.5 * (delayed - self._command) * (np.abs(self._half_step_velocity) > self.at_rest)
+            self._command = delayed
+            position = self.position + h * self._half_step_velocity
+            velocity = 1.5 * self._half_step_velocity - 0.5 * self._previous_velocity
+            self._balances.advance(self.position, self._half_step_velocity, delayed, self._half_step_velocity)
+            before = self._half_step_velocity
+            states = [(body.position, body.angle, body.velocity, body.angular_velocity) for body in self._bodies]
+            dry = self._step_bodies(position, velocity, command, h)
             after = self._compute_rates()
-            turned = (before * after < 0) & (np.abs(before) > self.at_rest)
-            if turned.any():  # repeat the step with reduced friction
-                slowing = np.where(turned, before - self._before, 1.0)
-                share = np.clip(np.where(turned, -before / np.where(slowing == 0, -before, slowing), 0.0), 0.0, 1.0)
-                for body, state in zip(self._bodies, last, strict=True):
+            is_reversed = (before * after < 0) & (np.abs(before) > self.at_rest)
+            if is_reversed.any():  # repeat the step with reduced friction
+                change = np.where(is_reversed, before - self._previous_velocity, 1.0)
+                share = np.clip(np.where(is_reversed, -before / np.where(change == 0, -before, change), 0.0), 0.0, 1.0)
+                for body, state in zip(self._bodies, states, strict=True):
                     body.position, body.angle, body.velocity, body.angular_velocity = state
-                self._push(position, expected, command - 2.0 * share * dry * np.sign(before), h)
+                self._step_bodies(position, velocity, command - 2.0 * share * dry * np.sign(before), h)
                 after = self._compute_rates()
-            self.position, self._before, self._half = position, before, after
-        self.velocity = 0.5 * (self._before + self._half)
+            self.position, self._previous_velocity, self._half_step_velocity = position, before, after
+        self.velocity = 0.5 * (self._previous_velocity + self._half_step_velocity)
 
-    def _push(self, position: Array, velocity: Array, torque: Array, h: float) -> Array:
+    def _step_bodies(self, position: Array, velocity: Array, torque: Array, h: float) -> Array:
         """Advance pymunk by one step under joint torques (n,) [N m]; return the bound of dry friction (n,) [N m]."""
-        net, dry = self._acting.torques(position, velocity, torque)
-        for motor, most in zip(self._motors, dry.tolist(), strict=True):
-            if motor.max_force != most:
-                motor.max_force = most
+        net, dry = self._balances.torques(position, velocity, torque)
+        for motor, bound in zip(self._motors, dry.tolist(), strict=True):
+            if motor.max_force != bound:
+                motor.max_force = bound
         for body, part in zip(self._bodies, (net - np.append(net[1:], 0.0)).tolist(), strict=True):
             body.torque = part
         self._space.step(h)
@@ -212,7 +216,7 @@ def write_urdf(links: Sequence[Link], names: Sequence[str]) -> str:
     for k, (link, joint) in enumerate(zip(links, names, strict=True)):
         i = link.inertia
         bodies.append(
-            f'<link name="link{k + 1}"><inertial><origin xyz="{_locate_point(link, link.center, link.aside)}"/>'
+            f'<link name="link{k + 1}"><inertial><origin xyz="{_locate_point(link, link.center, link.center_offset)}"/>'
             f'<mass value="{link.mass}"/>'
             f'<inertia ixx="{i}" ixy="0" ixz="0" iyy="{i}" iyz="0" izz="{i / 10}"/></inertial></link>'
         )
@@ -225,7 +229,7 @@ def write_urdf(links: Sequence[Link], names: Sequence[str]) -> str:
     return "\n".join(['<robot name="planar-arm">', *bodies, *joints, "</robot>", ""])
 
 
-def _locate_point(link: Link, along: float, aside: float) -> str:
+def _locate_point(link: Link, along: float, center_offset: float) -> str:
     """Return a link's point relative to its joint, all joints at zero: x to the right, z up [m]."""
     s, c = np.sin(link.angle), np.cos(link.angle)
-    return f"{along * s + aside * c:.9g} 0 {aside * s - along * c:.9g}"
+    return f"{along * s + center_offset * c:.9g} 0 {center_offset * s - along * c:.9g}"

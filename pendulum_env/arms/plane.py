@@ -16,9 +16,9 @@ TOLERANCE = 1e-6  # relative tolerance of directions and lengths
 def get_friction(body: Body, shares: Array | None = None) -> list[tuple[float, float]]:
     """Return viscous [N m s/rad] and dry [N m] friction per joint, from the file or `shares` (n,) of the paper's."""
     model, places = body.model, [body.links.index(joint) for joint in body.joints]
-    usual = np.outer(np.ones(len(places)) if shares is None else shares, [PAPER["viscous"], PAPER["coulomb"]])
-    given = [(float(model.damping[k]), float(model.upperDryFrictionLimit[k])) for k in places]
-    return [both if any(both) else (b, fc) for both, (b, fc) in zip(given, usual.tolist(), strict=True)]
+    default = np.outer(np.ones(len(places)) if shares is None else shares, [PAPER["viscous"], PAPER["coulomb"]])
+    friction = [(float(model.damping[k]), float(model.upperDryFrictionLimit[k])) for k in places]
+    return [pair if any(pair) else (b, fc) for pair, (b, fc) in zip(friction, default.tolist(), strict=True)]
 
 
 def find_planar_links(body: Body) -> tuple[Link, ...]:
@@ -61,11 +61,11 @@ def find_planar_links(body: Body) -> tuple[Link, ...]:
     links = []
     for k, (solid, (viscous, coulomb)) in enumerate(zip(solids, get_friction(body), strict=True)):
         mass, inertia = float(solid.mass), float(axes[k] @ solid.inertia @ axes[k])
-        to_center, last = centers[k] - joints[k], k + 1 == len(joints)
-        line = to_center if last else joints[k + 1] - joints[k]
+        to_center, is_last = centers[k] - joints[k], k + 1 == len(joints)
+        line = to_center if is_last else joints[k + 1] - joints[k]
         length = float(np.linalg.norm(line))
         if length <= TOLERANCE * np.ptp(centers, axis=0).max():
-            if not last:
+            if not is_last:
                 raise BodyError(f"{body.name}: joints '{body.joints[k]}' and '{body.joints[k + 1]}' are in one place")
             line, length = np.array([0.0, -1.0]), float(np.sqrt(inertia / mass))  # centre of mass on the axis
         along = line / length
@@ -77,7 +77,7 @@ def find_planar_links(body: Body) -> tuple[Link, ...]:
                 inertia=inertia,
                 viscous=viscous,
                 coulomb=coulomb,
-                aside=float(along[0] * to_center[1] - along[1] * to_center[0]),
+                center_offset=float(along[0] * to_center[1] - along[1] * to_center[0]),
                 angle=float(np.arctan2(along[0], -along[1])),
             )
         )

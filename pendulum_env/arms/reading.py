@@ -28,7 +28,7 @@ from pendulum_env.recording.storage import describe_reading, read_rows
 from pendulum_env.recording.study import Source
 from pendulum_env.settings import format_setting
 
-STILL = 0.01  # [rad] or [m], largest range of a held joint
+HELD_RANGE = 0.01  # [rad] or [m], largest range of a held joint
 
 
 def read_arm_recording(
@@ -59,42 +59,42 @@ def read_arm_recording(
             a torque constant.
     """
     check_columns_option(columns)
-    look = read_preview(source, max_columns=500)  # columns, enough for 64 joints with further signals
-    named = find_joint_columns(get_label(source), look.headers, joints, held, dict(columns or {}))
-    single = [_read_joint(source, look, joint, named, unwrap) for joint in joints]
-    _refuse_twice(get_label(source), joints, single)
-    _refuse_other_instants(joints, single)
-    first = single[0]
-    measured = [recording.temperature for recording in single]
-    warm = np.column_stack([np.full(len(first), ROOM) if one is None else one for one in measured])
-    notes = [note_joint(joint, note) for joint, one in zip(joints, single, strict=True) for note in one.notes]
-    columns_of = {joint: named.get(f"position_{joint}", NONE) for joint in held}
+    preview = read_preview(source, max_columns=500)  # columns, enough for 64 joints with further signals
+    named_columns = find_joint_columns(get_label(source), preview.headers, joints, held, dict(columns or {}))
+    recordings = [_read_joint(source, preview, joint, named_columns, unwrap) for joint in joints]
+    _refuse_shared_columns(get_label(source), joints, recordings)
+    _refuse_other_instants(joints, recordings)
+    first = recordings[0]
+    measured = [recording.temperature for recording in recordings]
+    filled = np.column_stack([np.full(len(first), ROOM) if values is None else values for values in measured])
+    notes = [note_joint(joint, note) for joint, part in zip(joints, recordings, strict=True) for note in part.notes]
+    columns_of = {joint: named_columns.get(f"position_{joint}", NONE) for joint in held}
     return ArmRecording(
         first.time,
-        np.column_stack([recording.position for recording in single]),
-        np.column_stack([recording.torque for recording in single]),
+        np.column_stack([recording.position for recording in recordings]),
+        np.column_stack([recording.torque for recording in recordings]),
         name=name or first.name,
         notes=tuple(note for k, note in enumerate(notes) if note not in notes[:k]),
-        temperature=None if all(temperature is None for temperature in measured) else warm,
+        temperature=None if all(temperature is None for temperature in measured) else filled,
         starts=first.starts,
         start_date=first.start_date,
         log_format=describe_reading(columns or {}, unwrap),
         names=tuple(joints),
         still={
-            joint: read_held_position(get_label(source), look, column)
+            joint: read_held_position(get_label(source), preview, column)
             for joint, column in columns_of.items()
             if column != NONE
         },
     )
 
 
-def read_logged(body: Mechanism, source: Readable, format: Source, name: str | None = None) -> Recording:
+def read_logged(body: Mechanism, source: Readable, log_format: Source, name: str | None = None) -> Recording:
     """Read a recording of a pendulum or an arm in a log format; raises as `read_recording` and `read_arm_recording`."""
     if not isinstance(body, Body):
-        return replace(read_recording(source, name=name, **format.reading_options), load=format.load)
-    still = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
-    columns = format.columns or None
-    return read_arm_recording(source, body.joints, held=still, name=name, columns=columns, unwrap=format.unwrap)
+        return replace(read_recording(source, name=name, **log_format.reading_options), load=log_format.load)
+    held = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
+    columns = log_format.columns or None
+    return read_arm_recording(source, body.joints, held=held, name=name, columns=columns, unwrap=log_format.unwrap)
 
 
 def find_logged_joints(
@@ -102,65 +102,65 @@ def find_logged_joints(
 ) -> tuple[str, ...]:
     """Find the joints with columns in a file or table; all joints if columns have numbers.
 
-    A joint without a column of torque is omitted if its position stays within `STILL`.
+    A joint without a column of torque is omitted if its position stays within `HELD_RANGE`.
     """
-    look = read_preview(source, max_columns=500)
-    named = {name: text for name, text in (columns or {}).items() if text.strip() != NONE}
-    named = match_joints(look.headers, joints) | named
+    preview = read_preview(source, max_columns=500)
+    named_columns = {name: text for name, text in (columns or {}).items() if text.strip() != NONE}
+    named_columns = match_joints(preview.headers, joints) | named_columns
 
     def is_logged(joint: str) -> bool:
-        position = named.get(f"position_{joint}")
-        if f"torque_{joint}" in named or position is None:
-            return f"torque_{joint}" in named
-        return bool(np.ptp(read_held_position(joint, look, position)) > STILL)
+        position = named_columns.get(f"position_{joint}")
+        if f"torque_{joint}" in named_columns or position is None:
+            return f"torque_{joint}" in named_columns
+        return bool(np.ptp(read_held_position(joint, preview, position)) > HELD_RANGE)
 
     return tuple(filter(is_logged, joints)) or tuple(joints)
 
 
-def _refuse_other_instants(joints: Sequence[str], single: Sequence[Recording]) -> None:
-    first = single[0]
-    for joint, other in zip(joints, single, strict=True):
-        same = len(other) == len(first) and other.starts == first.starts
-        if not (same and np.allclose(other.time, first.time, rtol=0, atol=0.1 / first.rate)):
+def _refuse_other_instants(joints: Sequence[str], recordings: Sequence[Recording]) -> None:
+    first = recordings[0]
+    for joint, other in zip(joints, recordings, strict=True):
+        is_equal = len(other) == len(first) and other.starts == first.starts
+        if not (is_equal and np.allclose(other.time, first.time, rtol=0, atol=0.1 / first.rate)):
             raise RecordingError(
                 f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at "
                 "once, and leave rows out in which one has no number"
             )
 
 
-def _refuse_twice(label: str, joints: Sequence[str], single: Sequence[Recording]) -> None:
+def _refuse_shared_columns(label: str, joints: Sequence[str], recordings: Sequence[Recording]) -> None:
     """Refuse a column that was read for two quantities or joints."""
-    taken: dict[str, str] = {}
-    for joint, recording in zip(joints, single, strict=True):
+    names: dict[str, str] = {}
+    for joint, recording in zip(joints, recordings, strict=True):
         for quantity in QUANTITIES:
             if recording.origin is not None and (column := recording.origin.columns.get(quantity)) is not None:
                 name = f"{quantity}_{joint}"
-                if (other := taken.setdefault(column.header, name)) != name:
+                if (other := names.setdefault(column.header, name)) != name:
                     raise ColumnError(
                         f"{label}: column '{column.header}' is given for {other} and for {name}: which is it?"
                     )
 
 
-def _read_joint(source: Readable, look: Preview, joint: str, named: Mapping[str, str], unwrap: bool) -> Recording:
-    """Read the recording of one joint from the columns of all joints in `named`."""
-    columns_of_joint = {quantity: named.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS}
-    columns_of_joint |= {"time": named["time"]} if "time" in named else {}
+def _read_joint(source: Readable, preview: Preview, joint: str, texts: Mapping[str, str], unwrap: bool) -> Recording:
+    """Read the recording of one joint from the columns of all joints in `texts`."""
+    columns_of_joint = {quantity: texts.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS}
+    columns_of_joint |= {"time": texts["time"]} if "time" in texts else {}
     label = get_label(source)
     unused = {"velocity": NONE, "reference": NONE}
     try:
         if columns_of_joint["torque"] == NONE:
             raise ColumnError("an arm needs the torque of every joint: name its column")
-        parse_column("torque", columns_of_joint["torque"], look.headers, can_find_gain=False)
-        read = read_rows(source, unwrap=unwrap, columns=columns_of_joint | unused, can_resample=False)  # rows of all
+        parse_column("torque", columns_of_joint["torque"], preview.headers, can_find_gain=False)
+        result = read_rows(source, unwrap=unwrap, columns=columns_of_joint | unused, can_resample=False)  # rows of all
     except RecordingError as error:
         text = name_joint(joint, str(error).removeprefix(f"{label}: "))
         raise RecordingError(f"{label}: joint '{joint}': {text}") from None
-    if read.torque_unit != NEWTON_METRE:
+    if result.torque_unit != NEWTON_METRE:
         columns = {f"torque_{joint}": columns_of_joint["torque"].replace("*?", "*0.4")}
         raise ColumnError(
             f"{label}: joint '{joint}' has no torque constant: give it, as in {format_setting('columns', columns)}"
         )
-    return read
+    return result
 
 
 def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:
@@ -169,5 +169,5 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"
         )
-    read = read_arm_recording(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
-    return source.select_range(read)
+    recording = read_arm_recording(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
+    return source.select_range(recording)

@@ -65,9 +65,9 @@ class ArmRecording(Recording):
     def columns(self) -> dict[str, Array]:
         """Return the recorded columns by name, `time`, `position_<joint>`, ..., (N,) each."""
         columns = {
-            f"{what}_{at}": getattr(joint, what)
-            for what in OF_JOINTS
-            if getattr(self, what) is not None
+            f"{quantity}_{at}": getattr(joint, quantity)
+            for quantity in OF_JOINTS
+            if getattr(self, quantity) is not None
             for at, joint in zip(self.names, self.joints, strict=True)
         }
         return {"time": self.time, **columns}
@@ -85,7 +85,7 @@ def get_payload(recording: Recording) -> LinkLoad | None:
 
 def add_payload(recording: Recording, load: LinkLoad) -> Recording:
     """Return a recording of an arm with a known payload, added to a known one at the same link."""
-    before = get_payload(recording)
-    if before is not None:
-        load = LinkLoad(load.joint, before.standard + load.standard)
+    known = get_payload(recording)
+    if known is not None:
+        load = LinkLoad(load.joint, known.standard + load.standard)
     return replace(recording, payload=load)  # type: ignore[call-arg]

@@ -24,7 +24,7 @@ from pendulum_env.lookup import find
 from pendulum_env.reading import MAX_NUMBER, check_size, quote_value
 from pendulum_env.settings import Blank, format_setting
 
-TURNS, SLIDES = "Revolute", "Prismatic"  # names in Pinocchio
+REVOLUTE, PRISMATIC = "Revolute", "Prismatic"  # names in Pinocchio
 ENDLESS = "1e30"  # limit in a file for "unlimited"
 
 
@@ -41,7 +41,7 @@ def read_robot(path: str | Path, joints: Sequence[str] | None, held: Mapping[str
 def find_movable_joints(path: str | Path, bolted: bool = False) -> tuple[str, ...]:
     """Find the independent joints of a file, in its order; arguments and errors are those of `read_body`."""
     with _name_file(path):
-        return tuple(_parse(Path(path)).find_free(bolted, {}))
+        return tuple(_parse(Path(path)).find_independent_joints(bolted, {}))
 
 
 @contextmanager
@@ -55,27 +55,27 @@ def _name_file(path: str | Path) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class _File:
+class _RobotFile:
     """Content of a file: XML, Pinocchio model, robot name, and the leader of each joint."""
 
     tree: ElementTree.Element
     model: Any
     name: str
-    leads: Mapping[str, _Mimic]
+    leaders: Mapping[str, _Mimic]
 
-    def find_free(self, bolted: bool, held: Container[str]) -> list[str]:
+    def find_independent_joints(self, bolted: bool, held: Container[str]) -> list[str]:
         """Find joints that neither mimic nor belong to the base; refuse a floating base that is not fixed."""
-        free = [joint for joint, tie in self.leads.items() if tie.joint == joint]
-        bases = [joint for joint in free if _find_joint_kind(self.model, joint) == "FreeFlyer"]
+        independent = [joint for joint, mimic in self.leaders.items() if mimic.joint == joint]
+        bases = [joint for joint in independent if _find_joint_kind(self.model, joint) == "FreeFlyer"]
         for joint in bases:
             if not (bolted or joint in held):
                 raise BodyError(
                     f"joint '{joint}' lets the base float: give {format_setting('bolted', True)} if it is bolted down"
                 )
-        return [joint for joint in free if joint not in bases]
+        return [joint for joint in independent if joint not in bases]
 
 
-def _parse(path: Path) -> _File:
+def _parse(path: Path) -> _RobotFile:
     pin = import_pinocchio()
     try:
         tree = ElementTree.parse(path).getroot()
@@ -84,11 +84,11 @@ def _parse(path: Path) -> _File:
     if tree.tag not in ("robot", "mujoco"):
         raise BodyError(f"holds <{tree.tag}>, neither <robot> (URDF) nor <mujoco> (MJCF)")
     for tag in ("include", "worldbody//frame[body]", "worldbody//replicate[body]", "worldbody//attach"):
-        if (passed := tree.find(f".//{tag}")) is not None:
+        if (element := tree.find(f".//{tag}")) is not None:
             raise BodyError(
-                f"has <{passed.tag}>, which is not followed: write all of it into one file, as MuJoCo's compile does"
+                f"has <{element.tag}>, which is not followed: write all of it into one file, as MuJoCo's compile does"
             )
-    ties = _read_mimics(tree)
+    mimics = _read_mimics(tree)
     _replace_continuous_joints(tree)
     try:
         with _silence_output():
@@ -101,48 +101,48 @@ def _parse(path: Path) -> _File:
         message = str(error).rpartition("message:")[2]  # without file, function and line
         raise BodyError(f"Pinocchio cannot read it: {shorten_error(message or error)}") from None
     name, robot = tree.get("name") or tree.get("model") or path.stem, list(model.names)[1:]
-    return _File(tree, model, name, {joint: _find_leader(joint, ties, robot) for joint in robot})
+    return _RobotFile(tree, model, name, {joint: _find_leader(joint, mimics, robot) for joint in robot})
 
 
 def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, float], bolted: bool) -> JSON:
     file = _parse(path)
-    model, leads, robot, movable = file.model, file.leads, list(file.leads), file.find_free(bolted, held)
+    model, leaders, movable = file.model, file.leaders, file.find_independent_joints(bolted, held)
     for joint in joints or ():
-        if (leader := leads[joint].joint if joint in leads else joint) != joint:
+        if (leader := leaders[joint].joint if joint in leaders else joint) != joint:
             raise BodyError(f"joint '{joint}' mimics '{leader}': name that one, which it follows")
-        find("joint", joint, {joint: tie for joint, tie in leads.items() if tie.joint == joint})
+        find("joint", joint, {joint: mimic for joint, mimic in leaders.items() if mimic.joint == joint})
     chosen = movable if joints is None else joints
-    moves = [joint for joint, tie in leads.items() if tie.joint == joint and joint in chosen]
-    still = {
-        joint: tie.compute_position(float(held.get(tie.joint, 0.0)))
-        for joint, tie in leads.items()
-        if tie.joint not in moves
+    moving = [joint for joint, mimic in leaders.items() if mimic.joint == joint and joint in chosen]
+    held_positions = {
+        joint: mimic.compute_position(float(held.get(mimic.joint, 0.0)))
+        for joint, mimic in leaders.items()
+        if mimic.joint not in moving
     }
-    links = [joint for joint in robot if joint not in still]
-    sliding = [joint for joint in robot if _find_joint_kind(model, joint) == SLIDES]
-    model = _lock_joints(model, still)
-    _refuse_others(model)
+    links = [joint for joint in leaders if joint not in held_positions]
+    prismatic_joints = [joint for joint in leaders if _find_joint_kind(model, joint) == PRISMATIC]
+    model = _lock_joints(model, held_positions)
+    _refuse_unusable_joints(model)
     if (option := file.tree.find("option[@gravity]")) is not None:  # Pinocchio ignores this option
         model.gravity.linear = np.array(_parse_numbers(option.get("gravity", ""), "gravity of <option>", 3))
     for limit in ("lowerPositionLimit", "upperPositionLimit", "upperEffortLimit", "upperVelocityLimit"):
         values = np.array(getattr(model, limit))
         setattr(model, limit, np.where(np.abs(values) < float(ENDLESS), values, np.copysign(np.inf, values)))
-    ratios = np.array([[leads[link].ratio * (leads[link].joint == joint) for joint in moves] for link in links])
-    offsets = np.array([leads[link].offset for link in links])
+    ratios = np.array([[leaders[link].ratio * (leaders[link].joint == joint) for joint in moving] for link in links])
+    offsets = np.array([leaders[link].offset for link in links])
     axes = [np.linalg.norm(np.ravel(kind.createData().S)) for kind in list(model.joints)[1:]]
     places = [place.homogeneous for place in list(model.jointPlacements)[1:]]
     solids = [link.toDynamicParameters() for link in list(model.inertias)[1:]]
     numbers = (*places, *solids, model.armature, model.damping, model.upperDryFrictionLimit, model.gravity.linear)
-    if not all((np.abs(of) <= MAX_NUMBER).all() for of in (*numbers, ratios, offsets)):  # also refuses NaN
+    if not all((np.abs(values) <= MAX_NUMBER).all() for values in (*numbers, ratios, offsets)):  # also refuses NaN
         raise BodyError(f"holds a number beyond {MAX_NUMBER:g}: give lengths in m and masses in kg")
     if not np.allclose(axes, 1.0):
         raise BodyError("has a joint without an axis: give it one, of length 1")
     return {
         "name": file.name,
-        "joints": tuple(moves),
-        "held": still,
+        "joints": tuple(moving),
+        "held": held_positions,
         "links": tuple(links),
-        "sliding": frozenset(sliding),
+        "prismatic_joints": frozenset(prismatic_joints),
         "model": model,
         "ratios": ratios,
         "offsets": offsets,
@@ -152,14 +152,14 @@ def _read_fields(path: Path, joints: Sequence[str] | None, held: Mapping[str, fl
 @contextmanager
 def _silence_output() -> Iterator[None]:
     """Discard the output of a C++ library to the standard error."""
-    kept = os.dup(2)
+    error_output = os.dup(2)
     try:
-        with open(os.devnull, "wb") as nothing:
-            os.dup2(nothing.fileno(), 2)
+        with open(os.devnull, "wb") as null:
+            os.dup2(null.fileno(), 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(error_output, 2)
+        os.close(error_output)
 
 
 def _replace_continuous_joints(tree: ElementTree.Element) -> None:
@@ -193,18 +193,18 @@ class _Mimic:
         return self.ratio * position + self.offset
 
 
-def _find_leader(joint: str, ties: Mapping[str, _Mimic], robot: Sequence[str]) -> _Mimic:
+def _find_leader(joint: str, mimics: Mapping[str, _Mimic], robot: Sequence[str]) -> _Mimic:
     """Return the relation of a joint to its independent leader, through a chain of mimics; the leader may be itself."""
-    tie, passed = _Mimic(joint, 1.0, 0.0), set[str]()
-    while tie.joint in ties:
-        if tie.joint in passed:
+    mimic, visited = _Mimic(joint, 1.0, 0.0), set[str]()
+    while mimic.joint in mimics:
+        if mimic.joint in visited:
             raise BodyError(f"joint '{joint}' mimics itself in a loop: let one of the joints mimic none")
-        passed.add(tie.joint)
-        further = ties[tie.joint]
-        tie = _Mimic(further.joint, tie.ratio * further.ratio, tie.compute_position(further.offset))
-    if tie.joint not in robot:
-        raise BodyError(f"joint '{joint}' mimics '{tie.joint}', which is no joint that moves: mend it, or fix both")
-    return tie
+        visited.add(mimic.joint)
+        next_mimic = mimics[mimic.joint]
+        mimic = _Mimic(next_mimic.joint, mimic.ratio * next_mimic.ratio, mimic.compute_position(next_mimic.offset))
+    if mimic.joint not in robot:
+        raise BodyError(f"joint '{joint}' mimics '{mimic.joint}', which is no joint that moves: mend it, or fix both")
+    return mimic
 
 
 def _lock_joints(model: Any, held: Mapping[str, float]) -> Any:
@@ -219,11 +219,11 @@ def _lock_joints(model: Any, held: Mapping[str, float]) -> Any:
 
 
 def _find_joint_kind(model: Any, joint: str) -> str:
-    """Return the type of a joint: `TURNS`, `SLIDES` or Pinocchio's name of another type."""
+    """Return the type of a joint: `REVOLUTE`, `PRISMATIC` or Pinocchio's name of another type."""
     kind = str(model.joints[model.getJointId(joint)].shortname()).removeprefix("JointModel")
-    for ours in (TURNS, SLIDES):
-        if kind.startswith(ours) or kind in (f"{ours[0]}{axis}" for axis in "XYZ"):
-            return ours
+    for known_kind in (REVOLUTE, PRISMATIC):
+        if kind.startswith(known_kind) or kind in (f"{known_kind[0]}{axis}" for axis in "XYZ"):
+            return known_kind
     return kind
 
 
@@ -251,15 +251,15 @@ def _read_mimics(tree: ElementTree.Element) -> dict[str, _Mimic]:
     return ties
 
 
-def _parse_numbers(text: str, what: str, count: int | None = None) -> list[float]:
+def _parse_numbers(text: str, subject: str, count: int | None = None) -> list[float]:
     with suppress(ValueError):
         numbers = [float(word) for word in text.split()]
         if count in (None, len(numbers)):
             return numbers
-    raise BodyError(f"{what} {quote_value(text)}: give {'' if count is None else f'{count} '}numbers")
+    raise BodyError(f"{subject} {quote_value(text)}: give {'' if count is None else f'{count} '}numbers")
 
 
-def _refuse_others(model: Any) -> None:
+def _refuse_unusable_joints(model: Any) -> None:
     """Refuse a model without joints, or with joints of other types or ambiguous names."""
     if model.njoints < 2:
         raise BodyError("has no joint that moves")
@@ -267,7 +267,7 @@ def _refuse_others(model: Any) -> None:
         kind = _find_joint_kind(model, name)
         if "," in name or name.startswith("-"):
             raise BodyError(f"joint '{name}': rename it, as a comma or a first minus names a coupling of joints")
-        if kind not in (TURNS, SLIDES):
+        if kind not in (REVOLUTE, PRISMATIC):
             raise BodyError(
                 f"joint '{name}' is {kind}: only revolute and prismatic joints, one a link, can be identified: have it "
                 f"held by naming those that move, {format_setting('joints', Blank('A,B,C'))}"

@@ -19,7 +19,7 @@ from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujo
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import UNBOUNDED
 
-TIED = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of the constraint between follower and leader
+TIE_IMPEDANCE = (0.999, 0.9999, 1e-4, 0.5, 2.0)  # impedance of the constraint between follower and leader
 
 
 def build_specification(body: Body, standard: Array, friction: Mapping[str, tuple[float, float]]) -> Any:
@@ -52,7 +52,7 @@ def build_specification(body: Body, standard: Array, friction: Mapping[str, tupl
         viscous, dry = friction.get(joint, (0.0, 0.0))
         body_spec.add_joint(
             name=joint,
-            type=mujoco.mjtJoint.mjJNT_SLIDE if joint in body.sliding else mujoco.mjtJoint.mjJNT_HINGE,
+            type=mujoco.mjtJoint.mjJNT_SLIDE if joint in body.prismatic_joints else mujoco.mjtJoint.mjJNT_HINGE,
             axis=np.ravel(model.joints[k + 1].createData().S).reshape(2, 3).sum(axis=0),  # one part is zero
             damping=[viscous, 0.0, 0.0],
             frictionloss=dry,
@@ -65,7 +65,7 @@ def build_specification(body: Body, standard: Array, friction: Mapping[str, tupl
             (leader,) = np.flatnonzero(body.ratios[k])
             tie = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=follower, name2=body.joints[leader])
             tie.data[:5] = body.offsets[k], body.ratios[k, leader], 0.0, 0.0, 0.0
-            tie.solimp = TIED
+            tie.solimp = TIE_IMPEDANCE
     return spec
 
 
@@ -88,7 +88,7 @@ class SpatialBodies:
         self._world.eq_solref[:] = STEPS * self._h, 1.0
         self._joints = [int(self._world.joint(at).dofadr[0]) for at in body.joints]  # also of positions
         self._links = [int(self._world.joint(at).dofadr[0]) for at in body.links]
-        self._acting = JointBalances(
+        self._balances = JointBalances(
             [replace(model, terms=tuple(term for term in model.terms if term.id != "viscous")) for model in models],
             self._h,
         )
@@ -98,7 +98,7 @@ class SpatialBodies:
         body, self._data = self._body, import_mujoco().MjData(self._world)
         self._data.qpos[self._links] = body.ratios @ position + body.offsets
         self._data.qvel[self._links] = body.ratios @ velocity
-        self._acting.start(self.position, self.velocity)
+        self._balances.start(self.position, self.velocity)
 
     @property
     def position(self) -> Array:
@@ -114,9 +114,9 @@ class SpatialBodies:
         """Hold torques (n,) [N m], or forces [N], for one period."""
         world, data, mujoco = self._world, self._data, import_mujoco()
         for _ in range(self._steps):
-            position, velocity, now = self.position, self.velocity, self._acting.delay_torque(torque)
-            net, dry = self._acting.torques(position, velocity, now)
+            position, velocity, delayed = self.position, self.velocity, self._balances.delay_torque(torque)
+            net, dry = self._balances.torques(position, velocity, delayed)
             data.qfrc_applied[self._joints], world.dof_frictionloss[self._joints] = net, dry
             mujoco.mj_step(world, data)
             np.clip(data.qvel, -UNBOUNDED, UNBOUNDED, out=data.qvel)
-            self._acting.advance(position, velocity, now, 0.5 * (velocity + self.velocity))
+            self._balances.advance(position, velocity, delayed, 0.5 * (velocity + self.velocity))

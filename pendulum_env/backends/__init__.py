@@ -12,8 +12,8 @@ from pendulum_env.backends.simulated import record
 from pendulum_env.backends.simulator import Simulator
 
 BACKENDS: dict[str, Maker] = {
-    "pymunk": partial(Simulator, make=make_body),
-    "mujoco": partial(Simulator, make=ConstrainedBody),
+    "pymunk": partial(Simulator, make_engine=make_body),
+    "mujoco": partial(Simulator, make_engine=ConstrainedBody),
     "replay": Replay,
     "dm1015b": make_rig,
 }

@@ -27,8 +27,8 @@ STEPS = 2.0  # time constant of the friction constraint, in steps; MuJoCo's lowe
 class ConstrainedBody:
     """Engine of a pendulum in MuJoCo."""
 
-    def __init__(self, balance: TorqueBalance, longest: float) -> None:
-        """Set the torque balance; `longest` is ignored.
+    def __init__(self, balance: TorqueBalance, longest_step: float) -> None:
+        """Set the torque balance; `longest_step` is ignored.
 
         Raises:
             ModuleNotFoundError: if the extra `export` is not installed.
@@ -60,13 +60,13 @@ class ConstrainedBody:
         world.dof_M0[0] = balance.mass(x)  # inertia of a body with one joint
         data.qfrc_applied[0] = balance.net(x)
         import_mujoco().mj_step(world, data)
-        reached = min(max(data.qvel[0], -UNBOUNDED), UNBOUNDED)
-        data.qvel[0] = reached
-        moved: Any = np.float64(data.qpos[0])
-        velocity: Any = np.float64(reached)
+        speed = min(max(data.qvel[0], -UNBOUNDED), UNBOUNDED)
+        data.qvel[0] = speed
+        position: Any = np.float64(data.qpos[0])
+        velocity: Any = np.float64(speed)
         memory = balance.advance(x, 0.5 * (x.velocity + velocity), h)
-        self._x = Samples(x.time + h, moved, velocity, x.torque, memory)
-        return float(moved), float(velocity)
+        self._x = Samples(x.time + h, position, velocity, x.torque, memory)
+        return float(position), float(velocity)
 
 
 def import_mujoco() -> Any:

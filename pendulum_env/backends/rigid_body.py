@@ -25,10 +25,10 @@ from pendulum_env.physics.symbols import make_symbol
 from pendulum_env.physics.term import round_up
 
 
-def make_body(balance: TorqueBalance, longest: float) -> Engine:
-    """Make a pymunk engine for steps up to `longest` [s], or a NumPy engine if a law is not symbolic."""
+def make_body(balance: TorqueBalance, longest_step: float) -> Engine:
+    """Make a pymunk engine for steps up to `longest_step` [s], or a NumPy engine if a law is not symbolic."""
     try:
-        return RigidBody(balance, longest)
+        return RigidBody(balance, longest_step)
     except Exception:  # a user's law may raise any error with symbols
         return SteppedBody(balance)
 
@@ -38,24 +38,24 @@ class RigidBody:
 
     at_rest = 1e-12  # [rad/s], rounding error of the velocity of a stopped body
 
-    def __init__(self, balance: TorqueBalance, longest: float) -> None:
+    def __init__(self, balance: TorqueBalance, longest_step: float) -> None:
         """Set the torque balance and the longest step [s]; raise an exception if a law is not symbolic."""
-        arguments = balance.terms, round_up(longest)
+        arguments = balance.terms, round_up(longest_step)
         self._first, self._second = (Machine(_write_half, (*arguments, is_first), 1) for is_first in (True, False))
-        self._free = [(place, parameter.name) for place, term in enumerate(balance.terms) for parameter in term.free]
+        self._nonlinear = [(k, parameter.name) for k, term in enumerate(balance.terms) for parameter in term.free]
         self.set_balance(balance)
 
     def set_balance(self, balance: TorqueBalance) -> None:
         self._balance = balance
-        nonlinear = [getattr(balance.terms[place], name) for place, name in self._free]
+        nonlinear = [getattr(balance.terms[place], name) for place, name in self._nonlinear]
         for half in (self._first, self._second):
-            half.given["constants"][:, 0] = *balance.theta, *nonlinear
+            half.inputs["constants"][:, 0] = *balance.theta, *nonlinear
 
     def place(self, x: Samples) -> None:
         # a new body, so that equal runs are bitwise equal
         self._time, self._position, self._velocity = float(x.time), float(x.position), float(x.velocity)
         self._inertia, self._dry = float(self._balance.mass(x)), 0.0
-        self._first.given["memory"][:, 0] = _flatten_samples(x)
+        self._first.inputs["memory"][:, 0] = _flatten_samples(x)
         # its centre of mass is at the pivot; gravity is a term of the model
         self._space = pymunk.Space()
         self._space.iterations = 1  # exact for one motor and an unloaded pivot
@@ -69,27 +69,28 @@ class RigidBody:
     def step(self, torque: float, h: float) -> tuple[float, float]:
         q, v, body = self._position, self._velocity, self._body
         first, second = self._first, self._second
-        first.given["state"][:, 0] = self._time, q, v, torque, h
+        first.inputs["state"][:, 0] = self._time, q, v, torque, h
         first.step()
-        body.torque, dry, inertia, moving, middle_v = first.now["step_torque"][:, 0].tolist()
+        body.torque, dry, inertia, motion_time, middle_velocity = first.states["step_torque"][:, 0].tolist()
         if inertia != self._inertia:
             body.moment = self._inertia = inertia
         if dry != self._dry:
             self._motor.max_force = self._dry = dry
         self._space.step(h)
-        reached = float(body.angular_velocity)
-        if not self.at_rest < abs(reached) < UNBOUNDED:
-            reached = 0.0 if abs(reached) <= self.at_rest else math.copysign(UNBOUNDED, reached)
-            body.angular_velocity = reached
-        body.angle = self._position = q + 0.5 * (v * moving + reached * (h if moving == h else h - moving))
+        velocity = float(body.angular_velocity)
+        if not self.at_rest < abs(velocity) < UNBOUNDED:
+            velocity = 0.0 if abs(velocity) <= self.at_rest else math.copysign(UNBOUNDED, velocity)
+            body.angular_velocity = velocity
+        rest_of_step = h if motion_time == h else h - motion_time
+        body.angle = self._position = q + 0.5 * (v * motion_time + velocity * rest_of_step)
         if self._balance.has_states:
-            mean = 0.5 * (middle_v + reached)
-            second.given["state"][:, 0] = self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h
-            second.given["memory"][:] = first.now["memory"]
+            mean = 0.5 * (middle_velocity + velocity)
+            second.inputs["state"][:, 0] = self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h
+            second.inputs["memory"][:] = first.states["memory"]
             second.step()
-            first.given["memory"][:] = second.now["memory"]
-        self._time, self._velocity = self._time + h, reached
-        return self._position, reached
+            first.inputs["memory"][:] = second.states["memory"]
+        self._time, self._velocity = self._time + h, velocity
+        return self._position, velocity
 
 
 class StepTorque(NamedTuple):
@@ -98,8 +99,8 @@ class StepTorque(NamedTuple):
     torque: float  # mean torque without dry friction [N m]
     dry: float  # largest dry friction [N m]
     inertia: float  # [kg m^2]
-    moving: float  # time until the body reverses, or the step [s]
-    middle: float  # velocity at the middle of the step [rad/s]
+    motion_time: float  # time until the body reverses, or the step [s]
+    middle_velocity: float  # velocity at the middle of the step [rad/s]
 
 
 def _compute_step_torque(balance: TorqueBalance, x: Samples, h: Any) -> tuple[StepTorque, Samples]:
@@ -111,32 +112,32 @@ def _compute_step_torque(balance: TorqueBalance, x: Samples, h: Any) -> tuple[St
     direction, middle = move_half_way(balance, x, h)
     net, dry, inertia = balance.net(middle), np.maximum(balance.dry(middle), 0.0), balance.mass(middle)
     acceleration = (net - dry * direction) / inertia
-    reverses = (v + h * acceleration) * direction < 0
-    moving = np.where(reverses, -v / np.where(reverses, acceleration, 1.0), h)
-    turned = net - 2.0 * dry * direction * moving / h
-    net = np.where(reverses & (np.abs(net) > dry), turned, net)
-    return StepTorque(net, dry, inertia, moving, middle.velocity), middle  # type: ignore[arg-type]
+    is_reversed = (v + h * acceleration) * direction < 0
+    motion_time = np.where(is_reversed, -v / np.where(is_reversed, acceleration, 1.0), h)
+    corrected = net - 2.0 * dry * direction * motion_time / h
+    net = np.where(is_reversed & (np.abs(net) > dry), corrected, net)
+    return StepTorque(net, dry, inertia, motion_time, middle.velocity), middle  # type: ignore[arg-type]
 
 
-def _write_half(terms: tuple[Term, ...], longest: float, is_first: bool) -> SymbolicStep:
+def _write_half(terms: tuple[Term, ...], longest_step: float, is_first: bool) -> SymbolicStep:
     """Write the first half of a step, with its torque, or the second half, in symbols."""
     balance, x, nonlinear = write_balance(terms)
-    h: Any = make_symbol("h", most=longest)
-    given = {
-        "state": _make_array([x.time, x.position, x.velocity, x.torque, h]),
-        "constants": _make_array([*balance.theta, *nonlinear]),
+    h: Any = make_symbol("h", largest=longest_step)
+    inputs = {
+        "state": _stack_values([x.time, x.position, x.velocity, x.torque, h]),
+        "constants": _stack_values([*balance.theta, *nonlinear]),
         "memory": _flatten_samples(x),
     }
     if is_first:
         step_torque, middle = _compute_step_torque(balance, x, h)
-        return SymbolicStep(given, {}, {"step_torque": _make_array(step_torque), "memory": _flatten_samples(middle)})
+        return SymbolicStep(inputs, {}, {"step_torque": _stack_values(step_torque), "memory": _flatten_samples(middle)})
     memory = balance.advance(x, x.velocity, 0.5 * h)
-    return SymbolicStep(given, {}, {"memory": _flatten_samples(replace(x, memory=memory))})
+    return SymbolicStep(inputs, {}, {"memory": _flatten_samples(replace(x, memory=memory))})
 
 
 def _flatten_samples(x: Samples) -> Any:
-    return _make_array([value for memory in x.memory.values() for value in memory])
+    return _stack_values([value for memory in x.memory.values() for value in memory])
 
 
-def _make_array(values: Any) -> Any:
+def _stack_values(values: Any) -> Any:
     return np.array([*values], dtype=object)

@@ -36,10 +36,10 @@ class Sensor:
         rounded: Array = np.rint(position / count)
         return count * rounded
 
-    def measure(self, position: Array, velocity: Array, before: Array, rate: float) -> tuple[Array, Array]:
-        """Return measured position [rad] and velocity [rad/s]; `before` is the previous measured position [rad]."""
-        seen = self.position(position)
-        return seen, velocity if self.ideal_velocity else (seen - before) * rate
+    def measure(self, position: Array, velocity: Array, previous: Array, rate: float) -> tuple[Array, Array]:
+        """Return measured position [rad] and velocity [rad/s]; `previous` is the previous measured position [rad]."""
+        measured = self.position(position)
+        return measured, velocity if self.ideal_velocity else (measured - previous) * rate
 
     def torque(self, torque: ArrayLike, rng: np.random.Generator) -> ArrayLike:
         """Return the measured torque [N m]."""

@@ -39,9 +39,9 @@ def record(
     Raises:
         ValueError: if a number is out of its range.
     """
-    for what, value in (("seconds", seconds), ("rate", rate)):
+    for argument, value in (("seconds", seconds), ("rate", rate)):
         if not 0 < value < np.inf:
-            raise ValueError(f"a recording needs {what} above zero, got {value:g}")
+            raise ValueError(f"a recording needs {argument} above zero, got {value:g}")
     sensor = Sensor(counts, torque_noise if release is None else 0.0)
     samples = round(seconds * rate)
     if samples < 2:

@@ -47,12 +47,12 @@ class SteppedBody:
 class Simulator(Backend):
     """Backend around a physics engine."""
 
-    def __init__(self, setup: Setup, make: Callable[[TorqueBalance, float], Engine]) -> None:
-        """Set plant, sampling and sensor; `make` builds the engine from a torque balance and the longest step [s]."""
+    def __init__(self, setup: Setup, make_engine: Callable[[TorqueBalance, float], Engine]) -> None:
+        """Set plant, sampling and sensor; `make_engine` takes a torque balance and the longest step [s]."""
         self.sensor, self.period, self.substeps = setup.sensor, 1.0 / setup.rate, setup.substeps
         self.traits = Traits(setup.rate, setup.sensor.counts, simulated=True)
         self._balance = TorqueBalance(setup.model.terms, setup.model.theta)
-        self._engine = make(self._balance, self.period / self.substeps)
+        self._engine = make_engine(self._balance, self.period / self.substeps)
         self._command = CommandDelay(setup.model.terms, self.period, self.substeps)
 
     def set_parameters(self, terms: Sequence[Term], theta: Array) -> None:
@@ -65,19 +65,19 @@ class Simulator(Backend):
         self._rng = start.rng
         self._command = CommandDelay(self._balance.terms, self.period, self.substeps)
         self._engine.place(make_start_samples(self._balance, start.position, start.velocity))
-        self._at = start.position, start.velocity
+        self._state = start.position, start.velocity
         self._count = 0  # periods since the start
         return self._sample(0.0)._replace(torque=0.0)
 
     def exchange(self, torque: float) -> Sample:
         duration = self.period / self.substeps
-        for command in self._command.push(torque):
-            self._at = self._engine.step(float(command), duration)
+        for command in self._command.delay_command(torque):
+            self._state = self._engine.step(float(command), duration)
         self._count += 1
         return self._sample(torque)
 
     def _sample(self, torque: float) -> Sample:
-        position, velocity = self._at
+        position, velocity = self._state
         return Sample(
             self._count * self.period,
             float(self.sensor.position(position)),

@@ -6,7 +6,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.filters import filter_lag
-from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term, one
+from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term, return_one
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class TorqueOffset(Term):
     kind = "actuation"
     by_angle = ("one",)
 
-    columns = (Column("torque_offset", "N m", force=one),)
+    columns = (Column("torque_offset", "N m", force=return_one),)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pendulum_env.physics.term import Column, Term, one
+from pendulum_env.physics.term import Column, Term, return_one
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class Inertia(Term):
     law = "I q''"
     kind = "inertial"
 
-    columns = (Column("inertia", "kg m^2", mass=one),)
+    columns = (Column("inertia", "kg m^2", mass=return_one),)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Coulomb(Term):
     law = "fc sgn q'"
     kind = "dissipative"
 
-    columns = (Column("coulomb", "N m", dry=one),)
+    columns = (Column("coulomb", "N m", dry=return_one),)
 
 
 BASE: tuple[Term, ...] = (Inertia(), Gravity(), Viscous(), Coulomb())

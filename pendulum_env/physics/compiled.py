@@ -18,19 +18,9 @@ import numpy as np
 from llvmlite import ir
 
 from pendulum_env._typing import Array, Mask
-from pendulum_env.physics.symbols import (
-    COMPARISONS,
-    LOGICAL,
-    NAME,
-    WHERE,
-    Operand,
-    Symbol,
-    box,
-    make_symbols,
-    merge_equal,
-)
+from pendulum_env.physics import symbols
 
-MANY, SMALL = 64, 50  # least number of lanes for a vector program; most results for LLVM's optimisation
+MANY_LANES, FEW_RESULTS = 64, 50  # least number of lanes for a vector program; most results for LLVM's optimisation
 WIDTH = 16  # lanes of a vector, two independent instructions of the processor
 DOUBLE, WHOLE, POINTER = ir.DoubleType(), ir.IntType(64), ir.PointerType()
 CALLS = {  # LLVM functions by operation; some call the C library
@@ -74,13 +64,13 @@ class Recurrence:
         program: function of `_write_program`.
         engine: LLVM engine that owns the program.
         width: lanes of a vector.
-        derived: number of values that the program computes once, from the constants.
+        n_derived: number of values that the program computes once, from the constants.
     """
 
     program: Callable[..., None]
     engine: Any
     width: int
-    derived: int
+    n_derived: int
 
     def __call__(
         self,
@@ -88,8 +78,8 @@ class Recurrence:
         constants: Array,
         states: Array,
         every: int = 1,
-        held: int = 1,
-        kept: Sequence[int] | None = None,
+        steps_per_input: int = 1,
+        returned: Sequence[int] | None = None,
     ) -> Array:
         """Return states at the start and after every `every` steps (N held / every + 1, kept, V, B).
 
@@ -98,22 +88,22 @@ class Recurrence:
             constants: constants (constants, V, B).
             states: initial states (S, V, B).
             every: steps between returned states.
-            held: steps per input.
-            kept: indices of the returned states; by default all.
+            steps_per_input: steps per input.
+            returned: indices of the returned states; by default all.
         """
         shape, cycle, lanes = states.shape, states.shape[2], states.shape[1] * states.shape[2]
-        rows = np.arange(len(states)) if kept is None else np.array(kept)
-        given = inputs if inputs.shape[2] > cycle else self.wrap_inputs(inputs)
+        rows = np.arange(len(states)) if returned is None else np.array(returned)
+        wrapped = inputs if inputs.shape[2] > cycle else self.wrap_inputs(inputs)
         padded = -(-lanes // self.width) * self.width
-        parameters, now = np.empty((len(constants) + self.derived, padded)), np.empty((len(states), padded))
-        for values, place in ((constants, parameters), (states, now)):
+        parameters, current = np.empty((len(constants) + self.n_derived, padded)), np.empty((len(states), padded))
+        for values, place in ((constants, parameters), (states, current)):
             place[: len(values), :lanes] = values.reshape(len(values), lanes)
             place[: len(values), lanes:] = place[: len(values), lanes - 1 : lanes]
-        steps = len(inputs) * held
+        steps = len(inputs) * steps_per_input
         path = np.empty((steps // every + 1, len(rows), padded))
-        path[0] = now[rows]
-        counts = steps, every, held, padded, cycle, given.shape[2], len(rows)
-        self.program(*counts, *(values.ctypes.data for values in (given, parameters, now, path, rows)))
+        path[0] = current[rows]
+        counts = steps, every, steps_per_input, padded, cycle, wrapped.shape[2], len(rows)
+        self.program(*counts, *(values.ctypes.data for values in (wrapped, parameters, current, path, rows)))
         return path[..., :lanes].reshape(len(path), len(rows), *shape[1:])
 
     def wrap_inputs(self, inputs: Array) -> Array:
@@ -138,18 +128,18 @@ class SymbolicStep:
         after: values of the states after the step and of further results, by label.
     """
 
-    given: Mapping[str, Any]
+    inputs: Mapping[str, Any]
     before: Mapping[str, Any]
     after: Mapping[str, Any]
 
     def compile(self, lanes: int) -> Recurrence:
         """Compile the program for a number of lanes; vectors and optimisation only for many lanes."""
         states = {
-            label: self.before.get(label, make_symbols(label, *np.shape(box(value))))
+            label: self.before.get(label, symbols.make_symbols(label, *np.shape(symbols.box(value))))
             for label, value in self.after.items()
         }
-        inputs, before, after = map(_flatten_parts, (self.given, states, self.after))
-        level, width = (int(len(after) <= SMALL), WIDTH) if lanes >= MANY else (0, 1)
+        inputs, before, after = map(_flatten_parts, (self.inputs, states, self.after))
+        level, width = (int(len(after) <= FEW_RESULTS), WIDTH) if lanes >= MANY_LANES else (0, 1)
         return compile_recurrence(inputs, [], before, after, level, width)
 
 
@@ -163,24 +153,26 @@ class Machine:
 
     def __init__(self, write: Callable[..., SymbolicStep], arguments: tuple[Any, ...], *lanes: int) -> None:
         """Compile the step of `write(*arguments)` for the shape of the lanes; pickling keeps only these arguments."""
-        self._made, self._lanes = (write, arguments, *lanes), lanes
+        self._arguments, self._lanes = (write, arguments, *lanes), lanes
         step = write(*arguments)
         self._program = step.compile(math.prod(lanes))  # keeps LLVM's engine alive
-        self._inputs, self.given = _allocate_rows(step.given, lanes, self._program.width)
-        self._states, self.now = _allocate_rows(step.after, lanes, self._program.width)
-        padded = self._states.strides[0] // self._states.itemsize
+        self._input_rows, self.inputs = _allocate_rows(step.inputs, lanes, self._program.width)
+        self._state_rows, self.states = _allocate_rows(step.after, lanes, self._program.width)
+        padded = self._state_rows.strides[0] // self._state_rows.itemsize
         counts = 1, 2, 1, padded, padded, padded, 0  # no states are returned
-        self.step = partial(self._program.program, *counts, self._inputs.ctypes.data, 0, self._states.ctypes.data, 0, 0)
+        self.step = partial(
+            self._program.program, *counts, self._input_rows.ctypes.data, 0, self._state_rows.ctypes.data, 0, 0
+        )
 
-    def reset(self, which: Mask) -> None:
+    def reset(self, is_reset: Mask) -> None:
         """Set the states of lanes to zero; the mask is broadcast to the shape of the lanes."""
-        self._states[:, np.broadcast_to(which, self._lanes).ravel()] = 0.0
+        self._state_rows[:, np.broadcast_to(is_reset, self._lanes).ravel()] = 0.0
 
     def __reduce__(self) -> Any:
-        return Machine, self._made, (self._inputs, self._states)
+        return Machine, self._arguments, (self._input_rows, self._state_rows)
 
     def __setstate__(self, values: tuple[Array, Array]) -> None:
-        self._inputs[:], self._states[:] = values
+        self._input_rows[:], self._state_rows[:] = values
 
 
 def _allocate_rows(parts: Mapping[str, Any], lanes: tuple[int, ...], width: int) -> tuple[Array, dict[str, Array]]:
@@ -192,22 +184,22 @@ def _allocate_rows(parts: Mapping[str, Any], lanes: tuple[int, ...], width: int)
     rows = np.zeros((len(_flatten_parts(parts)), -(-count // width) * width))[:, :count]
     places, first = {}, 0
     for label, part in parts.items():
-        shape = np.shape(box(part))
-        last = first + math.prod(shape)
-        places[label] = rows[first:last].reshape(*shape, *lanes)
-        first = last
+        shape = np.shape(symbols.box(part))
+        end = first + math.prod(shape)
+        places[label] = rows[first:end].reshape(*shape, *lanes)
+        first = end
     return rows, places
 
 
 def _flatten_parts(parts: Mapping[str, Any]) -> list[Any]:
-    return [value for part in parts.values() for value in np.asarray(box(part), dtype=object).ravel()]
+    return [value for part in parts.values() for value in np.asarray(symbols.box(part), dtype=object).ravel()]
 
 
 def compile_recurrence(
-    inputs: Sequence[Symbol],
-    constants: Sequence[Symbol],
-    states: Sequence[Symbol],
-    after: Sequence[Operand],
+    inputs: Sequence[symbols.Symbol],
+    constants: Sequence[symbols.Symbol],
+    states: Sequence[symbols.Symbol],
+    after: Sequence[symbols.Operand],
     level: int = 1,
     width: int = WIDTH,
 ) -> Recurrence:
@@ -215,26 +207,28 @@ def compile_recurrence(
 
     `level` is LLVM's level of optimisation, and `width` the lanes of a vector. Equal expressions are compiled once.
     """
-    results = [x if isinstance(x, Symbol) else float(x) for x in after]  # `np.where` of numbers returns an array
+    results = [
+        x if isinstance(x, symbols.Symbol) else float(x) for x in after
+    ]  # `np.where` of numbers returns an array
     names = tuple(tuple(symbol.label for symbol in each) for each in (inputs, constants, states))
     return _compile(names, *_write_lines(results), level, width)
 
 
-def _write_lines(results: Sequence[Operand]) -> tuple[tuple[Line, ...], tuple[Place, ...]]:
+def _write_lines(results: Sequence[symbols.Operand]) -> tuple[tuple[Line, ...], tuple[Place, ...]]:
     """Return expressions as lines, each an operation on earlier lines, and the places of the results."""
-    order, same = merge_equal(results)
+    order, representatives = symbols.merge_equal(results)
     place = {symbol: k for k, symbol in enumerate(order)}
 
-    def find_place(operand: Operand) -> Place:
-        return (place[same[operand]], 0.0) if isinstance(operand, Symbol) else (None, operand)
+    def find_place(operand: symbols.Operand) -> Place:
+        return (place[representatives[operand]], 0.0) if isinstance(operand, symbols.Symbol) else (None, operand)
 
-    lines = ((s.op, s.label if s.op == NAME else "", *map(find_place, s.inputs)) for s in order)
+    lines = ((s.op, s.label if s.op == symbols.NAME else "", *map(find_place, s.inputs)) for s in order)
     return tuple(lines), tuple(map(find_place, results))
 
 
 @lru_cache(maxsize=256)
 def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], level: int, width: int) -> Recurrence:
-    _prepare()
+    _initialise_llvm()
     machine = llvm.Target.from_default_triple().create_target_machine(
         llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), opt=level
     )
@@ -248,7 +242,7 @@ def _compile(names: Names, lines: tuple[Line, ...], results: tuple[Place, ...], 
 
 
 @cache
-def _prepare() -> None:
+def _initialise_llvm() -> None:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     library = ctypes.CDLL(ctypes.util.find_library("m") or ctypes.util.find_library("msvcrt"))
@@ -258,13 +252,13 @@ def _prepare() -> None:
 
 def _list_steady_lines(constants: Sequence[str], lines: Sequence[Line], results: Sequence[Place]) -> list[int]:
     """Return the lines that depend only on constants and that other lines or the results use."""
-    steady, needed = set[int](), {line for line, _ in results}
+    steady, used_lines = set[int](), {line for line, _ in results}
     for k, (op, label, *operands) in enumerate(lines):
-        if label in constants if op == NAME else all(line is None or line in steady for line, _ in operands):
+        if label in constants if op == symbols.NAME else all(line is None or line in steady for line, _ in operands):
             steady.add(k)
         else:
-            needed |= {line for line, _ in operands}
-    return [k for k in sorted(steady & needed) if lines[k][0] != NAME]
+            used_lines |= {line for line, _ in operands}
+    return [k for k in sorted(steady & used_lines) if lines[k][0] != symbols.NAME]
 
 
 def _write_program(
@@ -278,7 +272,7 @@ def _write_program(
     """
     module, kind = ir.Module(), DOUBLE if width == 1 else ir.VectorType(DOUBLE, width)
     program = ir.Function(module, ir.FunctionType(ir.VoidType(), 7 * [WHOLE] + 5 * [POINTER]), "run")
-    steps, every, held, lanes, cycle, row, count, given, parameters, now, path, kept = program.args
+    steps, every, repeats, lanes, cycle, row, count, wrapped, parameters, current, path, returned = program.args
     builder = ir.IRBuilder(program.append_basic_block())
     write = _Instructions(module, builder, kind)
     (inputs, constants, states), size = names, builder.mul(lanes, WHOLE(8))
@@ -287,31 +281,31 @@ def _write_program(
     def place(array: Any, first: Any, number: Any, stride: Any) -> Any:
         return builder.gep(array, [builder.add(first, builder.mul(number, stride))], source_etype=DOUBLE)
 
-    def load(array: Any, first: Any, some: Sequence[Any], stride: Any) -> dict[Any, Any]:
-        places = (place(array, first, WHOLE(k), stride) for k in range(len(some)))
-        return {key: builder.load(at, align=8, typ=kind) for key, at in zip(some, places, strict=True)}
+    def load(array: Any, first: Any, labels: Sequence[Any], stride: Any) -> dict[Any, Any]:
+        places = (place(array, first, WHOLE(k), stride) for k in range(len(labels)))
+        return {key: builder.load(address, align=8, typ=kind) for key, address in zip(labels, places, strict=True)}
 
     if steady:
         with _build_loop(builder, lanes, width) as lane:
-            values = write.emit(lines, load(parameters, lane, constants, lanes), steady)
+            values = write.write_lines(lines, load(parameters, lane, constants, lanes), steady)
             for k, line in enumerate(steady, len(constants)):
                 builder.store(write.number(values[line]), place(parameters, lane, WHOLE(k), lanes), align=8)
     with _build_loop(builder, steps) as step:
-        first = builder.mul(builder.mul(builder.sdiv(step, held), WHOLE(len(inputs))), row)
+        first = builder.mul(builder.mul(builder.sdiv(step, repeats), WHOLE(len(inputs))), row)
         with _build_loop(builder, lanes, width) as lane:
-            known = load(given, builder.add(first, builder.srem(lane, cycle)), inputs, row)
-            known |= load(parameters, lane, shared, lanes) | load(now, lane, states, lanes)
-            values = write.emit(lines, known, [line for line, _ in results if line is not None])
+            variables = load(wrapped, builder.add(first, builder.srem(lane, cycle)), inputs, row)
+            variables |= load(parameters, lane, shared, lanes) | load(current, lane, states, lanes)
+            values = write.write_lines(lines, variables, [line for line, _ in results if line is not None])
             for k, (result, number) in enumerate(results):
                 value = kind(number) if result is None else write.number(values[result])
-                builder.store(value, place(now, lane, WHOLE(k), lanes), align=8)
-        done = builder.add(step, WHOLE(1))
-        with builder.if_then(builder.icmp_signed("==", builder.srem(done, every), WHOLE(0))):
-            begin = builder.mul(builder.mul(builder.sdiv(done, every), count), lanes)
+                builder.store(value, place(current, lane, WHOLE(k), lanes), align=8)
+        next_step = builder.add(step, WHOLE(1))
+        with builder.if_then(builder.icmp_signed("==", builder.srem(next_step, every), WHOLE(0))):
+            begin = builder.mul(builder.mul(builder.sdiv(next_step, every), count), lanes)
             copy = module.declare_intrinsic("llvm.memcpy", [POINTER, POINTER, WHOLE])
             with _build_loop(builder, count) as k:
-                number = builder.load(builder.gep(kept, [k], source_etype=WHOLE), align=8, typ=WHOLE)
-                ends = place(path, begin, k, lanes), place(now, WHOLE(0), number, lanes)
+                number = builder.load(builder.gep(returned, [k], source_etype=WHOLE), align=8, typ=WHOLE)
+                ends = place(path, begin, k, lanes), place(current, WHOLE(0), number, lanes)
                 builder.call(copy, [*ends, size, ir.IntType(1)(0)])
     builder.ret_void()
     return module
@@ -341,31 +335,32 @@ class _Instructions:
     builder: ir.IRBuilder
     kind: Any
 
-    def emit(self, lines: Sequence[Line], known: Mapping[str | int, Any], wanted: Sequence[int]) -> dict[int, Any]:
-        """Write the wanted lines and their inputs; `known` holds values by name or by number of a line."""
+    def write_lines(self, lines: Sequence[Line], given: Mapping[Any, Any], results: Sequence[int]) -> dict[int, Any]:
+        """Write the lines of results and their inputs; `given` has known values by name or by number of a line."""
         values: dict[int, Any] = {}
-        needed = set(wanted)
+        required = set(results)
         for k in range(len(lines) - 1, -1, -1):
-            if k in needed and k not in known:
-                needed |= {line for line, _ in lines[k][2:] if line is not None}
-        for k in sorted(needed):
+            if k in required and k not in given:
+                required |= {line for line, _ in lines[k][2:] if line is not None}
+        for k in sorted(required):
             op, label, *operands = lines[k]
-            if op == NAME:
-                values[k] = known[label]
-            elif k in known:
-                values[k] = known[k]
+            if op == symbols.NAME:
+                values[k] = given[label]
+            elif k in given:
+                values[k] = given[k]
             else:
-                values[k] = self._value(op, [self.kind(x) if line is None else values[line] for line, x in operands])
+                inputs = [self.kind(x) if line is None else values[line] for line, x in operands]
+                values[k] = self._write_line(op, inputs)
         return values
 
-    def _value(self, op: str, inputs: list[Any]) -> Any:
+    def _write_line(self, op: str, inputs: list[Any]) -> Any:
         write = self.builder
-        if op in LOGICAL:
+        if op in symbols.LOGICAL:
             return {"logical_and": write.and_, "logical_or": write.or_}[op](*map(self._truth, inputs))
-        if op == WHERE:
+        if op == symbols.WHERE:
             return write.select(self._truth(inputs[0]), self.number(inputs[1]), self.number(inputs[2]))
         numbers = [self.number(x) for x in inputs]
-        if op in COMPARISONS:
+        if op in symbols.COMPARISONS:
             compare = write.fcmp_unordered if op == "not_equal" else write.fcmp_ordered
             return compare(SIGNS[op], *numbers)
         if op in ARITHMETIC:
@@ -373,30 +368,31 @@ class _Instructions:
         if op == "negative":
             return write.fneg(*numbers)
         if op in ("sin", "cos"):
-            return self._sine(numbers[0], 0.0 if op == "sin" else 0.5)
+            return self._write_sine(numbers[0], 0.0 if op == "sin" else 0.5)
         if op == "sign":
             zero, one, minus = map(self.kind, (0.0, 1.0, -1.0))
             up, down = (write.fcmp_ordered(sign, numbers[0], zero) for sign in "><")
             return write.select(up, one, write.select(down, minus, zero))
-        return self._call(CALLS[op], *numbers)
+        return self._write_call(CALLS[op], *numbers)
 
-    def _sine(self, x: Any, shift: float) -> Any:
+    def _write_sine(self, x: Any, shift: float) -> Any:
         """Return sin(x + shift pi) by its series about the nearest multiple of pi."""
-        write, number = self.builder, self.kind
-        turns, rest = self._call("rint", self._call("fmuladd", x, number(1 / math.pi), number(shift))), x
+        write, value_type = self.builder, self.kind
+        turns = self._write_call("rint", self._write_call("fmuladd", x, value_type(1 / math.pi), value_type(shift)))
+        remainder = x
         for part in PI:
-            rest = self._call("fmuladd", write.fsub(turns, number(shift)), number(-part), rest)
-        square, series = write.fmul(rest, rest), number(ODD[-1])
+            remainder = self._write_call("fmuladd", write.fsub(turns, value_type(shift)), value_type(-part), remainder)
+        square, series = write.fmul(remainder, remainder), value_type(ODD[-1])
         for factor in reversed(ODD[:-1]):
-            series = self._call("fmuladd", series, square, number(factor))
-        half = write.fmul(turns, number(0.5))
-        is_odd = write.fcmp_ordered("!=", half, self._call("rint", half))
-        value = write.fmul(rest, series)
+            series = self._write_call("fmuladd", series, square, value_type(factor))
+        half = write.fmul(turns, value_type(0.5))
+        is_odd = write.fcmp_ordered("!=", half, self._write_call("rint", half))
+        value = write.fmul(remainder, series)
         for sign, limit in (("<", -1.0), (">", 1.0)):  # above 1e8, arguments lose the digits of a turn
-            value = write.select(write.fcmp_ordered(sign, value, number(limit)), number(limit), value)
+            value = write.select(write.fcmp_ordered(sign, value, value_type(limit)), value_type(limit), value)
         return write.select(is_odd, write.fneg(value), value)
 
-    def _call(self, name: str, *inputs: Any) -> Any:
+    def _write_call(self, name: str, *inputs: Any) -> Any:
         """Write the call of an LLVM function."""
         full = f"llvm.{name}.{'f64' if self.kind == DOUBLE else f'v{self.kind.count}f64'}"
         function = ir.FunctionType(self.kind, [x.type for x in inputs])

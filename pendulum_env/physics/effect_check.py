@@ -12,7 +12,7 @@ from pendulum_env._typing import Array
 from pendulum_env.errors import UserError, format_error
 from pendulum_env.lookup import find
 from pendulum_env.physics.base import BASE
-from pendulum_env.physics.term import ROOM, Column, Kind, NonlinearParameter, Samples, Term, zero
+from pendulum_env.physics.term import ROOM, Column, Kind, NonlinearParameter, Samples, Term, return_zero
 from pendulum_env.reading import quote_value
 
 T = TypeVar("T")
@@ -98,9 +98,9 @@ def _check_potential(label: str, column: Column, x: Samples) -> None:
         ahead, behind = (potential(replace(x, position=x.position + step)) for step in (STEP, -STEP))
         slope, force = np.subtract(ahead, behind) / (2 * STEP), np.subtract(column.force(x), column.loss(x))
         if np.max(np.abs(force - slope)) > CLOSE * max(np.max(np.abs(force)), np.max(np.abs(slope))):
-            missing = column.force is zero and column.loss is zero
-            wrong = "has a potential U but no force" if missing else "has a force that is not dU/dq + loss"
-            raise UserError(f"{label} {wrong}: give force = dU/dq of its potential, plus its loss if it has one")
+            lacks_force = column.force is return_zero and column.loss is return_zero
+            fault = "has a potential U but no force" if lacks_force else "has a force that is not dU/dq + loss"
+            raise UserError(f"{label} {fault}: give force = dU/dq of its potential, plus its loss if it has one")
 
 
 def _check_torque(term: Term) -> None:
@@ -112,7 +112,7 @@ def _check_torque(term: Term) -> None:
         x = replace(x, memory=term.name_memory(term.start(x)))
     torques = _call_user_function(f"columns of {name}", lambda: [_split_torque(column, x) for column in columns])
     if term.nonlinear_parameters:  # their defaults may give zero torque, as an infinite stop
-        has_torque = any(law is not zero for column in columns for law in (column.mass, column.force, column.dry))
+        has_torque = any(law is not return_zero for c in columns for law in (c.mass, c.force, c.dry))
     else:
         has_torque = any(map(np.any, torques))
     if not has_torque and type(term).delay is Term.delay and type(term).lead is Term.lead:
@@ -121,9 +121,9 @@ def _check_torque(term: Term) -> None:
         power = _call_user_function(f"columns of {name}", partial(column.power, x))
         if term.kind == "dissipative" and np.max(power) <= 0 > np.min(power):
             raise UserError(f"column '{column.name}' of {name} gains energy in every motion: change its sign")
-        for base in (base for known in BASE for base in known.columns if not term.has_memory):
-            other = _split_torque(base, x)
-            if np.any(parts) and np.allclose(parts, np.vdot(parts, other) / np.vdot(other, other) * other):
+        for base in (base for base_term in BASE for base in base_term.columns if not term.has_memory):
+            known = _split_torque(base, x)
+            if np.any(parts) and np.allclose(parts, np.vdot(parts, known) / np.vdot(known, known) * known):
                 raise UserError(f"column '{column.name}' of {name} has the law of '{base.name}': leave it out")
 
 

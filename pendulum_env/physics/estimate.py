@@ -29,10 +29,10 @@ class Estimate(Quantity):
     is_unknown: bool = field(default=False, compare=False)  # whether the data do not determine the value
 
     @classmethod
-    def from_bounds(cls, value: float, std: float, unit: str, least: float, most: float) -> Estimate:
+    def from_bounds(cls, value: float, std: float, unit: str, low: float, high: float) -> Estimate:
         """Make an estimate from a fit within bounds; with equal bounds, the value is known."""
-        at_bound = least < most and value in (least, most)
-        return cls(value, 0.0 if at_bound or least == most else std, unit, at_bound)
+        at_bound = low < high and value in (low, high)
+        return cls(value, 0.0 if at_bound or low == high else std, unit, at_bound)
 
     @property
     def is_significant(self) -> bool:
@@ -72,8 +72,8 @@ class Estimate(Quantity):
 
 def shorten_name(name: str) -> str:
     """Shorten the name of a parameter for display: `dead_time` for `dead_time.dead_time`."""
-    id, _, rest = name.partition(".")
-    part, at, joint = rest.partition("@")
+    id, _, suffix = name.partition(".")
+    part, at, joint = suffix.partition("@")
     return f"{id}{at}{joint}" if part == id else name
 
 
@@ -82,27 +82,28 @@ def derive_estimates(
 ) -> dict[str, Estimate]:
     """Compute the derived quantities of a model by name, with standard errors to first order."""
     names, values = list(estimates), np.array([estimate.value for estimate in estimates.values()])
-    found = {}
+    results = {}
     for term in terms:
-        place = [names.index(name) for name in term.parameter_names]
-        theta = values[place]
+        indices = [names.index(name) for name in term.parameter_names]
+        theta = values[indices]
         perturbations = np.diag(1e-6 * np.maximum(np.abs(theta), 1e-9))
-        moved = [_derive_quantities(term, theta + perturbation) for perturbation in perturbations]
+        perturbed = [_derive_quantities(term, theta + perturbation) for perturbation in perturbations]
         for name, (value, unit) in _derive_quantities(term, theta).items():
-            slope = np.array([other[name][0] - value for other in moved]) / perturbations.diagonal()
-            std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(place, place)] @ slope)))
-            is_biased = any(estimates[names[k]].is_biased for k in place)
-            found[term.get_full_name(name)] = Estimate(float(value), float(std), units.unit(unit), is_biased=is_biased)
+            slope = np.array([changed[name][0] - value for changed in perturbed]) / perturbations.diagonal()
+            std = np.sqrt(max(0.0, float(slope @ covariance[np.ix_(indices, indices)] @ slope)))
+            is_biased = any(estimates[names[k]].is_biased for k in indices)
+            full_name, unit = term.get_full_name(name), units.unit(unit)
+            results[full_name] = Estimate(float(value), float(std), unit, is_biased=is_biased)
         for part in term.percent_of:
-            name, of = term.get_full_name(part), f"{part}@{term.at}" if term.at else part
-            base, entry = estimates.get(of), estimates[name]
+            name, base_name = term.get_full_name(part), f"{part}@{term.at}" if term.at else part
+            base, entry = estimates.get(base_name), estimates[name]
             if base is not None and base.value != 0:
-                share, both = 100 * entry.value / base.value, [names.index(name), names.index(of)]
+                share, places = 100 * entry.value / base.value, [names.index(name), names.index(base_name)]
                 slope = np.array([100.0, -share]) / base.value
-                std = float(np.sqrt(slope @ covariance[np.ix_(both, both)] @ slope))
+                std = float(np.sqrt(slope @ covariance[np.ix_(places, places)] @ slope))
                 unit = f"%{entry.unit.removeprefix(base.unit)}"
-                found[term.get_full_name(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
-    return found
+                results[term.get_full_name(f"{part}_share")] = Estimate(share, std, unit, is_biased=entry.is_biased)
+    return results
 
 
 def _derive_quantities(term: Term, values: Array) -> dict[str, tuple[float, str]]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.actuation import is_powered
-from pendulum_env.physics.term import ROOM, Column, Memory, NonlinearParameter, Samples, Term, one
+from pendulum_env.physics.term import ROOM, Column, Memory, NonlinearParameter, Samples, Term, return_one
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class CoulombAsymmetry(Term):
     law = "d |sgn q'|"
     kind = "dissipative"
 
-    columns = (Column("coulomb_asymmetry", "N m", force=one),)
+    columns = (Column("coulomb_asymmetry", "N m", force=return_one),)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class LoadDependentFriction(Term):
     weight: float = 0.0
     back_emf: float = 0.0
 
-    most = 0.7  # bound of both coefficients; above it, a gear is not backdrivable
+    largest_coefficient = 0.7  # bound of both coefficients; above it, a gear is not backdrivable
     id = "load_dependent_friction"
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
@@ -110,14 +110,14 @@ class LoadDependentFriction(Term):
                 dry=lambda x: np.abs(x.torque - self.back_emf * x.velocity * is_powered(x)),
                 of_torque=True,
                 least=0.0,
-                most=self.most,
+                most=self.largest_coefficient,
             ),
             Column(
                 "load_dependent_friction.output",
                 "1",
                 dry=lambda x: np.abs((self.weight + x.load.gravity) * np.sin(x.position) - x.load.torque),
                 least=0.0,
-                most=self.most,
+                most=self.largest_coefficient,
             ),
         )
 

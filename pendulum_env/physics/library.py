@@ -57,11 +57,11 @@ def register(effect: type[Term]) -> type[Term]:
     if effect in _registered.values():
         return effect
     check_effect(effect)
-    earlier = {id for id, kind in _registered.items() if _get_full_name(kind) == _get_full_name(effect)}
-    taken = {term.id for term in BASE} | {built_in.id for built_in in BUILT_IN} | MEASURED.keys()
-    if effect.id in taken | (_registered.keys() - earlier):
+    replaced_ids = {id for id, kind in _registered.items() if _get_full_name(kind) == _get_full_name(effect)}
+    used_ids = {term.id for term in BASE} | {built_in.id for built_in in BUILT_IN} | MEASURED.keys()
+    if effect.id in used_ids | (_registered.keys() - replaced_ids):
         raise UserError(f"effect id '{effect.id}' is taken: choose another id for {effect.__name__}")
-    for id in earlier - {effect.id}:
+    for id in replaced_ids - {effect.id}:
         del _registered[id]
     _registered[effect.id] = effect
     return effect
@@ -74,7 +74,7 @@ def _get_full_name(kind: type[Term]) -> tuple[str, str]:
 @cache
 def load_installed() -> tuple[type[Term], ...]:
     """Load the effects of installed packages."""
-    found = []
+    kinds = []
     for point in entry_points(group=ENTRY_POINTS):
         try:
             kind = point.load()
@@ -86,10 +86,10 @@ def load_installed() -> tuple[type[Term], ...]:
             warnings.warn(f"the effects of '{point.value}' cannot be loaded: {format_error(error)}", stacklevel=2)
             continue
         if isinstance(kind, type) and issubclass(kind, Term):
-            found.append(kind)
+            kinds.append(kind)
         elif not isinstance(kind, ModuleType):  # a module registers its effects when it is imported
             warnings.warn(f"'{point.value}' is no effect: name a subclass of Term, or a module", stacklevel=2)
-    return tuple(found)
+    return tuple(kinds)
 
 
 def effects() -> dict[str, type[Term]]:

@@ -28,9 +28,9 @@ def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[f
     known = {name: float(value) for name, value in _refuse_other_values(fixed, "fixed", "{'gravity': 2.0}").items()}
     ends = _refuse_other_values(bounds, "bounds", "{'viscous': (0.0, None)}", is_pair=True)
     bounded = {name: (-np.inf if a is None else a, np.inf if b is None else b) for name, (a, b) in ends.items()}
-    twice = sorted(set(fixed) & set(bounds))
-    if twice:
-        raise UserError(f"{twice[0]} is fixed and bounded: do one or the other")
+    repeated = sorted(set(fixed) & set(bounds))
+    if repeated:
+        raise UserError(f"{repeated[0]} is fixed and bounded: do one or the other")
     for name, (low, high) in bounded.items():
         if not low <= high:
             raise UserError(f"{name} cannot lie from {low:g} to {high:g}: give the smaller bound first")
@@ -43,18 +43,18 @@ def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[f
     return limits
 
 
-def _refuse_other_values(given: Any, argument: str, example: str, is_pair: bool = False) -> Mapping[str, Any]:
+def _refuse_other_values(values: Any, argument: str, example: str, is_pair: bool = False) -> Mapping[str, Any]:
     """Refuse arguments that do not map names to numbers or, if `is_pair`, to pairs of numbers or None."""
 
-    def is_right(value: Any) -> bool:
+    def is_valid(value: Any) -> bool:
         if not is_pair:
             return isinstance(value, Real)
         ends = value if isinstance(value, list | tuple) else ()
         return len(ends) == 2 and all(isinstance(end, Real | None) for end in ends)
 
-    if not isinstance(given, Mapping) or not all(map(is_right, given.values())):
-        raise TypeError(f"{argument}={quote_value(given)}: give a dictionary, as in {example}")
-    return given
+    if not isinstance(values, Mapping) or not all(map(is_valid, values.values())):
+        raise TypeError(f"{argument}={quote_value(values)}: give a dictionary, as in {example}")
+    return values
 
 
 def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
@@ -69,19 +69,19 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
     ranges |= {name: (p.low, p.high) for name, p in nonlinear.items()}
     for name, (low, high) in limits.items():
         if name not in ranges:
-            near = difflib.get_close_matches(name, ranges, n=1)
-            hint = f"did you mean {near[0]}?" if near else "`effects` lists those of effects, by ID or ID.NAME"
+            similar = difflib.get_close_matches(name, ranges, n=1)
+            hint = f"did you mean {similar[0]}?" if similar else "`effects` lists those of effects, by ID or ID.NAME"
             raise UserError(f"unknown parameter '{name[:60]}': {hint}")
         if name in nonlinear and low == high:
-            around = f"{0.99 * low:.4g} and {1.01 * low:.4g}"
-            raise UserError(f"{name} is searched for and cannot be fixed: give it bounds, such as {around}")
-        least, most = ranges[name]
+            example = f"{0.99 * low:.4g} and {1.01 * low:.4g}"
+            raise UserError(f"{name} is searched for and cannot be fixed: give it bounds, such as {example}")
+        lowest, highest = ranges[name]
         if name in nonlinear and nonlinear[name].integer:
             low, high = _round_inwards(low, high)
             if low > high:
                 raise UserError(f"{name} is a whole number, and none lies within its bounds: give wider ones")
-        if low < high and max(low, least) > min(high, most):
-            raise UserError(f"{name} cannot lie from {low:g} to {high:g}: it lies from {least:g} to {most:g}")
+        if low < high and max(low, lowest) > min(high, highest):
+            raise UserError(f"{name} cannot lie from {low:g} to {high:g}: it lies from {lowest:g} to {highest:g}")
 
 
 def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
@@ -90,17 +90,18 @@ def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
     A parameter with equal limits is known: fits keep it, without standard error. New limits replace existing limits of
     the same parameters.
     """
-    kind, held = getattr(kind, "bare", (kind, ()))
+    kind, earlier = getattr(kind, "bare", (kind, ()))
     names = {column.name for column in kind().columns} | {f"{kind.id}.{p.name}" for p in kind.nonlinear_parameters}
-    merged = {name: (low, high) for name, low, high in held} | {name: limits[name] for name in limits if name in names}
-    chosen = tuple(sorted((name, low, high) for name, (low, high) in merged.items()))
-    return _make_limited_kind(kind, chosen) if chosen else kind  # type: ignore[arg-type]  # classes are hashable
+    merged = {name: (low, high) for name, low, high in earlier}
+    merged |= {name: ends for name, ends in limits.items() if name in names}
+    entries = tuple(sorted((name, low, high) for name, (low, high) in merged.items()))
+    return _make_limited_kind(kind, entries) if entries else kind  # type: ignore[arg-type]  # classes are hashable
 
 
 def collect_limits(terms: Iterable[Term]) -> dict[str, tuple[float, float]]:
     """Collect the limits of the terms' parameters by name; both limits of a known value are equal."""
-    held = (getattr(type(term), "bare", (type(term), ()))[1] for term in terms)
-    return {name: (low, high) for entries in held for name, low, high in entries}
+    entries_of_terms = (getattr(type(term), "bare", (type(term), ()))[1] for term in terms)
+    return {name: (low, high) for entries in entries_of_terms for name, low, high in entries}
 
 
 def write_limits(limits: Limits) -> dict[str, list[float | None]]:
@@ -116,9 +117,9 @@ def limit_term(term: Term, limits: Limits) -> Term:
 
 def release_term(term: Term) -> Term:
     """Free the known parameters of a term, and keep its bounds."""
-    kind, held = getattr(type(term), "bare", (type(term), ()))
-    bounded = {name: (low, high) for name, low, high in held if low < high}
-    return term if len(bounded) == len(held) else limit_kind(kind, bounded)(**term.nonlinear_values)
+    kind, limits = getattr(type(term), "bare", (type(term), ()))
+    bounded = {name: (low, high) for name, low, high in limits if low < high}
+    return term if len(bounded) == len(limits) else limit_kind(kind, bounded)(**term.nonlinear_values)
 
 
 def _round_inwards(low: float, high: float) -> tuple[float, float]:
@@ -143,12 +144,12 @@ def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float],
         return replace(p, low=max(low, p.low), high=min(high, p.high))
 
     def columns(self: Term) -> tuple[Column, ...]:
-        return tuple(limit_column(column) for column in cast(Any, super(made, self)).columns)
+        return tuple(limit_column(column) for column in cast(Any, super(limited, self)).columns)
 
     nonlinear = tuple(map(limit_nonlinear_parameter, kind.nonlinear_parameters))
     members = {"columns": property(columns), "nonlinear_parameters": nonlinear, "bare": (kind, limits)}
-    made = derive_kind(kind, _make_limited_kind, limits, **members)
-    return made
+    limited = derive_kind(kind, _make_limited_kind, limits, **members)
+    return limited
 
 
 def clip_term(term: Term) -> Term:

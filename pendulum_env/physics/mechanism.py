@@ -15,19 +15,19 @@ class Mechanism:
 
     Attributes:
         joints: names of the n independent joints, from the base on.
-        sliding: names of linear joints, including held ones.
+        prismatic_joints: names of linear joints, including held ones.
     """
 
     joints: tuple[str, ...]
-    sliding: frozenset[str]
+    prismatic_joints: frozenset[str]
 
     can_simulate: ClassVar[bool] = True  # whether models are compared by simulated motion
     can_limit: ClassVar[bool] = True  # whether parameters can be fixed or bounded
 
     @property
-    def slides(self) -> tuple[bool, ...]:
+    def is_prismatic(self) -> tuple[bool, ...]:
         """Return whether each joint is linear (n,)."""
-        return tuple(joint in self.sliding for joint in self.joints)
+        return tuple(joint in self.prismatic_joints for joint in self.joints)
 
     @property
     def combined(self) -> dict[str, str]:
@@ -36,7 +36,7 @@ class Mechanism:
 
     def units(self, joint: str, recorded: JointUnits = TURNING) -> JointUnits:
         """Return the units of quantities at a joint, given those of a recording."""
-        return JointUnits(recorded.torque_unit, recorded.slides or joint in self.sliding)
+        return JointUnits(recorded.torque_unit, recorded.is_prismatic or joint in self.prismatic_joints)
 
 
 def describe_joints(names: Sequence[str]) -> str:
@@ -44,4 +44,4 @@ def describe_joints(names: Sequence[str]) -> str:
     return f"an arm with joints {', '.join(names)}" if any(names) else "a pendulum"
 
 
-PENDULUM = Mechanism(joints=("",), sliding=frozenset())
+PENDULUM = Mechanism(joints=("",), prismatic_joints=frozenset())

@@ -10,23 +10,12 @@ import numpy as np
 from pendulum_env._typing import JSON, Array, ArrayLike
 from pendulum_env.lookup import find
 from pendulum_env.notebook import Shown
+from pendulum_env.physics import model_file
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.estimate import Estimate, derive_estimates, shorten_name
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
-from pendulum_env.physics.model_file import (
-    SCHEMA,
-    ModelError,
-    ModelFile,
-    build_terms,
-    describe_terms,
-    parse_model,
-    read_estimates,
-    read_model,
-    refuse_excess_friction,
-    write_model,
-)
 from pendulum_env.physics.simulation import Trajectory, simulate
-from pendulum_env.physics.table import Table, TableCurve, refuse_held
+from pendulum_env.physics.table import Table, TableCurve, refuse_contained
 from pendulum_env.physics.term import Column, Samples, Term
 from pendulum_env.physics.terms import set_nonlinear_values
 from pendulum_env.settings import Blank, format_setting
@@ -46,7 +35,7 @@ class Model(Mapping[str, Estimate], Shown):
         terms: ordered terms, with nonlinear parameters as their fields.
         estimates: all parameters by name; linear ones have the name of their column, nonlinear ones `id.name`.
         torque_unit: `N m`, or the unit of the recorded current in place of torque.
-        slides: whether the joint of a pendulum is linear; `body` has the joints of an arm.
+        is_prismatic: whether the joint of a pendulum is linear; `body` has the joints of an arm.
         torque_constant: constant that converted a current to the fitted torque; None without one. The standard errors
             of the estimates include its error.
         correlation: correlation matrix of the estimates, in their order; empty if unknown.
@@ -57,7 +46,7 @@ class Model(Mapping[str, Estimate], Shown):
     terms: tuple[Term, ...] = BASE
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
     torque_unit: str = "N m"
-    slides: bool = False
+    is_prismatic: bool = False
     torque_constant: Estimate | None = None
     correlation: tuple[tuple[float, ...], ...] = ()
     log_format: Mapping[str, Any] = field(default_factory=dict)
@@ -93,8 +82,8 @@ class Model(Mapping[str, Estimate], Shown):
         return tuple(column for term in self.terms for column in term.columns)
 
     def __getitem__(self, name: str) -> Estimate:
-        known = {shorten_name(full): estimate for full, estimate in self.estimates.items()}
-        return find("parameter", name, {**known, **self.estimates})
+        short_names = {shorten_name(full): estimate for full, estimate in self.estimates.items()}
+        return find("parameter", name, {**short_names, **self.estimates})
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.estimates)
@@ -121,24 +110,24 @@ class Model(Mapping[str, Estimate], Shown):
     def tables(self) -> dict[str, tuple[Table, TableCurve]]:
         """Return the tables of the model with their curves, by id."""
         tables = [term for term in self.terms if isinstance(term, Table)]
-        names, covariance, found = list(self.estimates), self.assumed_covariance if tables else np.empty((0, 0)), {}
+        names, covariance, curves = list(self.estimates), self.assumed_covariance if tables else np.empty((0, 0)), {}
         for term in tables:
             place = [names.index(column.name) for column in term.columns]
             theta = np.array([self.estimates[names[k]].value for k in place])
-            found[term.id] = term, term.curve(theta, covariance[np.ix_(place, place)])
-        return found
+            curves[term.id] = term, term.curve(theta, covariance[np.ix_(place, place)])
+        return curves
 
     @property
     def readable(self) -> dict[str, Estimate]:
         """Return the estimates for display, with the largest value of a table in place of its coefficients."""
         tables = self.tables
         entries = {column.name for term, _ in tables.values() for column in term.columns}
-        shown = {name: estimate for name, estimate in self.estimates.items() if name not in entries}
+        readable = {name: estimate for name, estimate in self.estimates.items() if name not in entries}
         for id, (term, curve) in tables.items():
             k = int(np.argmax(np.abs(curve.value)))
             entry, value, std = self.estimates[term.columns[0].name], float(curve.value[k]), float(curve.std[k])
-            shown[f"{id} (largest)"] = replace(entry, value=value, std=std, at_bound=False)
-        return shown
+            readable[f"{id} (largest)"] = replace(entry, value=value, std=std, at_bound=False)
+        return readable
 
     @property
     def covariance(self) -> Array | None:
@@ -166,10 +155,10 @@ class Model(Mapping[str, Estimate], Shown):
     def with_covariance(self, names: Sequence[str], covariance: Array) -> Self:
         """Return the model with the correlations of a covariance (Q, Q) of the named parameters."""
         std = np.sqrt(np.diag(covariance))
-        known = covariance / np.maximum(np.outer(std, std), 1e-300)
+        correlation = covariance / np.maximum(np.outer(std, std), 1e-300)
         place = [list(self.estimates).index(name) for name in names]
         full = np.eye(len(self.estimates))
-        full[np.ix_(place, place)] = np.clip(known.round(9), -1.0, 1.0)  # equal after writing and reading
+        full[np.ix_(place, place)] = np.clip(correlation.round(9), -1.0, 1.0)  # equal after writing and reading
         np.fill_diagonal(full, 1.0)
         return replace(self, correlation=tuple(tuple(row) for row in full.tolist()))
 
@@ -195,12 +184,12 @@ class Model(Mapping[str, Estimate], Shown):
 
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Self:
         """Return the model with an added term with linear parameters `theta`."""
-        if term.id in {old.id for old in self.terms}:
-            raise ModelError(f"the model has '{term.id}' already: each effect can be added once")
-        refuse_held(self.terms, term)
-        added = Model.build([term], theta)
-        new = added.convert_units(self.units()).estimates
-        return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **new}, correlation=())
+        if term.id in {existing.id for existing in self.terms}:
+            raise model_file.ModelError(f"the model has '{term.id}' already: each effect can be added once")
+        refuse_contained(self.terms, term)
+        addition = Model.build([term], theta)
+        estimates = addition.convert_units(self.units()).estimates
+        return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **estimates}, correlation=())
 
     @property
     def body(self) -> Mechanism:
@@ -212,21 +201,21 @@ class Model(Mapping[str, Estimate], Shown):
         for name, value in values.items():
             find("parameter of the model", name, self.estimates)
             if not np.isfinite(value) or (name == "inertia" and value <= 0):
-                raise ModelError(f"{name} of a model cannot be {value:g}: give a positive number")
-        new = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in values.items()}
+                raise model_file.ModelError(f"{name} of a model cannot be {value:g}: give a positive number")
+        changed = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in values.items()}
         terms = set_nonlinear_values(self.terms, values)
-        return replace(self, terms=terms, estimates={**self.estimates, **new}, correlation=())
+        return replace(self, terms=terms, estimates={**self.estimates, **changed}, correlation=())
 
     def units(self, joint: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
-        return self.body.units(joint, JointUnits(self.torque_unit, self.slides))
+        return self.body.units(joint, JointUnits(self.torque_unit, self.is_prismatic))
 
     def convert_units(self, units: JointUnits) -> Self:
         """Return the model with other units of torque or joint; the values are unchanged."""
         pairs = [(term, p) for term in self.terms for p in term.nonlinear_parameters]
         special = {term.get_full_name(p.name): p.get_unit(units) for term, p in pairs}
         converted = {id: replace(e, unit=special.get(id) or units.unit(e.unit)) for id, e in self.estimates.items()}
-        return replace(self, estimates=converted, torque_unit=units.torque_unit, slides=units.slides)
+        return replace(self, estimates=converted, torque_unit=units.torque_unit, is_prismatic=units.is_prismatic)
 
     def get_parameters(self, id: str) -> dict[str, Estimate]:
         """Return the parameters of the term `id` by name."""
@@ -237,14 +226,14 @@ class Model(Mapping[str, Estimate], Shown):
         """Return the model with all estimates marked as biased by a missing effect."""
         return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
 
-    def withhold(self, names: Container[str]) -> Self:
+    def mark_unknown(self, names: Container[str]) -> Self:
         """Return the model with some parameters marked as unknown, because the data do not determine them."""
         estimates = {name: replace(e, is_unknown=True) if name in names else e for name, e in self.estimates.items()}
         return replace(self, estimates=estimates)
 
     # Names of 1.0.0, kept for one release
     at, of, per, biased, correlated = with_values, get_parameters, convert_units, mark_biased, with_covariance
-    withholding = withhold
+    withholding = mark_unknown
 
     def torque(self, x: Samples, acceleration: ArrayLike) -> ArrayLike:
         """Return the torque of the model for a motion [N m]; undefined in stick, so mask these samples."""
@@ -264,10 +253,10 @@ class Model(Mapping[str, Estimate], Shown):
         if self.has_known_inertia:
             return
         if "inertia" not in self.estimates:
-            raise ModelError(NO_INERTIA)
-        best = replace(self.estimates["inertia"], is_unknown=False)
-        raise ModelError(
-            f"the inertia is unknown, the best fit has {best}: record faster reversals, or give its value "
+            raise model_file.ModelError(NO_INERTIA)
+        estimate = replace(self.estimates["inertia"], is_unknown=False)
+        raise model_file.ModelError(
+            f"the inertia is unknown, the best fit has {estimate}: record faster reversals, or give its value "
             f"({format_setting('fixed', {'inertia': Blank('VALUE')})})"
         )
 
@@ -280,18 +269,18 @@ class Model(Mapping[str, Estimate], Shown):
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
-        described = describe_terms(self.terms)
+        description = model_file.describe_terms(self.terms)
         names, covariance = self._select_determined()
         data: JSON = {
-            "schema": SCHEMA,
+            "schema": model_file.SCHEMA,
             "terms": [term.id for term in self.terms],
             "theta": {name: estimate.json() for name, estimate in self.estimates.items()},
-            "tables": described["tables"],
+            "tables": description["tables"],
             "torque_unit": "" if self.torque_unit == "N m" else self.torque_unit,
-            "slides": self.slides,
+            "slides": self.is_prismatic,
             "torque_constant": None if self.torque_constant is None else self.torque_constant.json(),
             "log_format": dict(self.log_format),
-            "limits": described["limits"],
+            "limits": description["limits"],
             "covariance": {"parameters": names, "matrix": covariance.tolist()} if names and self.correlation else {},
         }
         return {key: value for key, value in data.items() if value or key in ("terms", "theta")}
@@ -304,17 +293,19 @@ class Model(Mapping[str, Estimate], Shown):
             ModelError: if a term is unknown, or a parameter is missing or invalid.
         """
         try:
-            content = parse_model(data)
-            return cls.from_content(content, build_terms(content))
+            content = model_file.parse_model(data)
+            return cls.from_content(content, model_file.build_terms(content))
         except ValueError as error:
-            raise ModelError(str(error)) from None
+            raise model_file.ModelError(str(error)) from None
 
     @classmethod
-    def from_content(cls, content: ModelFile, terms: Sequence[Term]) -> Self:
+    def from_content(cls, content: model_file.ModelFile, terms: Sequence[Term]) -> Self:
         """Make a model of some terms from the content of a model file; raises a ValueError as `from_json`."""
         model = cls.build(terms, 0.0)
-        estimates = read_estimates(content, {name: estimate.unit for name, estimate in model.estimates.items()})
-        refuse_excess_friction(model.terms, estimates)
+        estimates = model_file.read_estimates(
+            content, {name: estimate.unit for name, estimate in model.estimates.items()}
+        )
+        model_file.refuse_excess_friction(model.terms, estimates)
         constant, covariance = content.torque_constant, content.covariance
         model = replace(
             replace(model, estimates=estimates).convert_units(JointUnits(content.torque_unit or "N m", content.slides)),
@@ -328,7 +319,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     def save(self, path: str | Path) -> None:
         """Write the model as a JSON file."""
-        write_model(path, self.json())
+        model_file.write_model(path, self.json())
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -337,8 +328,8 @@ class Model(Mapping[str, Estimate], Shown):
         Raises:
             ModelError: if the file is missing or is not a model; the message names the file.
         """
-        content = read_model(path)
+        content = model_file.read_model(path)
         try:
             return cls.from_json(content)
-        except ModelError as error:
-            raise ModelError(f"{path}: {error}") from None
+        except model_file.ModelError as error:
+            raise model_file.ModelError(f"{path}: {error}") from None

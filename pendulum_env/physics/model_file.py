@@ -50,13 +50,13 @@ class Covariance(Struct):
     parameters: list[str]
     matrix: list[list[Annotated[float, Meta(ge=-1e200, le=1e200)]]]  # squares of large errors
 
-    def read(self, known: Sequence[str]) -> Array:
-        """Return the covariance (Q, Q) of the parameters `known`; the file may have more."""
+    def read(self, names_to_read: Sequence[str]) -> Array:
+        """Return the covariance (Q, Q) of the parameters `names_to_read`; the file may have more."""
         names = self.parameters
         is_square = [len(row) for row in self.matrix] == [len(names)] * len(names)
-        if not (set(known) <= set(names) and is_square and min(np.diag(self.matrix)) >= 0):
+        if not (set(names_to_read) <= set(names) and is_square and min(np.diag(self.matrix)) >= 0):
             raise ModelError("'covariance' is no covariance of all parameters: leave the whole key out")
-        place = [names.index(name) for name in known]
+        place = [names.index(name) for name in names_to_read]
         return np.array(self.matrix)[np.ix_(place, place)]
 
 
@@ -171,7 +171,7 @@ def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estima
 def check_value(parameter: NonlinearParameter, number: float, place: str) -> float:
     """Return the value of a nonlinear parameter of a model file; refuse a value out of range at its `place`."""
     if not (parameter.low <= number <= parameter.high and (number.is_integer() or not parameter.integer)):
-        what = "a whole number" if parameter.integer else "a number"
+        kind = "a whole number" if parameter.integer else "a number"
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-        raise ModelError(f"'{place}' is {number:g}: expected {what} from {parameter.low:g} to {parameter.high:g}{unit}")
+        raise ModelError(f"'{place}' is {number:g}: expected {kind} from {parameter.low:g} to {parameter.high:g}{unit}")
     return number

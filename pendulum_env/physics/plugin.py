@@ -31,7 +31,7 @@ def load_plugin(path: str | Path) -> tuple[type[Term], ...]:
     if file not in _loaded:
         before = set(library.effects().values())
         try:
-            _run(file, path)
+            _run_file(file, path)
         except (KeyboardInterrupt, PluginError):
             raise
         except BaseException as error:  # sys.exit included
@@ -54,7 +54,7 @@ def describe_fault(error: BaseException) -> PluginError | None:
     return next((_make_plugin_error(error, file, file) for file in files if _find_lines(error, file)), None)
 
 
-def _run(file: Path, path: str | Path) -> None:
+def _run_file(file: Path, path: str | Path) -> None:
     if file.suffix != ".py" or not file.is_file():
         raise PluginError(f"{path}: is no Python file: name one that registers effects")
     spec = importlib.util.spec_from_file_location(file.stem, file)
@@ -64,13 +64,13 @@ def _run(file: Path, path: str | Path) -> None:
     try:
         spec.loader.exec_module(module)
     except SyntaxError as error:
-        where = f", line {error.lineno}" if error.lineno else ""
-        raise PluginError(f"{path}{where}: {error.msg}") from None
+        location = f", line {error.lineno}" if error.lineno else ""
+        raise PluginError(f"{path}{location}: {error.msg}") from None
 
 
 def _make_plugin_error(error: BaseException, file: Path, path: str | Path) -> PluginError:
-    where = f", line {lines[-1]}" if (lines := _find_lines(error, file)) else ""
-    return PluginError(f"{path}{where}: {format_error(error)}")
+    location = f", line {lines[-1]}" if (lines := _find_lines(error, file)) else ""
+    return PluginError(f"{path}{location}: {format_error(error)}")
 
 
 def _find_lines(error: BaseException, file: Path) -> list[int | None]:

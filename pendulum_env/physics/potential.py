@@ -52,12 +52,13 @@ class Cogging(Term):
     @property
     def _nonzero_orders(self) -> list[tuple[str, float]]:
         """Return the nonzero orders N with the suffixes of their parameters."""
-        more = [(f"_{k}", getattr(self, f"order_{k}")) for k in range(2, 6)]
-        return [("", self.order), *((end, n) for end, n in more if not isinstance(n, float | np.ndarray) or np.any(n))]
+        orders = [(f"_{k}", getattr(self, f"order_{k}")) for k in range(2, 6)]
+        orders = [(suffix, n) for suffix, n in orders if not isinstance(n, float | np.ndarray) or np.any(n)]
+        return [("", self.order), *orders]
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        return tuple(column for end, n in self._nonzero_orders for column in _make_wave(end, n))
+        return tuple(column for suffix, n in self._nonzero_orders for column in _make_wave(suffix, n))
 
     @property
     def fault(self) -> str:
@@ -65,8 +66,8 @@ class Cogging(Term):
         return "" if len(set(orders)) == len(orders) else "its orders have to differ"
 
 
-def _make_wave(end: str, n: float) -> tuple[Column, Column]:
-    """Make the sine and cosine columns of cogging with n periods per turn; `end` is the suffix of their names."""
+def _make_wave(suffix: str, n: float) -> tuple[Column, Column]:
+    """Make the sine and cosine columns of cogging with n periods per turn; `suffix` is the suffix of their names."""
 
     def store_sine(x: Samples) -> Array:
         return (1.0 - np.cos(n * x.position)) / n
@@ -75,8 +76,8 @@ def _make_wave(end: str, n: float) -> tuple[Column, Column]:
         return np.sin(n * x.position) / n
 
     return (
-        Column(f"cogging.sin{end}", "N m", force=lambda x: np.sin(n * x.position), potential=store_sine),
-        Column(f"cogging.cos{end}", "N m", force=lambda x: np.cos(n * x.position), potential=store_cosine),
+        Column(f"cogging.sin{suffix}", "N m", force=lambda x: np.sin(n * x.position), potential=store_sine),
+        Column(f"cogging.cos{suffix}", "N m", force=lambda x: np.cos(n * x.position), potential=store_cosine),
     )
 
 
@@ -113,8 +114,8 @@ class Spring(Term):
 
 def _make_power(name: str, unit: str, n: int, least: float = -np.inf) -> Column:
     """Make the column of the n-th power of the angle, with its potential."""
-    up = n + 1
-    return Column(name, unit, force=lambda x: x.position**n, potential=lambda x: x.position**up / up, least=least)
+    order = n + 1
+    return Column(name, unit, force=lambda x: x.position**n, potential=lambda x: x.position**order / order, least=least)
 
 
 @dataclass(frozen=True)
@@ -165,14 +166,14 @@ class HardStop(Term):
         """Return the inelastic torque per unit of stiffness [rad], bounded so that the stop does not pull."""
         depth = self._compute_depth(x)
         inwards = np.sign(depth) * x.velocity
-        lost = (self.hysteresis * np.abs(depth) + self.damping_time * (depth != 0)) * inwards
-        pushed: Array = np.sign(depth) * np.maximum(lost, -np.abs(depth))
-        return pushed
+        loss = (self.hysteresis * np.abs(depth) + self.damping_time * (depth != 0)) * inwards
+        bounded: Array = np.sign(depth) * np.maximum(loss, -np.abs(depth))
+        return bounded
 
     def _compute_depth(self, x: Samples) -> Array:
         """Return the penetration of a stop [rad], negative at the lower stop."""
-        beyond: Array = np.maximum(x.position - self.upper, 0.0) + np.minimum(x.position - self.lower, 0.0)
-        return beyond
+        depth: Array = np.maximum(x.position - self.upper, 0.0) + np.minimum(x.position - self.lower, 0.0)
+        return depth
 
     @property
     def fault(self) -> str:

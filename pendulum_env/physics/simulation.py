@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike, Mask
-from pendulum_env.physics.symbols import Symbol, find_longest, make_symbol, may_be_true, repeat, set_label
+from pendulum_env.physics.symbols import Symbol, find_longest, make_symbol, may_be_true, repeat_step, set_label
 from pendulum_env.physics.term import (
     LOAD,
     UNLOADED,
@@ -26,17 +26,17 @@ from pendulum_env.physics.term import (
     Memory,
     Samples,
     Term,
-    one,
+    return_one,
+    return_zero,
     round_up,
     write_symbols,
-    zero,
 )
 
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
 LONGEST_STEP = 1e-3  # [s], longest integration step; longer periods have substeps
-LEAST = 1e-9  # [kg m^2], least moment of inertia in a simulation
+LEAST_INERTIA = 1e-9  # [kg m^2], least moment of inertia in a simulation
 UNBOUNDED = 1e6  # [rad, rad/s], bound of the state of a diverged simulation, which avoids NaN
 
 
@@ -50,41 +50,42 @@ class Trajectory(NamedTuple):
 class TorqueBalance:
     """Torque balance of a batch of pendulums: weighted masses, forces and dry friction of all columns."""
 
-    def __init__(self, terms: Sequence[Term], theta: Array, loaded: bool = False) -> None:
+    def __init__(self, terms: Sequence[Term], theta: Array, has_load: bool = False) -> None:
         """Set the terms and the linear parameters theta, (P,) or (P, B), in the order of the columns.
 
-        `loaded` includes the known load of the samples.
+        `has_load` includes the known load of the samples.
         """
-        self.terms, self.theta, self.loaded = tuple(terms), theta, loaded
-        self._remembering = [term for term in terms if term.has_memory]
+        self.terms, self.theta, self.has_load = tuple(terms), theta, has_load
+        self._terms_with_states = [term for term in terms if term.has_memory]
         weighted = list(zip([column for term in terms for column in term.columns], theta, strict=True))
         weighted += [(column, np.float64(1.0)) for term in terms for column in term.fixed]
-        weighted += [(LOAD, np.float64(1.0))] if loaded else []
-        self._mass = [(coefficient, column.mass) for column, coefficient in weighted if column.mass is not zero]
-        self._force = [(coefficient, column.force) for column, coefficient in weighted if column.force is not zero]
-        self._dry = [(coefficient, column.dry) for column, coefficient in weighted if column.dry is not zero]
-        # constant for most models
-        self._steady_mass = np.maximum(sum(c for c, _ in self._mass), LEAST) if _sum_constant(self._mass) else None
-        self._steady_dry = sum(c for c, _ in self._dry) if _sum_constant(self._dry) else None
+        weighted += [(LOAD, np.float64(1.0))] if has_load else []
+        self._mass, self._force, self._dry = (
+            [(c, law) for column, c in weighted if (law := getattr(column, part)) is not return_zero]
+            for part in ("mass", "force", "dry")
+        )
+        mass = _sum_constant(self._mass)  # constant for most models
+        self._steady_mass = None if mass is None else np.maximum(mass, LEAST_INERTIA)
+        self._steady_dry = _sum_constant(self._dry)
 
     def __reduce__(self) -> tuple[type[TorqueBalance], tuple[Sequence[Term], Array, bool]]:
-        return TorqueBalance, (self.terms, self.theta, self.loaded)  # functions of columns cannot be pickled
+        return TorqueBalance, (self.terms, self.theta, self.has_load)  # functions of columns cannot be pickled
 
     @property
     def has_states(self) -> bool:
         """Return whether a term has states."""
-        return bool(self._remembering)
+        return bool(self._terms_with_states)
 
     def start(self, x: Samples) -> dict[str, Memory]:
         """Return the steady states of all terms for the samples x."""
-        return {term.id: term.start(x) for term in self._remembering}
+        return {term.id: term.start(x) for term in self._terms_with_states}
 
     def advance(self, x: Samples, velocity: Array, duration: ArrayLike) -> Mapping[str, Memory]:
         """Return the states of all terms after `duration` [s] of motion from x at a constant velocity (B,)."""
-        if not self._remembering:
+        if not self._terms_with_states:
             return x.memory
         x = replace(x, velocity=velocity)
-        return {term.id: term.advance(x.memory[term.id], x, duration) for term in self._remembering}
+        return {term.id: term.advance(x.memory[term.id], x, duration) for term in self._terms_with_states}
 
     @staticmethod
     def _sum(parts: list[tuple[ArrayLike, Law]], x: Samples) -> ArrayLike:
@@ -98,8 +99,8 @@ class TorqueBalance:
         return x.torque - self._sum(self._force, x)
 
     def mass(self, x: Samples) -> ArrayLike:
-        """Return the moment of inertia [kg m^2], at least `LEAST`."""
-        return np.maximum(self._sum(self._mass, x), LEAST) if self._steady_mass is None else self._steady_mass
+        """Return the moment of inertia [kg m^2], at least `LEAST_INERTIA`."""
+        return np.maximum(self._sum(self._mass, x), LEAST_INERTIA) if self._steady_mass is None else self._steady_mass
 
     def dry(self, x: Samples) -> ArrayLike:
         """Return the magnitude of dry friction [N m]; it may be negative in a bad fit."""
@@ -119,17 +120,18 @@ def make_start_samples(balance: TorqueBalance, position: ArrayLike, velocity: Ar
     return replace(x, memory=balance.start(x))
 
 
-def _sum_constant(parts: list[tuple[ArrayLike, Law]]) -> bool:
-    return all(law is one for _, law in parts)
+def _sum_constant(parts: list[tuple[ArrayLike, Law]]) -> ArrayLike | None:
+    """Return the sum of the coefficients if all laws are constant, else None."""
+    return sum(c for c, _ in parts) if all(law is return_one for _, law in parts) else None
 
 
 def _oppose_motion(net: ArrayLike, dry: ArrayLike, direction: Array) -> ArrayLike:
     """Return the torque after dry friction [N m], which opposes the motion or holds a joint at rest."""
-    moving = net - dry * direction
+    sliding = net - dry * direction
     if not may_be_true(direction == 0):
-        return moving
+        return sliding
     at_rest = np.sign(net) * np.maximum(np.abs(net) - np.maximum(dry, 0.0), 0.0)
-    return np.where(direction == 0, at_rest, moving)
+    return np.where(direction == 0, at_rest, sliding)
 
 
 def count_substeps(period: ArrayLike, longest_step: float = LONGEST_STEP) -> int:
@@ -169,17 +171,17 @@ def step(balance: TorqueBalance, x: Samples, duration: ArrayLike) -> Samples:
         a = np.where(direction == 0, 0.0, a)
     new_q, new_v = q + h * (v + 0.5 * h * a), v + h * a
 
-    stops = new_v * direction < 0
-    if may_be_true(stops):
+    is_stopped = new_v * direction < 0
+    if may_be_true(is_stopped):
         # v + a t = 0 within the step: stop, then stick or move for the remaining time
-        elapsed = np.where(stops, np.clip(-v / np.where(stops, a, 1.0), 0.0, h), h)
+        elapsed = np.where(is_stopped, np.clip(-v / np.where(is_stopped, a, 1.0), 0.0, h), h)
         stop_q = q + v * elapsed + 0.5 * a * elapsed**2
         at_rest = np.zeros_like(new_v)
         rest = Samples(x.time + elapsed, stop_q, at_rest, x.torque, middle.memory, x.load)
-        leave = _oppose_motion(*balance.evaluate_at(rest, "rest"), at_rest) / inertia
-        left = h - elapsed
-        new_q = np.where(stops, stop_q + 0.5 * leave * left**2, new_q)
-        new_v = np.where(stops, leave * left, new_v)
+        restart = _oppose_motion(*balance.evaluate_at(rest, "rest"), at_rest) / inertia
+        remaining = h - elapsed
+        new_q = np.where(is_stopped, stop_q + 0.5 * restart * remaining**2, new_q)
+        new_v = np.where(is_stopped, restart * remaining, new_v)
     memory = balance.advance(middle, 0.5 * (middle.velocity + new_v), 0.5 * h)
     return Samples(x.time + h, clip_state(new_q), clip_state(new_v), x.torque, memory, x.load)
 
@@ -189,13 +191,13 @@ def clip_state(values: Array) -> Array:
     return np.fmin(np.fmax(values, -UNBOUNDED), UNBOUNDED)
 
 
-def delay_torque(torque: Array, before: Array, periods: float) -> Array:
-    """Delay a held command (N, B) by a number of periods; `before` (M, B) are previous commands, oldest first."""
+def delay_torque(torque: Array, previous: Array, periods: float) -> Array:
+    """Delay a held command (N, B) by a number of periods; `previous` (M, B) are previous commands, oldest first."""
     whole = int(np.floor(periods))
     share = periods - whole
-    missing = max(0, whole + 1 - len(before))
-    oldest = before[:1] if len(before) else np.zeros_like(torque[:1])
-    line = np.concatenate([np.repeat(oldest, missing, axis=0), before, torque])
+    n_missing = max(0, whole + 1 - len(previous))
+    oldest = previous[:1] if len(previous) else np.zeros_like(torque[:1])
+    line = np.concatenate([np.repeat(oldest, n_missing, axis=0), previous, torque])
     first = len(line) - len(torque) - whole
     return (1 - share) * line[first : first + len(torque)] + share * line[first - 1 : first - 1 + len(torque)]
 
@@ -213,18 +215,18 @@ class CommandDelay:
         """Set the delay of other terms, and keep previous commands."""
         self._periods = sum(term.delay for term in terms) / self._h  # delay in substeps
 
-    def push(self, torque: ArrayLike) -> Iterable[Any]:
+    def delay_command(self, torque: ArrayLike) -> Iterable[Any]:
         """Return the delayed torque of each substep of a period with the command `torque`, () or (B,)."""
         if self._periods == 0:
             return itertools.repeat(torque, self._substeps)
-        now = np.repeat(np.asarray(torque, dtype=float)[None], self._substeps, axis=0)
-        before = np.zeros_like(now[:1]) if self._past is None else self._past
-        self._past = np.concatenate([before, now])[-int(self._periods) - 1 :]
-        return iter(delay_torque(now, before, self._periods))
+        commands = np.repeat(np.asarray(torque, dtype=float)[None], self._substeps, axis=0)
+        previous = np.zeros_like(commands[:1]) if self._past is None else self._past
+        self._past = np.concatenate([previous, commands])[-int(self._periods) - 1 :]
+        return iter(delay_torque(commands, previous, self._periods))
 
-    def clear(self, which: Mask) -> None:
-        """Clear the previous commands of the pendulums in the mask `which` (B,)."""
-        self._past = None if self._past is None else np.where(which, 0.0, self._past)
+    def clear(self, is_cleared: Mask) -> None:
+        """Clear the previous commands of the pendulums in the mask `is_cleared` (B,)."""
+        self._past = None if self._past is None else np.where(is_cleared, 0.0, self._past)
 
 
 def simulate(
@@ -262,7 +264,7 @@ def simulate(
     """
     torque = np.asarray(torque, dtype=float)
     torque = torque[:, None] if torque.ndim == 1 else torque
-    scalars = (np.shape(one) for one in (position, velocity, start, period, load.inertia, load.gravity))
+    scalars = (np.shape(x) for x in (position, velocity, start, period, load.inertia, load.gravity))
     batch = np.broadcast_shapes(*scalars, np.shape(theta)[1:], (1,))
     columns = np.broadcast_shapes(torque.shape[1:], np.shape(load.torque)[1:])
     if batch[0] % columns[0]:
@@ -270,45 +272,45 @@ def simulate(
     balance = TorqueBalance(terms, np.asarray(theta, dtype=float), bool(load))
     count = count_substeps(period, longest_step)
     h = period / count
-    commands, held = _spread_commands(terms, torque, before, count, h)
+    commands, input_interval = _spread_commands(terms, torque, before, count, h)
     inputs = np.broadcast_to(commands, (len(commands), *columns))[:, None]
-    if balance.loaded:
-        outside = np.repeat(np.broadcast_to(load.torque, (len(torque), *columns)), count // held, axis=0)
+    if balance.has_load:
+        outside = np.repeat(np.broadcast_to(load.torque, (len(torque), *columns)), count // input_interval, axis=0)
         inputs = np.stack([inputs[:, 0], outside], axis=1)
     repeats = batch[-1] // columns[-1]
     q, v, t = (np.broadcast_to(np.asarray(a, dtype=float), batch) for a in (position, velocity, start))
-    at_first = np.tile(inputs[0], repeats) if len(inputs) else np.zeros((inputs.shape[1], 1))
-    x = _apply_command(Samples(t, q, v, np.zeros(1), load=load), at_first)
+    first_inputs = np.tile(inputs[0], repeats) if len(inputs) else np.zeros((inputs.shape[1], 1))
+    x = _apply_command(Samples(t, q, v, np.zeros(1), load=load), first_inputs)
     x = replace(x, memory={id: (memory or {}).get(id, state) for id, state in balance.start(x).items()})
     states = np.array([np.broadcast_to(row, batch) for row in stack_rows(x)])
-    program = (compiler or compile_step)(terms, balance.loaded, round_up(h))
-    kept = range(1, 3) if observe is None else range(len(states))
+    program = (compiler or compile_step)(terms, balance.has_load, round_up(h))
+    output_states = range(1, 3) if observe is None else range(len(states))
     if program is not None:
         nonlinear = [value for term in terms for value in term.free_values]
-        constants = [*balance.theta, *nonlinear, *(load[:2] if balance.loaded else ()), h]
+        constants = [*balance.theta, *nonlinear, *(load[:2] if balance.has_load else ()), h]
         parameters = np.array([np.broadcast_to(value, batch) for value in constants])
         shape = -1, repeats, *columns
-        path = program(inputs, parameters.reshape(shape), states.reshape(shape), count, held, kept)
-        path = path.reshape(len(path), len(kept), *batch)
+        path = program(inputs, parameters.reshape(shape), states.reshape(shape), count, input_interval, output_states)
+        path = path.reshape(len(path), len(output_states), *batch)
     else:
 
-        def take_step(given: Array, now: Array) -> Sequence[ArrayLike]:
-            return stack_rows(step(balance, _apply_command(unstack_rows(now, x), np.tile(given, repeats)), h))
+        def take_step(input_row: Array, current: Array) -> Sequence[ArrayLike]:
+            return stack_rows(step(balance, _apply_command(unstack_rows(current, x), np.tile(input_row, repeats)), h))
 
-        path = repeat(take_step, np.repeat(inputs, held, axis=0), states, count)[:, kept]
+        path = repeat_step(take_step, np.repeat(inputs, input_interval, axis=0), states, count)[:, output_states]
     if observe is not None:
         for k, state in enumerate(path):
-            now = unstack_rows(state, x)
-            last = max(0, k * count - 1) // held
-            observe(_apply_command(now, np.tile(inputs[last], repeats)) if len(inputs) else now)
-    first = kept.index(1)
+            current = unstack_rows(state, x)
+            row_index = max(0, k * count - 1) // input_interval
+            observe(_apply_command(current, np.tile(inputs[row_index], repeats)) if len(inputs) else current)
+    first = output_states.index(1)
     return Trajectory(path[:, first], path[:, first + 1])
 
 
-def _apply_command(x: Samples, given: Array) -> Samples:
+def _apply_command(x: Samples, inputs: Array) -> Samples:
     """Return the samples with the command and, if given, the load torque of a step, (1 or 2, B)."""
-    command, *outside = given
-    return replace(x, torque=command, load=x.load._replace(torque=outside[0]) if outside else x.load)
+    command, *load_torque = inputs
+    return replace(x, torque=command, load=x.load._replace(torque=load_torque[0]) if load_torque else x.load)
 
 
 def _spread_commands(
@@ -319,9 +321,9 @@ def _spread_commands(
     if delay <= 0:
         return torque, count
     commands = np.repeat(torque, count, axis=0)
-    earlier = np.zeros((0, *torque.shape[1:])) if before is None else np.asarray(before, dtype=float)
-    earlier = earlier[:, None] if earlier.ndim == 1 else earlier
-    return delay_torque(commands, np.repeat(earlier, count, axis=0), float(delay / h)), 1
+    previous = np.zeros((0, *torque.shape[1:])) if before is None else np.asarray(before, dtype=float)
+    previous = previous[:, None] if previous.ndim == 1 else previous
+    return delay_torque(commands, np.repeat(previous, count, axis=0), float(delay / h)), 1
 
 
 def stack_rows(x: Samples) -> list[Any]:
@@ -337,7 +339,7 @@ def unstack_rows(state: Iterable[Array], like: Samples) -> Samples:
     return Samples(t, q, v, like.torque, memory, like.load)
 
 
-def compile_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike = LONGEST_STEP) -> Recurrence | None:
+def compile_step(terms: Sequence[Term], has_load: bool = False, longest: ArrayLike = LONGEST_STEP) -> Recurrence | None:
     """Compile a step of terms, for steps of at most `longest` [s]; return None if a law is not symbolic.
 
     Each call writes the step again, because a law may depend on global values; equal steps are compiled once.
@@ -346,11 +348,11 @@ def compile_step(terms: Sequence[Term], loaded: bool = False, longest: ArrayLike
     from pendulum_env.physics.compiled import compile_recurrence  # slow import
 
     try:
-        balance, x, nonlinear = write_balance(terms, loaded)
-        duration: Any = make_symbol("h", most=round_up(longest))
+        balance, x, nonlinear = write_balance(terms, has_load)
+        duration: Any = make_symbol("h", largest=round_up(longest))
         after = step(balance, x, duration)
-        constants: Any = [*balance.theta, *nonlinear, *(x.load[:2] if loaded else ()), duration]
-        inputs: Any = [x.torque, *(x.load[2:] if loaded else ())]
+        constants: Any = [*balance.theta, *nonlinear, *(x.load[:2] if has_load else ()), duration]
+        inputs: Any = [x.torque, *(x.load[2:] if has_load else ())]
         return compile_recurrence(inputs, constants, stack_rows(x), stack_rows(after))
     except Exception:  # a user's law may raise any error with symbols
         return None
@@ -360,22 +362,22 @@ class StepPrograms:
     """Cache of compiled steps, valid while no law changes."""
 
     def __init__(self) -> None:
-        self._known: dict[Hashable, Recurrence | None] = {}
+        self._programs: dict[Hashable, Recurrence | None] = {}
 
     def __reduce__(self) -> tuple[type[StepPrograms], tuple[()]]:
         return StepPrograms, ()  # compiled programs cannot be pickled
 
     def find(
-        self, compiler: Callable[..., Recurrence | None], terms: Sequence[Term], *others: Hashable
+        self, compiler: Callable[..., Recurrence | None], terms: Sequence[Term], *arguments: Hashable
     ) -> Recurrence | None:
         """Return the step of `compiler(terms, *others)`, cached by the terms' classes and free parameters."""
-        key = (tuple((type(term), tuple(parameter.name for parameter in term.free)) for term in terms), *others)
-        if key not in self._known:
-            self._known[key] = compiler(terms, *others)
-        return self._known[key]
+        key = (tuple((type(term), tuple(parameter.name for parameter in term.free)) for term in terms), *arguments)
+        if key not in self._programs:
+            self._programs[key] = compiler(terms, *arguments)
+        return self._programs[key]
 
 
-def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBalance, Samples, list[Symbol]]:
+def write_balance(terms: Sequence[Term], has_load: bool = False) -> tuple[TorqueBalance, Samples, list[Symbol]]:
     """Write the torque balance of terms in symbols.
 
     Returns:
@@ -384,15 +386,15 @@ def write_balance(terms: Sequence[Term], loaded: bool = False) -> tuple[TorqueBa
     Raises:
         Exception: of any type, if a law is not symbolic.
     """
-    each = [write_symbols(term, place) for place, term in enumerate(terms)]
-    theta: Any = [make_symbol(f"theta_{k}") for k in range(sum(len(term.columns) for term, _ in each))]
-    balance = TorqueBalance([term for term, _ in each], theta, loaded)
+    symbolic = [write_symbols(term, place) for place, term in enumerate(terms)]
+    theta: Any = [make_symbol(f"theta_{k}") for k in range(sum(len(term.columns) for term, _ in symbolic))]
+    balance = TorqueBalance([term for term, _ in symbolic], theta, has_load)
     x: Any = Samples(*(make_symbol(text) for text in ("time", "position", "velocity", "torque")))  # type: ignore[arg-type]
-    if loaded:
+    if has_load:
         load: Any = KnownLoad(*(make_symbol(f"load_{part}") for part in KnownLoad._fields))  # type: ignore[arg-type]
         x = replace(x, load=load)
     memory = {
         id: tuple(make_symbol(f"memory.{id}.{k}") for k in range(len(memory)))
         for id, memory in balance.start(x).items()
     }
-    return balance, replace(x, memory=memory), [symbol for _, symbols in each for symbol in symbols]
+    return balance, replace(x, memory=memory), [symbol for _, symbols in symbolic for symbol in symbols]

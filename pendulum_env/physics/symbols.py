@@ -46,7 +46,7 @@ class Symbol(NDArrayOperatorsMixin):
     op: str
     inputs: tuple[Operand, ...] = ()
     label: str = ""
-    most: float | None = None
+    largest: float | None = None
 
     __hash__ = object.__hash__
 
@@ -88,24 +88,24 @@ def find_longest(duration: Any) -> float:
     """Return the longest of durations, or the bound of a symbolic duration."""
     if not isinstance(duration, Symbol):
         return float(np.max(duration))
-    if duration.most is None:
+    if duration.largest is None:
         raise TypeError("a largest value has no written form")
-    return duration.most
+    return duration.largest
 
 
-def make_symbol(text: str, most: float | None = None) -> Symbol:
+def make_symbol(text: str, largest: float | None = None) -> Symbol:
     """Make a symbol with a name and, if known, a largest value."""
-    return Symbol(NAME, label=text, most=most)
+    return Symbol(NAME, label=text, largest=largest)
 
 
 def make_symbols(text: str, *shape: int) -> Any:
     """Make an array of named symbols, or a single symbol without a shape."""
     if not shape:
         return make_symbol(text)
-    given = np.empty(shape, dtype=object)
+    symbols = np.empty(shape, dtype=object)
     for place in np.ndindex(shape):
-        given[place] = make_symbol(".".join((text, *map(str, place))))
-    return given
+        symbols[place] = make_symbol(".".join((text, *map(str, place))))
+    return symbols
 
 
 def box(value: Any) -> Any:
@@ -126,12 +126,12 @@ def make_operation(op: str, *inputs: Any) -> Operand:
         return make_operation("multiply", operands[0], operands[0])
     if op == WHERE and not isinstance(operands[0], Symbol):
         return operands[1] if operands[0] else operands[2]
-    short = _simplify(op, operands) if op in BINARY else Symbol(op, operands)
-    if op == "multiply" and isinstance(short, Symbol):  # a share of a duration
+    simplified = _simplify(op, operands) if op in BINARY else Symbol(op, operands)
+    if op == "multiply" and isinstance(simplified, Symbol):  # a share of a duration
         share, whole = operands
-        if isinstance(whole, Symbol) and whole.most is not None and not isinstance(share, Symbol) and share > 0:
-            short.most = share * whole.most
-    return short
+        if isinstance(whole, Symbol) and whole.largest is not None and not isinstance(share, Symbol) and share > 0:
+            simplified.largest = share * whole.largest
+    return simplified
 
 
 def _simplify(op: str, operands: tuple[Operand, ...]) -> Operand:
@@ -170,7 +170,7 @@ def set_label(value: Any, label: str) -> Any:
     return value
 
 
-def repeat(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Array, every: int = 1) -> Array:
+def repeat_step(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Array, every: int = 1) -> Array:
     """Run a step by NumPy, for steps that are not symbolic.
 
     Args:
@@ -182,40 +182,40 @@ def repeat(step: Callable[[Any, Any], Sequence[Any]], inputs: Array, states: Arr
     Returns:
         States at the start and after each `every` steps (N / every + 1, S, ...).
     """
-    path, now = [states], states
-    for k, given in enumerate(inputs):
-        now = np.array([np.broadcast_to(row, states.shape[1:]) for row in step(given, now)])
+    path, current = [states], states
+    for k, input_row in enumerate(inputs):
+        current = np.array([np.broadcast_to(row, states.shape[1:]) for row in step(input_row, current)])
         if (k + 1) % every == 0:
-            path.append(now)
+            path.append(current)
     return np.array(path)
 
 
 def sort_symbols(results: Sequence[Operand]) -> Iterator[Symbol]:
     """Yield the symbols of the results, each after its inputs."""
-    seen: set[Symbol] = set()
-    waiting = [x for x in reversed(results) if isinstance(x, Symbol)]
-    while waiting:
-        symbol = waiting[-1]
-        missing = [x for x in symbol.inputs if isinstance(x, Symbol) and x not in seen]
-        if symbol not in seen and missing:
-            waiting += reversed(missing)
+    visited: set[Symbol] = set()
+    stack = [x for x in reversed(results) if isinstance(x, Symbol)]
+    while stack:
+        symbol = stack[-1]
+        open_inputs = [x for x in symbol.inputs if isinstance(x, Symbol) and x not in visited]
+        if symbol not in visited and open_inputs:
+            stack += reversed(open_inputs)
             continue
-        waiting.pop()
-        if symbol not in seen:
-            seen.add(symbol)
+        stack.pop()
+        if symbol not in visited:
+            visited.add(symbol)
             yield symbol
 
 
 def merge_equal(results: Sequence[Operand]) -> tuple[list[Symbol], dict[Symbol, Symbol]]:
     """Merge equal symbols; return the distinct symbols in order, and the representative of each symbol."""
-    known: dict[object, Symbol] = {}
-    same: dict[Symbol, Symbol] = {}
+    symbol_by_key: dict[object, Symbol] = {}
+    representatives: dict[Symbol, Symbol] = {}
     order = []
     for symbol in sort_symbols(results):
-        inputs = tuple(same[x] if isinstance(x, Symbol) else x for x in symbol.inputs)
+        inputs = tuple(representatives[x] if isinstance(x, Symbol) else x for x in symbol.inputs)
         key = (symbol.op, inputs, symbol.label if symbol.op == NAME else "")
-        first = known.setdefault(key, symbol)
-        same[symbol] = first
+        first = symbol_by_key.setdefault(key, symbol)
+        representatives[symbol] = first
         if first is symbol:
             order.append(symbol)
-    return order, same
+    return order, representatives

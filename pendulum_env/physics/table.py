@@ -49,7 +49,7 @@ class Extent(Struct, frozen=True):
     merged: tuple[Annotated[int, Meta(ge=1, le=99)], ...] = ()
 
     @property
-    def is_turn(self) -> bool:
+    def is_periodic(self) -> bool:
         """Return whether the table is periodic over a turn."""
         return self.low == -np.pi and self.high == np.pi
 
@@ -142,17 +142,17 @@ class Table(Term):
 def _sum_splines(kind: type[Table], argument: ArrayLike, weights: Mapping[int, float]) -> ArrayLike:
     """Sum cubic B-splines at an argument; `weights` are keyed by the index of the spline's central knot."""
     low, high, pieces, *_ = astuple(kind.extent)
-    if kind.extent.is_turn:
+    if kind.extent.is_periodic:
         inside: Any = 2.0 * np.arctan(np.tan(0.5 * argument))
     else:
         low, high = (float(cast(float, kind.warp(end))) for end in (low, high))
         inside = np.clip(kind.warp(argument), low, high)
-    at = (inside - low) * (pieces / (high - low))  # in pieces from the low end
+    place = (inside - low) * (pieces / (high - low))  # in pieces from the low end
     total: ArrayLike = 0
     for knot, weight in weights.items():
-        distance = np.absolute(at - float(knot))
+        distance = np.absolute(place - float(knot))
         spline = _evaluate_spline(distance)
-        total = total + weight * (spline + _evaluate_spline(pieces - distance) if kind.extent.is_turn else spline)
+        total = total + weight * (spline + _evaluate_spline(pieces - distance) if kind.extent.is_periodic else spline)
     return total
 
 
@@ -171,17 +171,17 @@ def _set_extent(kind: type[Table], extent: Extent) -> type[Table]:
 def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     """Compute the spline weights of each coefficient of a table, subject to orthogonality and end conditions."""
     low, high, pieces, *_ = astuple(kind.extent)
-    knots = range(pieces) if kind.extent.is_turn else range(-1, pieces + 2)
+    knots = range(pieces) if kind.extent.is_periodic else range(-1, pieces + 2)
     fine = 2000  # points of the inner product
     x = low + (high - low) * (np.arange(fine) + 0.5) / fine
 
-    def at(x: Array) -> Array:
+    def evaluate(x: Array) -> Array:
         return np.array([_sum_splines(kind, x, {knot: 1.0}) for knot in knots])
 
-    conditions = [at(x) @ law(x) / fine for law in kind.laws()]
+    conditions = [evaluate(x) @ law(x) / fine for law in kind.laws()]
     if kind.is_gain:
-        conditions.append(at(np.array([low]))[:, 0])
-    if not kind.extent.is_turn:  # zero curvature at the ends
+        conditions.append(evaluate(np.array([low]))[:, 0])
+    if not kind.extent.is_periodic:  # zero curvature at the ends
         bend = np.zeros(len(knots))
         bend[:3] = 1.0, -2.0, 1.0
         conditions += [bend, bend[::-1]]
@@ -195,18 +195,18 @@ def _compute_weights(kind: type[Table]) -> tuple[dict[int, float], ...]:
     shares = np.linalg.solve(rows[:, bound], rows[:, free])  # bound coefficients as combinations of the free ones
     return tuple(
         {knots[k]: 1.0}
-        | {knots[b]: -float(share) for b, share in zip(bound, shares[:, place], strict=True) if abs(share) > 1e-9}
-        for place, k in enumerate(free)
+        | {knots[b]: -float(share) for b, share in zip(bound, shares[:, column], strict=True) if abs(share) > 1e-9}
+        for column, k in enumerate(free)
     )
 
 
 @cache
 def _make_columns(kind: type[Table]) -> tuple[Column, ...]:
-    def at(weights: Mapping[int, float], x: Samples) -> ArrayLike:
+    def law(weights: Mapping[int, float], x: Samples) -> ArrayLike:
         return _sum_splines(kind, kind.argument(x), weights)
 
     name = kind.id.partition("@")[0]
-    return tuple(kind.column(f"{name}.{k}", partial(at, weight)) for k, weight in enumerate(_compute_weights(kind)))  # type: ignore[arg-type]
+    return tuple(kind.column(f"{name}.{k}", partial(law, row)) for k, row in enumerate(_compute_weights(kind)))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class ByAngle(Table):
     def covers(self, x: Samples) -> bool:
         position, extent = np.asarray(x.position), self.extent
         outside = np.mean((position < extent.low) | (position > extent.high))
-        return extent.is_turn or bool(outside < 1.0 / extent.pieces)
+        return extent.is_periodic or bool(outside < 1.0 / extent.pieces)
 
     @classmethod
     def argument(cls, x: Samples) -> ArrayLike:
@@ -240,7 +240,7 @@ class TorqueByAngle(ByAngle):
     @classmethod
     def laws(cls) -> Sequence[Callable[[Array], Array]]:
         # a line is not periodic
-        return [OF_ANGLE[name] for name in cls.extent.beside if not (name == "line" and cls.extent.is_turn)]
+        return [OF_ANGLE[name] for name in cls.extent.beside if not (name == "line" and cls.extent.is_periodic)]
 
 
 @dataclass(frozen=True)
@@ -303,8 +303,8 @@ class ByTime(Table):
     """Function of time in a single recording."""
 
     axis = "time"
-    most: ClassVar[float] = np.inf  # largest number of pieces
-    length: ClassVar[float] = 0.5  # [s], length of a piece, longer if `most` is reached
+    max_pieces: ClassVar[float] = np.inf  # largest number of pieces
+    length: ClassVar[float] = 0.5  # [s], length of a piece, longer if `max_pieces` is reached
 
     def covers(self, x: Samples) -> bool:
         return False
@@ -332,10 +332,10 @@ class GainByTime(ByTime):
     kind = "actuation"
     unit = "1"
     is_gain = True
-    most = 5  # slow: temperature of the motor, charge of a battery
+    max_pieces = 5  # slow: temperature of the motor, charge of a battery
 
 
-def refuse_held(terms: Iterable[Term], new: Term) -> None:
+def refuse_contained(terms: Iterable[Term], term: Term) -> None:
     """Refuse a new term with a function that a table of the model contains: the two would be indistinguishable.
 
     Raises:
@@ -344,8 +344,8 @@ def refuse_held(terms: Iterable[Term], new: Term) -> None:
     for table in terms:
         if not isinstance(table, Table):
             continue
-        if set(table.without_known_functions([new]).extent.beside) - set(table.extent.beside):
-            raise UserError(f"'{table.id}' holds all that '{new.id}' is: add '{new.id}' first, then the table")
+        if set(table.without_known_functions([term]).extent.beside) - set(table.extent.beside):
+            raise UserError(f"'{table.id}' holds all that '{term.id}' is: add '{term.id}' first, then the table")
 
 
 # tables that a model can keep

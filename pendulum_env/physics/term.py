@@ -20,7 +20,7 @@ import numpy as np
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics.description import DESCRIPTIONS, Description
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
-from pendulum_env.physics.symbols import Symbol, make_symbol, make_symbols, may_be_true, repeat
+from pendulum_env.physics.symbols import Symbol, make_symbol, make_symbols, may_be_true, repeat_step
 from pendulum_env.units import JointUnits
 
 if TYPE_CHECKING:
@@ -70,12 +70,12 @@ class Samples:
 Law = Callable[[Samples], ArrayLike]
 
 
-def zero(x: Samples) -> ArrayLike:
+def return_zero(x: Samples) -> ArrayLike:
     """Return zero, the default of a column's laws."""
     return 0.0
 
 
-def one(x: Samples) -> ArrayLike:
+def return_one(x: Samples) -> ArrayLike:
     """Return one, as a scalar for speed."""
     return 1.0
 
@@ -101,11 +101,11 @@ class Column:
 
     name: str
     unit: str
-    mass: Law = zero
-    force: Law = zero
-    dry: Law = zero
+    mass: Law = return_zero
+    force: Law = return_zero
+    dry: Law = return_zero
     potential: Law | None = None
-    loss: Law = zero
+    loss: Law = return_zero
     of_torque: bool = False
     least: float = -np.inf
     most: float = np.inf
@@ -181,7 +181,7 @@ class Term:
     id: ClassVar[str]
     at: ClassVar[str] = ""  # joint of an arm, the end of the id, `stribeck@elbow`; of a term at two joints, both names,
     # the second with its sign, `coupling@elbow,-wrist`
-    slides: ClassVar[bool] = False  # whether the joint is linear
+    is_prismatic: ClassVar[bool] = False  # whether the joint is linear
     law: ClassVar[str]
     kind: ClassVar[Kind]
     nonlinear_parameters: ClassVar[tuple[NonlinearParameter, ...]] = ()
@@ -224,7 +224,7 @@ class Term:
         return cls.trace is not Term.trace
 
     def list_angle_functions(self, at: str) -> tuple[str, ...]:
-        """List the functions of a joint's angle that the term contains: `one`, `line`, `sine` or `cosine`.
+        """List the functions of a joint's angle that the term contains: `return_one`, `line`, `sine` or `cosine`.
 
         Functions with a known parameter are omitted, because other terms may then explain a rest of the same form.
         """
@@ -357,13 +357,13 @@ def _compile_advance(term: Term, count: int, period: Array) -> Recurrence | None
     """Compile the step of a term's states along a motion; return None if it is not symbolic."""
     from pendulum_env.physics.compiled import compile_recurrence  # slow import
 
-    given: list[Any] = [make_symbol(text) for text in ("time", "position", "velocity", "torque")]
+    inputs: list[Any] = [make_symbol(text) for text in ("time", "position", "velocity", "torque")]
     memory: Memory = tuple(make_symbols("memory", count))
-    duration: Any = make_symbol("period", most=round_up(period))
+    duration: Any = make_symbol("period", largest=round_up(period))
     try:
         symbolic, nonlinear = write_symbols(term)
-        after: Any = symbolic.advance(memory, Samples(*given), duration)
-        return compile_recurrence(given, [*nonlinear, duration], memory, after)  # type: ignore[arg-type]
+        after: Any = symbolic.advance(memory, Samples(*inputs), duration)
+        return compile_recurrence(inputs, [*nonlinear, duration], memory, after)  # type: ignore[arg-type]
     except Exception:  # a user's law may raise any error with symbols
         return None
 
@@ -389,21 +389,21 @@ def trace_variants(
     stacked = type(variants[0])(**{name: values[:, None] for name, values in fields.items()})
     counts = np.array([len(command) for command in commands])
     # (longest N, recordings): index into the concatenated recordings, the last sample again after their end
-    at = np.minimum(np.arange(counts.max())[:, None], counts - 1) + np.cumsum(counts) - counts
+    index = np.minimum(np.arange(counts.max())[:, None], counts - 1) + np.cumsum(counts) - counts
     time, position, velocity = (
-        np.concatenate([np.asarray(getattr(x, name)) for x in runs])[at] for name in ("time", "position", "velocity")
+        np.concatenate([np.asarray(getattr(x, name)) for x in runs])[index] for name in ("time", "position", "velocity")
     )
-    held, period = np.concatenate(commands)[at], np.array(periods)
-    half = 0.5 * (velocity[1:] + velocity[:-1])  # mean velocity between samples
+    torque, period = np.concatenate(commands)[index], np.array(periods)
+    mean_velocity = 0.5 * (velocity[1:] + velocity[:-1])  # mean velocity between samples
     shape = len(variants), len(runs)
-    memory = stacked.start(Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), held[0]))
+    memory = stacked.start(Samples(time[0], position[0] + np.zeros(shape), velocity[0] + np.zeros(shape), torque[0]))
     states = np.array([np.broadcast_to(row, shape) for row in memory])
-    inputs = np.stack([time[:-1], position[:-1], half, held[:-1]], axis=1)
+    inputs = np.stack([time[:-1], position[:-1], mean_velocity, torque[:-1]], axis=1)
     if (program := _compile_advance(stacked, len(memory), period)) is not None:
         constants = [np.broadcast_to(row, shape) for row in (*stacked.free_values, period)]
         history = program(inputs, np.array(constants), states)
     else:
-        history = repeat(lambda given, rows: stacked.advance(tuple(rows), Samples(*given), period), inputs, states)
+        history = repeat_step(lambda x, rows: stacked.advance(tuple(rows), Samples(*x), period), inputs, states)
     # history (longest N, states, variants, recordings)
     return [
         [tuple(history[:count, :, variant, run].T) for variant in range(len(variants))]

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pendulum_env._typing import ArrayLike
-from pendulum_env.physics.term import Samples, Term, zero
+from pendulum_env.physics.term import Samples, Term, return_zero
 from pendulum_env.quantity import Quantity
 from pendulum_env.units import TURNING, JointUnits
 
@@ -65,7 +65,7 @@ def has_bristles(term: Term) -> bool:
 
 def is_dry(term: Term) -> bool:
     """Return whether a term is dry friction without a state."""
-    return term.kind == "dissipative" and not term.has_state() and any(c.dry is not zero for c in term.columns)
+    return term.kind == "dissipative" and not term.has_state() and any(c.dry is not return_zero for c in term.columns)
 
 
 def is_hidden(term: Term) -> bool:
@@ -79,8 +79,8 @@ def set_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike])
     for term in terms:
         names = {parameter.name: term.get_full_name(parameter.name) for parameter in term.nonlinear_parameters}
         arrays = {short: np.asarray(values[name]) for short, name in names.items() if name in values}
-        one = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in arrays.items()}
-        changed.append(replace(term, **one) if one else term)
+        changes = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in arrays.items()}
+        changed.append(replace(term, **changes) if changes else term)
     return tuple(changed)
 
 

@@ -28,11 +28,11 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.physics.simulation import LEAST, clip_state, count_substeps
+from pendulum_env.physics.simulation import LEAST_INERTIA, clip_state, count_substeps
 from pendulum_env.physics.symbols import may_be_true
-from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, T, Term, zero
+from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, T, Term, return_zero
 
-TOUCH = 5e-4  # [s], averaging time of the forces of a contact, which then begins and ends without a jump
+CONTACT_TIME = 5e-4  # [s], averaging time of the forces of a contact, which then begins and ends without a jump
 
 
 class Transmission(Term):
@@ -55,41 +55,41 @@ class Transmission(Term):
     def columns(self) -> tuple[Column, ...]:
         def force(x: Samples) -> ArrayLike:  # T - mgl sin q, per unit of J
             position, velocity = x.memory[self.id]
-            pull = self._accelerate(x.position - position, x.velocity - velocity, self.resonance**2, self.damping)
-            return pull - self._decelerate(x.position, x.velocity)
+            pull = self._compute_pull(x.position - position, x.velocity - velocity, self.resonance**2, self.damping)
+            return pull - self._compute_deceleration(x.position, x.velocity)
 
         def mass(x: Samples) -> ArrayLike:
             return -np.ones_like(x.velocity)
 
-        dry = (lambda x: -self.friction) if may_be_true(self.friction) else zero  # of the link, not of the motor
+        dry = (lambda x: -self.friction) if may_be_true(self.friction) else return_zero  # of the link, not of the motor
         return (Column(self.id, "kg m^2", mass=mass, force=force, dry=dry, least=0.0),)
 
-    def _accelerate(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
+    def _compute_pull(self, twist: ArrayLike, speed: ArrayLike, stiffness: ArrayLike, damping: ArrayLike) -> ArrayLike:
         """Return the acceleration of the link by the transmission [rad/s^2]."""
         if not may_be_true(self.play):
             return stiffness * twist + damping * speed
-        change = 0.5 * TOUCH * speed
+        change = 0.5 * CONTACT_TIME * speed
         ahead, behind = self._compute_extension(twist + change), self._compute_extension(twist - change)
-        return stiffness * (ahead + behind) / 2.0 + damping * (ahead - behind) / TOUCH
+        return stiffness * (ahead + behind) / 2.0 + damping * (ahead - behind) / CONTACT_TIME
 
     def _compute_extension(self, twist: Any) -> Any:
         """Return the extension of the transmission [rad], which is the twist beyond the play."""
         return twist - np.minimum(np.maximum(twist, -self.play), self.play)
 
-    def _decelerate(self, position: Array, velocity: Array) -> Array:
+    def _compute_deceleration(self, position: Array, velocity: Array) -> Array:
         """Return the deceleration of the link by its weight and viscous friction [rad/s^2]."""
         weight = self.gravity * np.sin(position)
         return weight + self.viscous * velocity if may_be_true(self.viscous) else weight
 
     def bind(self: T, linear: Mapping[str, float]) -> T:
         """Return the transmission with no more weight and friction at the link than the joint has."""
-        of = {"gravity": "gravity", "friction": "coulomb", "viscous": "viscous"}
-        most = {name: linear.get(base, np.inf) for name, base in of.items()}
-        inertia = max(linear.get(self.id, 0.0), LEAST)
+        bases = {"gravity": "gravity", "friction": "coulomb", "viscous": "viscous"}
+        largest = {name: linear.get(base, np.inf) for name, base in bases.items()}
+        inertia = max(linear.get(self.id, 0.0), LEAST_INERTIA)
         values = {
-            parameter.name: min(getattr(self, parameter.name), max(most[parameter.name] / inertia, parameter.low))
+            parameter.name: min(getattr(self, parameter.name), max(largest[parameter.name] / inertia, parameter.low))
             for parameter in self.nonlinear_parameters
-            if parameter.name in most
+            if parameter.name in largest
         }
         return replace(self, **values)
 
@@ -97,20 +97,20 @@ class Transmission(Term):
         """Return a velocity of the link after its dry friction has acted, which stops it at most."""
         if not may_be_true(self.friction):
             return velocity
-        most = duration * self.friction
-        return velocity - np.minimum(np.maximum(velocity, -most), most)
+        largest = duration * self.friction
+        return velocity - np.minimum(np.maximum(velocity, -largest), largest)
 
     def derived(self, theta: Array) -> dict[str, tuple[float, str]]:
-        found = {
+        quantities = {
             "k": (theta[0] * self.resonance**2, "N m/rad"),
             "d": (theta[0] * self.damping, "N m s/rad"),
             "mgl": (theta[0] * self.gravity, "N m"),
         }
         if self.friction:
-            found["link_coulomb"] = theta[0] * self.friction, "N m"
+            quantities["link_coulomb"] = theta[0] * self.friction, "N m"
         if self.viscous:
-            found["link_viscous"] = theta[0] * self.viscous, "N m s/rad"
-        return found
+            quantities["link_viscous"] = theta[0] * self.viscous, "N m s/rad"
+        return quantities
 
     def start(self, x: Samples) -> Memory:
         # the link hangs at the extension that carries its weight, and moves with the motor
@@ -125,10 +125,11 @@ class Transmission(Term):
         stiffness = np.minimum(self.resonance**2, 1 / h**2)  # stiffer contacts would be unstable at this step
         damping = np.minimum(self.damping, 0.5 / h)
 
-        def accelerate(elapsed: ArrayLike, position: Array, now: Array, duration: ArrayLike) -> Array:
+        def accelerate(elapsed: ArrayLike, position: Array, link_speed: Array, duration: ArrayLike) -> Array:
             """Return the velocity after a duration, from `velocity` with the acceleration of a state."""
-            twist, speed = x.position + elapsed * x.velocity - position, x.velocity - now
-            pull = self._accelerate(twist, speed, stiffness, damping) - self._decelerate(position, now)
+            twist, speed = x.position + elapsed * x.velocity - position, x.velocity - link_speed
+            pull = self._compute_pull(twist, speed, stiffness, damping)
+            pull = pull - self._compute_deceleration(position, link_speed)
             return self._apply_dry_friction(velocity + duration * pull, duration)
 
         for k in range(steps):

@@ -30,9 +30,7 @@ class CleaningSettings:
     restart_gap: float = 1.0  # [s], gap between runs whose clocks restart
     long_step: float = 1.5  # least length of a step with lost rows, in median steps
     moving_ratio: float = 3.0  # least ratio of a moving joint's step to the usual deviation from steady motion
-    jump_ratio: float = (
-        3.0  # least ratio of an impossible jump to the steps before or after it, and of unsteady travels
-    )
+    jump_ratio: float = 3.0  # least ratio of an impossible jump to the steps around it, and of unsteady travels
     repeated_step: float = 1e-6  # largest step of a repeated time, as share of the median step
     steady_tolerance: float = 0.25  # largest relative difference of equal steps
     lost_ratio: float = 1.5  # least ratio of steps across lost cells to steps between rows
@@ -380,9 +378,8 @@ def _find_stale_samples(q: Array, typical_bend: float, cuts: Mask) -> Index:
     typical_bend = max(typical_bend, float(np.quantile(bends, 0.99)))
     is_jump_before = _is_impossible(before, steps[first - 2], typical_bend) & (first > 1)
     is_jump = _is_impossible(jump, after, typical_bend) & (end - first > 1) & ~cuts[end]
-    is_stale |= is_jump & (
-        _is_moving(q, first - is_jump_before, -1, typical_bend) | _is_moving(q, end + 1, 1, typical_bend)
-    )
+    is_moving = _is_moving(q, first - is_jump_before, -1, typical_bend) | _is_moving(q, end + 1, 1, typical_bend)
+    is_stale |= is_jump & is_moving
     begin = np.where(is_jump_before & is_jump, first, first + 1)
     runs = [np.arange(a, b + 1) for a, b in zip(begin[is_stale], end[is_stale], strict=True)]
     return np.concatenate([np.empty(0, dtype=np.intp), *runs])

@@ -120,7 +120,7 @@ class FileColumn:
             notes.append(Note(NoteKind.TRANSFORMED, quantities, text=str(self.expression)))
         elif self.scale != 1.0:
             si = SI[self.quantity]
-            unit = JointUnits(slides=self.unit in LINEAR.get(self.quantity, {})).unit(si)
+            unit = JointUnits(is_prismatic=self.unit in LINEAR.get(self.quantity, {})).unit(si)
             notes.append(Note(NoteKind.CONVERTED, quantities, headers=header, text=unit))
         if self.is_unit_inferred and self.expression.factors and _find_factor(self.quantity, self.unit) != 1.0:
             plain = str(replace(self.expression, unit=SI[self.quantity].replace(" ", "")))

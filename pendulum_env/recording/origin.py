@@ -27,7 +27,7 @@ class Origin:
     are_counts: bool = False
 
     @property
-    def slides(self) -> bool:
+    def is_prismatic(self) -> bool:
         """Return whether positions are in metres, as of a linear joint."""
         return self.columns["position"].unit in LINEAR["position"]
 

@@ -165,7 +165,7 @@ class Recording(Shown):
     @property
     def units(self) -> JointUnits:
         """Return the units of quantities; the joint is linear if the file's position is in metres."""
-        return JointUnits(self.torque_unit, self.origin is not None and self.origin.slides)
+        return JointUnits(self.torque_unit, self.origin is not None and self.origin.is_prismatic)
 
     @property
     def summary(self) -> str:

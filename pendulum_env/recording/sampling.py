@@ -240,7 +240,7 @@ def _sample_at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
     sampled = {}
     for name in part.keys() - {"time", "torque"}:
         if name == "enabled":
-            sampled[name] = _hold_on_grid(grid, part["time"], part[name])
+            sampled[name] = part[name][np.clip(np.searchsorted(part["time"], grid, side="right") - 1, 0, None)]
         else:
             sampled[name] = scipy.interpolate.CubicSpline(part["time"], part[name])(grid)
     return sampled
@@ -248,11 +248,6 @@ def _sample_at(grid: Array, part: dict[str, Array]) -> dict[str, Array]:
 
 def _make_grid(start: float, period: float, count: int) -> Array:
     return start + period * np.arange(count, dtype=np.float64)
-
-
-def _hold_on_grid(grid: Array, time: Array, values: Array) -> Array:
-    """Sample values (N,), held from times (N,) on, at a grid (M,)."""
-    return np.asarray(values[np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 1)])
 
 
 def _average_held(grid: Array, period: float, time: Array, torque: Array) -> Array:

@@ -45,16 +45,8 @@ JOINT_WORDS = frozenset((*CARRIERS, "joint", "joints", "motor", "axis", "j", "id
 LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
 MEASURED = ("meas", "measured", "msr", "fbk", "feedback", "actual", "act", "actualvalue")  # before or after an alias
 ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
-COMMANDED = (
-    "cmd",
-    "command",
-    "commanded",
-    "des",
-    "desired",
-    "target",
-    "ref",
-    "setpoint",
-)  # torque only, if no other is found
+# torque only, if no other is found
+COMMANDED = ("cmd", "command", "commanded", "des", "desired", "target", "ref", "setpoint")
 
 UNITS = {  # factor to SI units by the letters of the unit
     "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0}
@@ -153,17 +145,8 @@ BOUNDARY = re.compile(  # between the words of a name: `sampleNumber`, `sample_n
 UNITS_OF_NO_TORQUE = frozenset(  # letters of units in brackets, beside those of other quantities
     "ms2 ms² rads2 rads² degs2 degs² cm mm m c k hz j mj w mw ut µt μt pa hpa kpa lx db".split()
 ).union(*(UNITS[quantity] for quantity in ("time", "position", "velocity", "temperature")))
-QUANTITIES = (  # quantities of a recording; the first three are required
-    "time",
-    "position",
-    "torque",
-    "velocity",
-    "reference",
-    "supply",
-    "enabled",
-    "temperature",
-    "load_torque",
-)
+# quantities of a recording; the first three are required
+QUANTITIES = ("time", "position", "torque", "velocity", "reference", "supply", "enabled", "temperature", "load_torque")
 OPTIONAL = ("velocity", "reference", "segment", "supply", "enabled", "temperature", "load_torque")
 FIRST_MATCHING = OPTIONAL[1:]  # the first matching column is used
 

@@ -60,13 +60,9 @@ def _write_parquet(file: BinaryIO, columns: dict[str, Array]) -> None:
     pq.write_table(pa.table(columns), file)
 
 
-def _write_npz(file: BinaryIO, columns: dict[str, Array]) -> None:
-    np.savez_compressed(file, allow_pickle=False, **columns)
-
-
 WRITERS: dict[str, Callable[[BinaryIO, dict[str, Array]], None]] = {
     ".csv": _write_csv,
     ".csv.gz": _write_gzip,
     ".parquet": _write_parquet,
-    ".npz": _write_npz,
+    ".npz": lambda file, columns: np.savez_compressed(file, allow_pickle=False, **columns),
 }

@@ -41,8 +41,9 @@ CHOICES: Mapping[str, Any] = {
 }
 CONTROLLER = ("windup", "integral", "derivative")  # open details of a controller's law
 CONVENTIONS = ("goal", "reads", *CONTROLLER)  # may be None: simulated as the first choice, until a fit decides
-LONGEST = 0.1  # [s], largest delay
-UNIT = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}  # unit of the motor torque if the gain is unknown
+LONGEST_DELAY = 0.1  # [s], largest delay
+# unit of the motor torque if the gain is unknown
+OUTPUT_UNITS = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}
 
 
 @dataclass(frozen=True)
@@ -93,10 +94,10 @@ class ServoDrive:
     is_controller: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        for name, known in CHOICES.items():
-            if getattr(self, name) not in get_args(known) and not (name in CONVENTIONS and getattr(self, name) is None):
-                choices = " or ".join(get_args(known))
-                raise UserError(f"{name} is {quote_value(getattr(self, name))}: it should be {choices}")
+        for name, literal in CHOICES.items():
+            value, choices = getattr(self, name), get_args(literal)
+            if value not in choices and not (name in CONVENTIONS and value is None):
+                raise UserError(f"{name} is {quote_value(value)}: it should be {' or '.join(choices)}")
         for name in ("kp", "ki", "kd", "delay"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
                 raise UserError(f"{name} is {getattr(self, name):g}: it should be 0 or a positive number")
@@ -108,24 +109,24 @@ class ServoDrive:
             raise UserError('integral is "before": give the rate of the controller as well, as rate = 100')
         if self.kp == self.ki == 0:
             raise UserError("kp and ki are both 0: such a controller does not follow its goal, say its gain")
-        if self.delay > LONGEST:
-            raise UserError(f"delay is {self.delay:g} s: no controller is later than {LONGEST:g} s")
+        if self.delay > LONGEST_DELAY:
+            raise UserError(f"delay is {self.delay:g} s: no controller is later than {LONGEST_DELAY:g} s")
 
     @property
     def unit(self) -> str:
         """Return the unit of the motor torque: `N m`, or V or A if the gain is unknown."""
-        return "N m" if self.gain is not None else UNIT[self.output]
+        return "N m" if self.gain is not None else OUTPUT_UNITS[self.output]
 
     @property
     def max_output(self) -> float:
         """Return the largest output."""
         return min(self.limit, 1.0) if self.output == "duty" else self.limit
 
-    def torque(self, goal: Array, position: Array, velocity: Array, supply: Array, on: Array) -> Array:
+    def torque(self, goal: Array, position: Array, velocity: Array, supply: Array, is_powered: Array) -> Array:
         """Return the commanded torque (N,) [unit] along a measured motion, from kp and -kd q' only."""
         error = goal - (velocity if self.acts_on_speed else position)
         output = self.kp * error - (0.0 if self.acts_on_speed else self.kd * velocity)
-        return np.asarray(on * self.scale(supply) * np.clip(output, -self.max_output, self.max_output))
+        return np.asarray(is_powered * self.scale(supply) * np.clip(output, -self.max_output, self.max_output))
 
     def scale(self, supply: Array) -> Array:
         """Return the torque [unit] per unit of output at a supply [V]."""
@@ -138,14 +139,15 @@ class ServoDrive:
 
         The order of the integral is relevant only with a `rate`.
         """
-        matters = {
+        is_relevant = {
             "goal": self.is_controller,
             "reads": self.acts_on_position,
             "windup": self.ki > 0 and math.isfinite(self.max_output),
             "integral": self.ki > 0 and self.rate is not None,
             "derivative": self.kd > 0 and self.acts_on_position,
         }
-        return {name: get_args(CHOICES[name]) for name in CONVENTIONS if matters[name] and getattr(self, name) is None}
+        names = (name for name in CONVENTIONS if is_relevant[name] and getattr(self, name) is None)
+        return {name: get_args(CHOICES[name]) for name in names}
 
     def complete_conventions(self, settings: Mapping[str, Any]) -> Self:
         """Return the drive with the settings of its `open_conventions`; other settings are ignored."""
@@ -166,26 +168,26 @@ class ServoDrive:
         return self.is_controller and self.control == "position"
 
     @classmethod
-    def from_settings(cls, given: Mapping[str, Any]) -> Self:
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Make a drive from the settings of a study; with a preset, kp is in register units."""
-        known = find("preset", str(given["preset"]), PRESETS) if "preset" in given else Preset({})
-        values: dict[str, Any] = dict(known.base)
-        for name, value in given.items():
-            if name in WORDS:
+        preset = find("preset", str(settings["preset"]), PRESETS) if "preset" in settings else Preset({})
+        values: dict[str, Any] = dict(preset.base)
+        for name, value in settings.items():
+            if name in TEXT_KEYS:
                 values[name] = value
             elif find("key of a drive", name, KEYS) and name != "preset":
                 if isinstance(value, bool) or not isinstance(value, int | float):
                     raise UserError(f"{name} is {quote_value(value)}: it should be a number")
-                values[name] = float(value) * (known.kp if name == "kp" else 1.0)
+                values[name] = float(value) * (preset.kp if name == "kp" else 1.0)
         if not values.keys() & {"kp", "ki"}:
             raise UserError("the controller has no gain: give kp (or ki)")
         return cls(**values)
 
     def get_settings(self) -> dict[str, str | float]:
         """Return the settings that differ from the defaults, for `from_settings`."""
-        usual = vars(ServoDrive())
-        values = {name: getattr(self, name) for name in usual if name == "kp" or getattr(self, name) != usual[name]}
-        return {name: value if isinstance(value, str) else float(value) for name, value in values.items()}
+        default, values = vars(ServoDrive()), {name: getattr(self, name) for name in vars(ServoDrive())}
+        given = {name: value for name, value in values.items() if name == "kp" or value != default[name]}
+        return {name: value if isinstance(value, str) else float(value) for name, value in given.items()}
 
 
 @dataclass(frozen=True)
@@ -219,7 +221,7 @@ PRESETS = {  # servos with duty: values measured by github.com/Rhoban/bam, encod
     # the output, without goal velocity and feed-forward torque
     "mit": Preset({"output": "torque", "derivative": "velocity"}),
 }
-WORDS = tuple(CHOICES)  # keys with text values
+TEXT_KEYS = tuple(CHOICES)  # keys with text values
 KEYS = dict.fromkeys(("preset", *vars(ServoDrive())), True)
 
 
@@ -231,5 +233,6 @@ def find_declared_conventions(drives: Sequence[ServoDrive]) -> dict[str, str]:
 
 def list_open_conventions(drives: Sequence[ServoDrive], names: Sequence[str]) -> list[dict[str, str]]:
     """Return all combinations of the drives' `open_conventions` of some names; without any, one empty combination."""
-    choices = {name: own for name in names for drive in drives if (own := drive.open_conventions.get(name))}
+    choices = {name: options for drive in drives for name, options in drive.open_conventions.items() if name in names}
+    choices = {name: choices[name] for name in names if name in choices}
     return [dict(zip(choices, values, strict=True)) for values in product(*choices.values())]

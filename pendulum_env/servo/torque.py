@@ -29,7 +29,7 @@ def get_bus_voltage(recording: Recording) -> Array:
     return np.full(len(recording), recording.actuator.supply or 1.0)
 
 
-def compute_asked_torque(recording: Recording) -> Array:
+def compute_commanded_torque(recording: Recording) -> Array:
     """Return the commanded torque (N,) [unit of the drive] along a recording with a reference.
 
     The integral is zero at the start of each segment. With an integral or the derivative of the error, the result is
@@ -44,8 +44,8 @@ def compute_asked_torque(recording: Recording) -> Array:
             output = part.powered * _follow_controller(part, part.reference)
             parts.append(part.actuator.scale(get_bus_voltage(part)) * output)
         else:
-            given = part.reference, part.position, velocity, get_bus_voltage(part), part.powered
-            parts.append(part.actuator.torque(*given))
+            motion = part.reference, part.position, velocity, get_bus_voltage(part), part.powered
+            parts.append(part.actuator.torque(*motion))
     return np.concatenate(parts)
 
 
@@ -62,28 +62,28 @@ def _follow_controller(part: Recording, goal: Array) -> Array:
     drive = part.actuator
     rate = drive.rate or max(part.rate, FINE)
     gains = dict(zip(GAINS, compute_gains(drive, 1.0 / rate), strict=True))
-    count, known = int(len(part) * rate / part.rate) + 1, np.arange(len(part), dtype=np.float64)
+    count, rows = int(len(part) * rate / part.rate) + 1, np.arange(len(part), dtype=np.float64)
     samples = np.arange(count, dtype=np.float64) * part.rate / rate
-    last = np.minimum((samples + 1e-6).astype(np.intp), len(part) - 1)
-    motion = scipy.interpolate.CubicSpline(known, part.position)
-    position = motion(np.minimum(samples, known[-1]))
+    row = np.minimum((samples + 1e-6).astype(np.intp), len(part) - 1)
+    motion = scipy.interpolate.CubicSpline(rows, part.position)
+    position = motion(np.minimum(samples, rows[-1]))
     if part.velocity is not None:
-        speed = np.interp(samples, known, part.velocity)
+        speed = np.interp(samples, rows, part.velocity)
     elif drive.rate:
         speed = np.diff(position, prepend=2 * position[0] - position[min(1, count - 1)]) * rate
     else:
-        speed = motion(np.minimum(samples, known[-1]), 1) * part.rate
-    wanted = np.interp(samples, known, goal) if drive.goal == "ramp" else goal[last]
-    error = wanted - (speed if drive.acts_on_speed else position)
+        speed = motion(np.minimum(samples, rows[-1]), 1) * part.rate
+    goals = np.interp(samples, rows, goal) if drive.goal == "ramp" else goal[row]
+    error = goals - (speed if drive.acts_on_speed else position)
     if drive.derivative == "error":
-        speed = speed - np.diff(wanted, prepend=wanted[0]) * rate
-    seen = scipy.signal.lfilter([gains["seen"]], [1.0, gains["seen"] - 1.0], speed)
-    damping, integral, outputs = (0.0 if drive.acts_on_speed else drive.kd) * seen, 0.0, []
-    for k, on in enumerate(part.powered[last]):
-        output, grown = compute_output(error[k], damping[k], integral, gains)
-        integral = grown if on else 0.0
+        speed = speed - np.diff(goals, prepend=goals[0]) * rate
+    filtered = scipy.signal.lfilter([gains["speed_weight"]], [1.0, gains["speed_weight"] - 1.0], speed)
+    damping, integral, outputs = (0.0 if drive.acts_on_speed else drive.kd) * filtered, 0.0, []
+    for k, is_powered in enumerate(part.powered[row]):
+        output, new_integral = compute_output(error[k], damping[k], integral, gains)
+        integral = new_integral if is_powered else 0.0
         outputs.append(output)
-    return average_torque(known, 1.0, samples, np.array(outputs))
+    return average_torque(rows, 1.0, samples, np.array(outputs))
 
 
 def replace_drive(recording: Recording, drive: ServoDrive) -> Recording:
@@ -91,15 +91,15 @@ def replace_drive(recording: Recording, drive: ServoDrive) -> Recording:
     if drive == recording.drive:
         return recording
     changed = replace(recording, drive=drive)
-    is_asked = depends_on_past(drive) and not recording.has_logged_torque
-    return replace(changed, torque=compute_asked_torque(changed)) if is_asked else changed
+    is_recomputed = depends_on_past(drive) and not recording.has_logged_torque
+    return replace(changed, torque=compute_commanded_torque(changed)) if is_recomputed else changed
 
 
 def complete_torque(recording: Recording) -> Recording:
     """Return the recording with the torque from its drive or its logged output, and a note."""
     drive = recording.actuator
     if not recording.has_logged_torque:
-        torque, note = compute_asked_torque(recording), Note(NoteKind.TORQUE_OF_DRIVE)
+        torque, note = compute_commanded_torque(recording), Note(NoteKind.TORQUE_OF_DRIVE)
     elif recording.torque_unit == OUTPUTS.get(drive.output):
         torque = drive.scale(get_bus_voltage(recording)) * recording.torque
         note = Note(NoteKind.TORQUE_BY_OUTPUT, headers=(drive.unit,), text=str(drive.output))

@@ -33,9 +33,9 @@ class Spread:
     def draw(self, rng: np.random.Generator, count: int, options: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """Draw parameters of `count` plants by name, (count,) each; `theta` of the reset options takes precedence."""
         drawn = self._nominal + self._widths * rng.uniform(-1.0, 1.0, (len(self.names), count))
-        given = (options or {}).get("theta", {})
-        refuse_unnamed(given)
-        return {**dict(zip(self.names, drawn, strict=True)), **given}
+        theta = (options or {}).get("theta", {})
+        refuse_unnamed(theta)
+        return {**dict(zip(self.names, drawn, strict=True)), **theta}
 
 
 class RandomizePlant(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
@@ -88,9 +88,9 @@ class RandomizePlantVector(VectorWrapper):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset all pendulums with new plants; the same seed draws the same plants."""
-        first = seed[0] if isinstance(seed, list) else seed
-        if first is not None:
-            self._rng = np.random.default_rng(first)
+        first_seed = seed[0] if isinstance(seed, list) else seed
+        if first_seed is not None:
+            self._rng = np.random.default_rng(first_seed)
         options = {**(options or {}), "theta": self._spread.draw(self._rng, self.num_envs, options)}
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
         self._time = np.asarray(info["time"])
@@ -100,9 +100,9 @@ class RandomizePlantVector(VectorWrapper):
         """Step; draw a new plant for each pendulum that was reset."""
         observation, reward, terminated, truncated, info = self.env.step(actions)
         time = np.asarray(info["time"])
-        anew = time <= self._time
+        is_new = time <= self._time
         self._time = time
-        if anew.any():
-            self._plants.set_parameters(self._spread.draw(self._rng, self.num_envs), anew)
+        if is_new.any():
+            self._plants.set_parameters(self._spread.draw(self._rng, self.num_envs), is_new)
             info["plant"] = self._plants.plant.info
         return observation, reward, terminated, truncated, info

@@ -55,7 +55,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         self._finish()
         self._write_error = None
         observation, info = self.env.reset(seed=seed, options=options)
-        self._last, self._written = info, info["time"]
+        self._last_info, self._written_at = info, info["time"]
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -70,13 +70,14 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         if self._file is None:
             self._open()
         observation, reward, terminated, truncated, info = self.env.step(action)
-        last, self._last = self._last, info
+        previous, self._last_info = self._last_info, info
         if "fault" not in info:  # a fault has no measurement
-            measured = (last["position"], info["torque"])
+            measured = (previous["position"], info["torque"])
             values = measured if self._joints is None else (*measured[0], *measured[1])
-            row = (last["time"], *values, *(last[name] for name in TIMING if name in last))
+            row = (previous["time"], *values, *(previous[name] for name in TIMING if name in previous))
             self._rows.append(",".join(repr(float(value)) for value in row) + "\n")
-        if terminated or truncated or not math.isfinite(info["time"]) or info["time"] >= self._written + self.interval:
+        is_due = not math.isfinite(info["time"]) or info["time"] >= self._written_at + self.interval
+        if terminated or truncated or is_due:
             self._flush()
         return observation, reward, terminated, truncated, info
 
@@ -105,29 +106,29 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         columns: tuple[str, ...] = COLUMNS
         if self._joints is not None:
             columns = ("time", *(f"{quantity}_{joint}" for quantity in COLUMNS[1:] for joint in self._joints))
-        self._rows = [",".join((*columns, *(name for name in TIMING if name in self._last))) + "\n"]
+        self._rows = [",".join((*columns, *(name for name in TIMING if name in self._last_info))) + "\n"]
         self._flush()
 
     def _flush(self) -> None:
         """Write the rows by one call, so that a killed process leaves no partial row."""
         if self._file is not None and self._rows:
             data, self._rows = "".join(self._rows).encode(), []
-            with self._give_up_on_error():
+            with self._close_on_error():
                 if self._file.write(data) != len(data):  # a full disk may write a part
                     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            self._written = self._last["time"]
+            self._written_at = self._last_info["time"]
 
     def _finish(self) -> None:
         """Write the remaining rows to the disk and close the file."""
         self._flush()
         if self._file is not None:
-            with self._give_up_on_error():
+            with self._close_on_error():
                 sync_file(self._file)
             self._file.close()
             self._file = None
 
     @contextmanager
-    def _give_up_on_error(self) -> Iterator[None]:
+    def _close_on_error(self) -> Iterator[None]:
         """At an error, close the file; each later step of the episode raises the error again."""
         try:
             yield
@@ -136,6 +137,6 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
             with suppress(OSError):
                 self._file.close()
             self._file = None
-            message = f"{error.strerror}: {self._written:.3g} s were written: make room, and record again"
+            message = f"{error.strerror}: {self._written_at:.3g} s were written: make room, and record again"
             self._write_error = OSError(error.errno, message, str(self.get_file(self._episode)))
             raise self._write_error from error

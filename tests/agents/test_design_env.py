@@ -103,7 +103,7 @@ def test_stick_teaches_nothing_and_is_told():
     env = ExcitationDesignVector(2)
     seen = run(env, 25, action=lambda k, count: np.full((count, 1), 0.05))
     assert not seen["reward"].any()
-    assert (decode_observation(seen["observation"][-1]).stuck == 1).all()
+    assert (decode_observation(seen["observation"][-1]).is_stuck == 1).all()
 
 
 def test_the_peak_and_the_budget_hold():

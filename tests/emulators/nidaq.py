@@ -106,7 +106,7 @@ class Server:
         handlers = {name: self._handler(name, work) for name, work in card.calls.items()}
         service = grpc.method_handlers_generic_handler(SERVICE, handlers)
         self._server = grpc.server(ThreadPoolExecutor(max_workers=1), handlers=[service])
-        self.place = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
+        self.path = f"127.0.0.1:{self._server.add_insecure_port('127.0.0.1:0')}"
         self._server.start()
 
     def receive(self) -> None:
@@ -114,7 +114,7 @@ class Server:
         os.read(self.descriptor, 1)
         self._calls.get()()
 
-    def pull(self) -> None:
+    def disconnect(self) -> None:
         """No network."""
         self._server.stop(None)
 
@@ -135,5 +135,5 @@ def make_nidaq(motor: Motor) -> EmulatedRig:
     """Put a motor behind a card, at the end of a network."""
     server = Server(Card(motor))
     return EmulatedRig(
-        motor, server, "nidaq", {**CHANNELS, "newton_metres_per_volt": Card.scale, "server": server.place}
+        motor, server, "nidaq", {**CHANNELS, "newton_metres_per_volt": Card.scale, "server": server.path}
     )

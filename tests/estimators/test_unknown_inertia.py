@@ -68,7 +68,7 @@ def test_the_model_is_saved_as_unknown_and_compared_in_torque_alone(run, tmp_pat
 
 
 def test_the_model_simulates_nothing():
-    model = Model.build(BASE, [3e-5, 0.02, 0.05, 0.3], [4e-5, 0.001, 0.01, 0.01]).withhold(["inertia"])
+    model = Model.build(BASE, [3e-5, 0.02, 0.05, 0.3], [4e-5, 0.001, 0.01, 0.01]).mark_unknown(["inertia"])
     with pytest.raises(ModelError, match="inertia"):
         model.simulate(0.01, np.zeros(10), 0.0, 0.0)
     with pytest.raises(ModelError, match="inertia"):

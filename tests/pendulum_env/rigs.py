@@ -30,7 +30,7 @@ from pendulum_env.plant import make_plant
 asked = json.loads(sys.argv[1])
 emulate(
     make, make_plant(effects=asked["effects"]), Path(asked["config"]), asked["rate"],
-    asked["settings"], lambda text: print(text, flush=True), first=asked["first"], log=Path(asked["log"]),
+    asked["settings"], lambda text: print(text, flush=True), first_count=asked["first"], log=Path(asked["log"]),
 )
 """
 MADE = {

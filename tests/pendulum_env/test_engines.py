@@ -23,7 +23,7 @@ from tests.terms import Clipped, Table
 with_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed")
 # moments and stops that the run meets
 SOONER = {"payload_change": "payload_change=0.02,0.4,0.3", "hard_stop": "hard_stop:upper=0.3"}
-MAKERS = {**BACKENDS, "NumPy": partial(Simulator, make=lambda balance, longest: SteppedBody(balance))}
+MAKERS = {**BACKENDS, "NumPy": partial(Simulator, make_engine=lambda balance, longest: SteppedBody(balance))}
 TORQUE = excitation("paper", np.random.default_rng(0)).signal(np.arange(2000) / 1000).astype(np.float32).astype(float)
 
 

@@ -22,10 +22,10 @@ from pendulum_env.units import JointUnits, is_of_torque
     ],
 )
 def test_units_by_channel(si, current, relative, sliding):
-    every = (JointUnits(), JointUnits("A"), JointUnits("rad/s^2"), JointUnits(slides=True))
+    every = (JointUnits(), JointUnits("A"), JointUnits("rad/s^2"), JointUnits(is_prismatic=True))
     assert [units.unit(si) for units in every] == [si, current, relative, sliding]
     assert JointUnits("A").unit(current) == current
-    at_slide = JointUnits("A", slides=True).unit(si)
+    at_slide = JointUnits("A", is_prismatic=True).unit(si)
     assert at_slide == ("A s^2/m" if si == "kg m^2" else current.replace("rad", "m"))
     assert is_of_torque(si) == (si != current)
 
@@ -35,7 +35,7 @@ def test_no_parameter_of_an_effect_keeps_its_torque(kind):
     for channel, gone in (
         (JointUnits("A"), ("N m", "kg")),
         (JointUnits("rad/s^2"), ("N m", "kg")),
-        (JointUnits(slides=True), ("N m", "rad")),
+        (JointUnits(is_prismatic=True), ("N m", "rad")),
     ):
         given = [channel.unit(column.unit) for column in kind().columns]
         given += [own.get_unit(channel) for own in kind.nonlinear_parameters if not own.is_frequency]

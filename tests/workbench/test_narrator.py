@@ -21,7 +21,7 @@ from workbench.narrator.diagnosis import describe_detectable, describe_region, d
 from workbench.narrator.effects import EFFECTS, find_description, find_look_alikes, name_effect
 from workbench.narrator.findings import DESCRIBED, REASONS, describe
 
-CURRENT, SLIDE = JointUnits("A"), JointUnits(slides=True)
+CURRENT, SLIDE = JointUnits("A"), JointUnits(is_prismatic=True)
 NUMBERS = {
     "torque_constant": Quantity(0.5, 0.01, "N m/A"),
     "p_value": Quantity(0.001),

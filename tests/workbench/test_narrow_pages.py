@@ -14,7 +14,7 @@ from tests.cases import diagnosed
 from tests.patience import wait_until
 from tests.workbench.app.plants import record_pendulum
 from workbench.cli import main
-from workbench.figure import Figure, axis, line
+from workbench.figure import Figure, make_axis, make_line
 from workbench.report import render, render_comparison
 from workbench.report.data import ReportData
 from workbench.report.numbers import make_errors, plot_errors
@@ -52,8 +52,8 @@ def of_many_curves(folder: Path) -> str:
     several = tuple(replace(step, added=id) for id in ("coulomb_asymmetry", "position_dependent_friction", "stribeck"))
     case = ReportData(replace(diagnosis, steps=(base, *several)))
     time = np.linspace(0.0, 10.0, 50)
-    curves = [line(time, np.sin(k + time), f"a curve with a name, {k}", "--base", "rad") for k in range(10)]
-    many = Figure("many", "Many", curves, {"xaxis": axis("time [s]"), "yaxis": axis("angle [rad]")})
+    curves = [make_line(time, np.sin(k + time), f"a curve with a name, {k}", "--base", "rad") for k in range(10)]
+    many = Figure("many", "Many", curves, {"xaxis": make_axis("time [s]"), "yaxis": make_axis("angle [rad]")})
     figures = many, plot_errors(case, "torque_rms", "torque error [N m]", 0.01)
     section = make_errors(ReportData(diagnosis))
     return render_page([replace(section, content=[figures, *section.content[1:]])], "curves")

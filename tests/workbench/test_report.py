@@ -17,7 +17,7 @@ from pendulum_env.physics import Samples
 from tests.cases import diagnosed
 from tests.workbench.app.plants import record_pendulum
 from tests.workbench.pages import Page, values, whole
-from workbench.figure import insert_gaps, numbers, thin
+from workbench.figure import insert_gaps, round_numbers, select_samples
 from workbench.narrator.findings import describe_reason
 from workbench.report import SECTIONS, render
 from workbench.report.failures import plot_profile
@@ -123,12 +123,12 @@ def test_numbers_are_printed_without_exponents(value, text):
 def test_curves_are_thinned_but_for_their_peaks_and_break_where_time_has_a_gap():
     series = np.zeros(100_000)
     series[[123, 77_777]] = 5.0, -5.0
-    kept = thin(series, 1000)
+    kept = select_samples(series, 1000)
     assert len(kept) <= 1000 and {123, 77_777} <= set(kept)
     time = np.r_[np.arange(5.0), np.arange(10.0, 15.0)]
     x, (y,) = insert_gaps(time, np.arange(10), time)
     assert np.flatnonzero(np.isnan(x)).tolist() == np.flatnonzero(np.isnan(y)).tolist() == [5]
-    assert numbers(np.array([1.23456789, np.nan, -1e-9, 0.0])) == [1.2346, None, -1e-9, 0.0]
+    assert round_numbers(np.array([1.23456789, np.nan, -1e-9, 0.0])) == [1.2346, None, -1e-9, 0.0]
 
 
 def test_a_diagnosis_that_was_read_from_a_file_has_no_report(diagnosis):

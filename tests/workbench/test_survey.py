@@ -279,7 +279,7 @@ def test_a_row_has_no_value_of_an_unknown_parameter_and_says_what_is_biased(swin
     first, second, *_ = found.model.estimates
     assert not make_rows(found)[0]["biased"] and None not in make_rows(found)[0]["parameters"][first].values()
     *steps, last = found.steps
-    found = replace(found, steps=(*steps, replace(last, model=last.model.mark_biased().withhold([first]))))
+    found = replace(found, steps=(*steps, replace(last, model=last.model.mark_biased().mark_unknown([first]))))
     (row,) = make_rows(found)
     assert row["biased"] and (row["parameters"][first]["value"], row["parameters"][first]["std"]) == (None, None)
     assert row["parameters"][second]["value"] == found.model.estimates[second].value

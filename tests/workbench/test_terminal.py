@@ -16,7 +16,7 @@ HEADERS = ("scheme", "inertia [kg m^2]", "gravity [N m]", "viscous [N m s/rad]",
 def printed(width: int, headers, rows, left) -> str:
     terminal = Terminal()
     terminal._out = Console(file=StringIO(), width=width, force_terminal=True, color_system=None, markup=False)
-    terminal.table(headers, rows, left)
+    terminal.print_table(headers, rows, left)
     return terminal._out.file.getvalue()
 
 

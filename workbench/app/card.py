@@ -17,12 +17,12 @@ from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI
 from workbench.errors import write_option
 
 UNWRAP = "unwrap: undo jumps of a turn in position"
-NEEDED = 2  # numeric columns required: time and position
-WRITTEN = re.compile(  # an expression of `--columns` in a message
-    rf"(?P<sign>-?)(?P<name>.+?)(?::(?P<unit>.+?))?(?P<then>(?:[*/](?:[+-]?(?:{NUMBER.pattern})|\?))*"
+MIN_COLUMNS = 2  # numeric columns required: time and position
+EXPRESSION = re.compile(  # an expression of `--columns` in a message
+    rf"(?P<sign>-?)(?P<name>.+?)(?::(?P<unit>.+?))?(?P<conversion>(?:[*/](?:[+-]?(?:{NUMBER.pattern})|\?))*"
     rf"(?:[+-](?:{NUMBER.pattern})(?::\S+)?)?)"
 )
-PLAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # a number alone is a gain
+GAIN = re.compile(rf"[+-]?(?:{NUMBER.pattern})|\?")  # a number alone is a gain
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class ColumnChoice:
 
     role: str = ""
     unit: str = ""
-    then: str = ""  # conversion, `*0.091` or `/6+90`; a number alone is a gain
+    conversion: str = ""  # conversion, `*0.091` or `/6+90`; a number alone is a gain
 
     def write_expression(self, header: str) -> str:
         """Write the column, unit and conversion as an expression of `--columns`."""
-        unit, then = self.unit.strip(), self.then.strip()
-        gain = "*" if PLAIN.fullmatch(then) else ""
-        return f"{header}{f':{unit}' if unit else ''}{gain}{then}"
+        unit, conversion = self.unit.strip(), self.conversion.strip()
+        gain = "*" if GAIN.fullmatch(conversion) else ""
+        return f"{header}{f':{unit}' if unit else ''}{gain}{conversion}"
 
     @classmethod
     def parse(cls, role: str, expression: Expression) -> ColumnChoice:
@@ -58,11 +58,11 @@ def write_choice(name: str, value: object) -> str:
 
 def _describe_choice(role: str, text: str) -> str:
     """Describe the choice for a role: column, unit and conversion."""
-    if text == NONE or not (found := WRITTEN.fullmatch(text)):
+    if text == NONE or not (match := EXPRESSION.fullmatch(text)):
         return f"no column as {role}"
-    unit = f" in {found['unit']}" if found["unit"] else ""
-    then = f"{'*-1' if found['sign'] else ''}{found['then']}"
-    return f"column {found['name']} as {role}{unit}{f' with {then}' if then else ''}"
+    unit = f" in {match['unit']}" if match["unit"] else ""
+    conversion = f"{'*-1' if match['sign'] else ''}{match['conversion']}"
+    return f"column {match['name']} as {role}{unit}{f' with {conversion}' if conversion else ''}"
 
 
 def get_quantity(role: str) -> str:
@@ -72,8 +72,8 @@ def get_quantity(role: str) -> str:
 
 def list_units(role: str) -> list[str]:
     """List the units accepted for a column of a role."""
-    what = get_quantity(role)
-    return [*UNIT_NAMES.get(what, "").split(", "), *LINEAR.get(what, {})] if what in UNIT_NAMES else []
+    quantity = get_quantity(role)
+    return [*UNIT_NAMES.get(quantity, "").split(", "), *LINEAR.get(quantity, {})] if quantity in UNIT_NAMES else []
 
 
 def describe_unit(role: str, text: str, headers: Sequence[str]) -> str:
@@ -96,22 +96,24 @@ class ColumnCard:
     source: Source  # file and settings; `choices` replaces its columns
     choices: tuple[ColumnChoice, ...]  # one for each column
     preview: Preview  # headers and first values of the file
-    known: str = ""  # id of the loaded recording; empty for a file not loaded yet
-    why: str = ""  # error of reading, a sentence; empty if the user opened the card
+    loaded_id: str = ""  # id of the loaded recording; empty for a file not loaded yet
+    error: str = ""  # error of reading, a sentence; empty if the user opened the card
     joints: tuple[str, ...] = ()  # moving joints of an arm; empty for a pendulum
     is_free: bool = False  # whether the joint is undriven: torque is zero
 
     @classmethod
-    def from_source(cls, source: Source, known: str = "", why: str = "", joints: tuple[str, ...] = ()) -> ColumnCard:
+    def from_source(
+        cls, source: Source, loaded_id: str = "", error: str = "", joints: tuple[str, ...] = ()
+    ) -> ColumnCard:
         """Create a card with roles from the source's columns, else guessed from the headers.
 
-        Raises RecordingError if the file cannot be read, or has fewer than `NEEDED` numeric columns.
+        Raises RecordingError if the file cannot be read, or has fewer than `MIN_COLUMNS` numeric columns.
         """
         preview = read_preview(source.file)
-        if sum(values is not None for values in preview.values) < NEEDED:
-            raise RecordingError(f"{source.file}: has fewer than {NEEDED} columns of numbers: nothing can be chosen")
+        if (count := MIN_COLUMNS) > sum(values is not None for values in preview.values):
+            raise RecordingError(f"{source.file}: has fewer than {count} columns of numbers: nothing can be chosen")
         is_free = source.columns.get("torque") == NONE
-        card = cls(source, (), preview, known, why, joints, is_free)
+        card = cls(source, (), preview, loaded_id, error, joints, is_free)
         numbers = [name for name, x in zip(preview.headers, preview.values, strict=True) if x is not None]
         guessed = guess_columns(numbers)
         if joints:
@@ -119,10 +121,10 @@ class ColumnCard:
             guessed = {role: plain[role] for role in card.roles if role in plain}
         chosen = {name: ColumnChoice(role) for role, name in guessed.items() if role not in source.columns}
         for role, text in source.columns.items():
-            what = get_quantity(role)
+            quantity = get_quantity(role)
             try:
                 expression = parse_expression(
-                    text, preview.headers, {**UNITS[what], **RAW.get(what, {}), **LINEAR.get(what, {})}
+                    text, preview.headers, {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}
                 )
             except RecordingError:
                 continue  # `none`, or an error already reported by reading
@@ -132,7 +134,7 @@ class ColumnCard:
     @property
     def roles(self) -> tuple[str, ...]:
         """Return the possible roles of a column; for an arm, time and the position and torque of each joint."""
-        roles = (f"{what}_{joint}" for joint in self.joints for what in ("position", "torque"))
+        roles = (f"{quantity}_{joint}" for joint in self.joints for quantity in ("position", "torque"))
         return ("time", *roles) if self.joints else tuple(ALIASES)
 
     def set_choices(self, choices: Sequence[ColumnChoice], unwrap: bool) -> ColumnCard:
@@ -142,13 +144,14 @@ class ColumnCard:
     def fill_form(self, form: Mapping[str, Any]) -> ColumnCard:
         """Return the card with the values of the page's controls."""
         columns = range(len(self.choices))
-        choices = [ColumnChoice(*(form.get(f"{what}:{k}") or "" for what in ("role", "unit", "then"))) for k in columns]
-        free = replace(self, is_free=bool(form.get("free:0")))
-        return free.set_choices(choices, bool(form.get("unwrap:0")))
+        names = ("role", "unit", "conversion")
+        choices = [ColumnChoice(*(form.get(f"{name}:{k}") or "" for name in names)) for k in columns]
+        card = replace(self, is_free=bool(form.get("free:0")))
+        return card.set_choices(choices, bool(form.get("unwrap:0")))
 
     def has_same_roles(self, other: ColumnCard) -> bool:
         """Return whether both cards have the same roles and units."""
-        return [(one.role, one.unit) for one in self.choices] == [(one.role, one.unit) for one in other.choices]
+        return [(c.role, c.unit) for c in self.choices] == [(c.role, c.unit) for c in other.choices]
 
     def make_source(self) -> Source:
         """Return the source with the chosen columns; raises ColumnError if two columns have the same role."""
@@ -162,5 +165,5 @@ class ColumnCard:
             columns[role] = choice.write_expression(header)
         if self.is_free and "torque" not in columns and not self.joints:
             columns["torque"] = NONE
-        others = [q for q in OPTIONAL if not (q in columns or self.joints) and has_column(q, self.preview.headers)]
-        return replace(self.source, columns=columns | dict.fromkeys(others, NONE))
+        unused = [q for q in OPTIONAL if not (q in columns or self.joints) and has_column(q, self.preview.headers)]
+        return replace(self.source, columns=columns | dict.fromkeys(unused, NONE))

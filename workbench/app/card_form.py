@@ -10,9 +10,9 @@ from dash.development.base_component import Component
 from workbench.app.card import UNWRAP, ColumnCard, describe_unit, get_quantity, list_units
 from workbench.app.parts import make_aria, make_button, make_panel, make_table
 
-ASKED = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
+COLUMNS = "Time and position are needed, and torque if anything drives the joint; velocity and reference are of use."
 FREE = "Nothing drives the joint: torque is zero"
-ASKED_OF_ARM = (
+COLUMNS_OF_ARM = (
     "Time, and position and torque of each joint are needed, on the side of the joint; the torque holds the "
     "links up. For columns of a motor before its gear, write the ratio in the last column; for a current, its gain."
 )
@@ -30,9 +30,9 @@ def show(card: ColumnCard) -> Component:
     """Render the first rows of a file and the choices for its columns."""
     return make_panel(
         f"What the columns of {card.source.file.name} mean",
-        *([html.P(f"{card.why}.", className="why", role="alert")] if card.why else []),
+        *([html.P(f"{card.error}.", className="why", role="alert")] if card.error else []),
         html.P(
-            f"{ASKED_OF_ARM if card.joints else ASKED} The last column converts a column by gain, "
+            f"{COLUMNS_OF_ARM if card.joints else COLUMNS} The last column converts a column by gain, "
             "ratio and offset. The current, voltage or duty cycle of a motor needs its torque constant"
             f"{'' if card.joints else ', or *? to find it from known loads'}.",
             className="note",
@@ -50,8 +50,8 @@ def show(card: ColumnCard) -> Component:
         ),
         html.Div(
             [
-                make_button("Read it again" if card.known else "Load it", "card-load", primary=True),
-                make_button("Leave it as it is" if card.known else "Leave it out", "card-close"),
+                make_button("Read it again" if card.loaded_id else "Load it", "card-load", primary=True),
+                make_button("Leave it as it is" if card.loaded_id else "Leave it out", "card-close"),
             ],
             className="row",
         ),
@@ -59,26 +59,26 @@ def show(card: ColumnCard) -> Component:
     )
 
 
-def _make_id(what: str, k: int = 0) -> dict[str, Any]:
+def _make_id(field: str, k: int = 0) -> dict[str, Any]:
     """Make the pattern-matching id of a control; the controls are not always on the page."""
-    return {"field": what, "of": k}
+    return {"field": field, "of": k}
 
 
 def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
     """Make the table row of column `k`: header, first values, role, unit and conversion."""
     header, choice, values = card.preview.headers[k], card.choices[k], card.preview.values[k]
-    first = "no numbers"
+    first_values = "no numbers"
     if values is not None:
-        first = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"
+        first_values = ", ".join(f"{x + 0.0:.5g}" if np.isfinite(x) else "–" for x in values[:4]) + ", …"
     roles = {"": "unused"} | {role: role for role in card.roles}
     without_unit = replace(choice, unit="").write_expression(header)
     unit = (describe_unit(choice.role, without_unit, card.preview.headers) if choice.role else "") or "–"
-    known = {"": unit} | {one: UNIT_LABELS.get(one, one) for one in [*list_units(choice.role), choice.unit] if one}
-    more: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
-    then = dcc.Input(
-        choice.then,
+    units = {"": unit} | {name: UNIT_LABELS.get(name, name) for name in [*list_units(choice.role), choice.unit] if name}
+    options: dict[str, Any] = {"clearable": False, "searchable": False, "disabled": values is None}
+    conversion = dcc.Input(
+        choice.conversion,
         type="text",
-        id=_make_id("then", k),
+        id=_make_id("conversion", k),
         placeholder=HINTS.get(get_quantity(choice.role), ""),
         disabled=values is None or not choice.role,
         persistence=card.source.file.name,  # typed text survives a redraw of the card
@@ -86,12 +86,12 @@ def _make_row(card: ColumnCard, k: int) -> tuple[Any, ...]:
     )
     return (
         html.Strong(header),
-        first,
+        first_values,
         html.Div(
-            dcc.Dropdown(roles, choice.role, id=_make_id("role", k), **more), **make_aria(label=f"Role of {header}")
+            dcc.Dropdown(roles, choice.role, id=_make_id("role", k), **options), **make_aria(label=f"Role of {header}")
         ),
         html.Div(
-            dcc.Dropdown(known, choice.unit, id=_make_id("unit", k), **more), **make_aria(label=f"Unit of {header}")
+            dcc.Dropdown(units, choice.unit, id=_make_id("unit", k), **options), **make_aria(label=f"Unit of {header}")
         ),
-        then,
+        conversion,
     )

@@ -34,6 +34,6 @@ def start(session: Session) -> None:
     for item in session.state.loaded:
         if item.id in (FITTED, HELD_OUT):
             raise InputError(f"{item.id}: is loaded already: remove it first")
-    session.work(
+    session.run_task(
         "Recording", partial(record_demo, session.make_folder()), lambda loaded: session.add_recordings(*loaded)
     )

@@ -22,30 +22,30 @@ REPORT, DIAGNOSIS, EXPERIMENT = "report.html", "diagnosis.json", "experiment.csv
 
 def write_commands(state: State) -> str:
     """Write the command lines that make the model of a state."""
-    train, holdout = ([s.source.file.name for s in state.loaded if s.held_out == held] for held in (False, True))
-    given = [*train, *(word for file in holdout for word in ("--holdout", file))]
+    train, holdout = ([s.source.file.name for s in state.loaded if s.held_out == is_held] for is_held in (False, True))
+    recordings = [*train, *(word for file in holdout for word in ("--holdout", file))]
     if is_study_needed(state):
-        train = given = [STUDY]  # the study names the held-out recordings
-    limits, align = state.asked.write_options("fix", "bound"), ["--align"] * state.is_aligned
+        train = recordings = [STUDY]  # the study names the held-out recordings
+    limits, align = state.choices.write_options("fix", "bound"), ["--align"] * state.is_aligned
     lines = [["record", *item.origin, "-o", item.source.file.name] for item in state.loaded if item.origin]
     model, scheme = state.model_file, list[str]()
     if (robot := state.robot) is not None:
         of_robot = ["--robot", robot.file.name, *["--rotors"] * bool(robot.rotors)]
-        train = given = [*given, *of_robot, *["--no-gravity"] * robot.weightless]
+        train = recordings = [*recordings, *of_robot, *["--no-gravity"] * robot.weightless]
         scheme = ["--scheme", SAVED_SCHEME]
     if model:
         lines.append(["compare", model, *train, *align])
     else:
         lines.append(["identify", *train, *scheme, *align, *limits, "-o", MODEL])
-    before = len([effect for effect in state.added if effect in list_added(state.started)])
+    before = len([effect for effect in state.added if effect in list_added(state.steps_before)])
     # added effects in order; an empty text is the diagnosis
     for effect in (*state.added[:before], *[""] * (state.diagnosis is not None), *state.added[before:]):
         if effect:
-            lines.append(["add", model or MODEL, effect, *given, *align, *limits, "-o", MODEL])
+            lines.append(["add", model or MODEL, effect, *recordings, *align, *limits, "-o", MODEL])
             model = MODEL
         else:
-            looked = [*(["--model", model] if model else []), *state.asked.write_options("only", "without"), *limits]
-            lines.append(["diagnose", *given, *looked, "--report", REPORT, "--json", DIAGNOSIS])
+            search = [*(["--model", model] if model else []), *state.choices.write_options("only", "without"), *limits]
+            lines.append(["diagnose", *recordings, *search, "--report", REPORT, "--json", DIAGNOSIS])
     return "\n".join(shlex.join([PROGRAM, *words]) for words in lines)
 
 
@@ -86,7 +86,7 @@ FILES: dict[str, tuple[str, Callable[[State], str]]] = {  # file name and conten
 }
 
 
-def make_file(state: State, what: str) -> tuple[str, bytes]:
+def make_file(state: State, key: str) -> tuple[str, bytes]:
     """Return the name and content of a download in `FILES`."""
-    name, content = find("file", what, FILES)
+    name, content = find("file", key, FILES)
     return name, content(state).encode()

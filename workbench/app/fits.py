@@ -47,11 +47,11 @@ def fit_pendulum(
     Raises InputError if no known load determines a gain, and IdentificationError if the joint moves too little.
     """
     terms = apply_limits(terms, {}, **limits)[0]
-    given = FitData.from_recordings(recordings, holdout, terms)
-    if given.doubt is not None and given.unit != PER_INERTIA:
-        raise InputError(f"{describe(given.doubt)} Or give the gain itself.")
-    timed = given.with_timing()
-    data = timed if is_aligned else given
+    logged = FitData.from_recordings(recordings, holdout, terms)
+    if logged.doubt is not None and logged.unit != PER_INERTIA:
+        raise InputError(f"{describe(logged.doubt)} Or give the gain itself.")
+    timed = logged.with_timing()
+    data = timed if is_aligned else logged
     step = fit(*data.parts, make_swing_terms(terms, data.recordings))
     model = restore_known(add_torque_constant(step.model, data.parts[0].data), terms, data.recordings)
     parts = [part.data for part in data.parts[: 2 if holdout else 1]]
@@ -93,5 +93,5 @@ def fit_effect(
     progress: Progress,
 ) -> tuple[Addition, Identification | None]:
     """Refit a model with one more effect; also identify a pendulum's final terms by all schemes, else None."""
-    added = add(model, effect, recordings, holdout, progress, **limits)
-    return added, identify_schemes(recordings, added.after.model) if model.body.can_simulate else None
+    addition = add(model, effect, recordings, holdout, progress, **limits)
+    return addition, identify_schemes(recordings, addition.after.model) if model.body.can_simulate else None

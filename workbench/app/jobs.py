@@ -41,7 +41,7 @@ class Workers:
         self._spare: Worker | None = None
         self._closed, self._lock = False, threading.Lock()
 
-    def warm(self) -> None:
+    def start_spare(self) -> None:
         """Start the spare worker, unless it exists."""
         with self._lock:
             if self._spare is None and not self._closed:
@@ -57,7 +57,7 @@ class Workers:
             return self.start(task)
 
     def close(self) -> None:
-        """End the spare worker; `warm` starts no other."""
+        """End the spare worker; `start_spare` starts no other."""
         with self._lock:
             self._closed = True
             if self._spare is not None:
@@ -120,7 +120,7 @@ class Job:
 
     def _close(self) -> None:
         self._worker.end()
-        self._workers.warm()
+        self._workers.start_spare()
         self.over.set()
 
 
@@ -137,6 +137,6 @@ def _run_task(task: Task, files: Sequence[Path]) -> Any:
         raise InputError(format_mistake(mistake)) from None
 
 
-def _set_progress(text: str, done: float) -> None:
-    what, share = PROGRESS
-    what.value, share.value = text.encode()[:199], done
+def _set_progress(text: str, completed: float) -> None:
+    step, share = PROGRESS
+    step.value, share.value = text.encode()[:199], completed

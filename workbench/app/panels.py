@@ -27,21 +27,21 @@ def show_state(state: State) -> list[Component]:
 
 def show_undo(session: Session) -> list[Component]:
     """Render the undo button; empty without recordings and changes."""
-    what = session.last_change
-    if not (what or session.state.loaded):
+    change = session.last_change
+    if not (change or session.state.loaded):
         return []
-    back = make_button(f"Undo: {what}" if what else "Undo", "back", disabled=session.is_busy() or not what)
+    back = make_button(f"Undo: {change}" if change else "Undo", "back", disabled=session.is_busy() or not change)
     return [html.Div(back, className="row")]
 
 
 def describe_state(state: State) -> tuple[str, str, str]:
     """Return the kicker (line above), headline and lead (sentence below) of a state."""
     if not state.loaded and state.robot is None:
-        what = (
+        text = (
             "Load recordings of a pendulum or an arm, see where the model fails, learn which physical effect it lacks, "
             "add it, and watch the error fall."
         )
-        return "Workbench", "What does your model lack?", what
+        return "Workbench", "What does your model lack?", text
     count = len(state.loaded)
     robot = f"{state.robot.file.name} · " if state.robot is not None else ""
     seconds = sum(item.recording.duration for item in state.loaded)
@@ -50,13 +50,13 @@ def describe_state(state: State) -> tuple[str, str, str]:
         title = "Fitting the model" if state.needs_fit else "Nothing can be fitted yet"
         return kicker, title, f"{capitalise(state.failure_reason)}."
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name_effect(effect)}' for effect in state.added)}"
-    lead = f"{capitalise(describe_errors(replace(state.result, steps=state.ladder)))}."
+    lead = f"{capitalise(describe_errors(replace(state.result, steps=state.steps)))}."
     if state.suggested_additions:
-        found = join_words([name_effect(effect) for effect in state.suggested_additions])
-        lead += f" With {found}: {describe_errors(state.result)}."
+        names_found = join_words([name_effect(effect) for effect in state.suggested_additions])
+        lead += f" With {names_found}: {describe_errors(state.result)}."
     if state.suggested_additions or not state.added:
         return kicker, describe_result(state.result), lead
-    (first, last), names = get_end_errors(state.ladder), join_words([name_effect(effect) for effect in state.added])
+    (first, last), names = get_end_errors(state.steps), join_words([name_effect(effect) for effect in state.added])
     smaller, joint = max((first.get_joint_error(at) / last.get_joint_error(at), at) for at in state.result.floors)
     error = f"torque error of {joint}" if joint else "torque error"
     return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead
@@ -68,9 +68,9 @@ def show_job(session: Session) -> list[Component]:
     if job is None or not job.running:
         return []
     progress = f" {job.description} · {job.elapsed:.0f}{NBSP}s so far"
-    what = html.Div([html.Strong(job.title), html.Span(progress, className="note")])
+    text = html.Div([html.Strong(job.title), html.Span(progress, className="note")])
     bar = html.Progress(value=str(round(job.share, 3)), max="1", **make_aria(label=job.title))
-    return [html.Div([what, bar], className="running-text"), make_button("Cancel", "cancel")]
+    return [html.Div([text, bar], className="running-text"), make_button("Cancel", "cancel")]
 
 
 def show_findings(state: State) -> Component:
@@ -78,28 +78,29 @@ def show_findings(state: State) -> Component:
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.failure_reason else state.model.terms
     known = [name_effect(column.name) for term in terms for column in term.columns if column.name not in withheld]
-    can = [] if state.failure_reason or not known else [html.P(["They tell ", html.Strong(join_words(known)), "."])]
-    found = state.diagnosis or state.fit
+    text = html.P(["They tell ", html.Strong(join_words(known)), "."])
+    known_text = [text] if known and not state.failure_reason else []
+    result = state.diagnosis or state.fit
     texts = [state.failure_reason] if state.failure_reason else []
-    texts += [describe(disagreement.finding) for disagreement in (found.disagreements if found is not None else ())]
+    texts += [describe(disagreement.finding) for disagreement in (result.disagreements if result is not None else ())]
     texts += map(describe, state.doubts)
     cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
     nothing = html.P("They determine all parameters of the model.")
-    return make_panel("What these recordings tell, and what not", *can, cannot if texts else nothing)
+    return make_panel("What these recordings tell, and what not", *known_text, cannot if texts else nothing)
 
 
 def show_timing(state: State) -> list[Component]:
     """Render findings on the timing of the torque, with a button to correct it; empty without findings."""
     if state.fit is None or not (state.fit.late or state.fit.slow):
         return []
-    press = []
+    buttons = []
     if state.fit.late:
         remedy = "It is corrected in all that follows." if state.is_aligned else WHY
         texts = [describe_late(law, remedy) for law in state.fit.late]
-        press = [] if state.is_aligned else [make_button("Correct it", "align", primary=True)]
+        buttons = [] if state.is_aligned else [make_button("Correct it", "align", primary=True)]
     else:
         texts = [describe(law) for law in state.fit.slow]
-    return [make_panel("Torque and motion in time", *map(html.P, texts), *press)]
+    return [make_panel("Torque and motion in time", *map(html.P, texts), *buttons)]
 
 
 def show_suggestions(state: State, busy: bool) -> Component:
@@ -112,11 +113,11 @@ def show_suggestions(state: State, busy: bool) -> Component:
     if not offers and table is not None and table not in state.model.effects:
         offers = [(f"Keep {name_effect(table)} as a table", table)]
     presses = [make_button(label, "add", id, primary=k == 0, disabled=busy) for k, (label, id) in enumerate(offers)]
-    rest = "no effect of the library explains the rest of the residual" if state.result.unexplained else ""
+    remainder = "no effect of the library explains the rest of the residual" if state.result.unexplained else ""
     if state.suggested_additions:
-        why = "The diagnosis calls for it:"
+        text = "The diagnosis calls for it:"
     elif state.suggested_effects:
-        why = f"All that the diagnosis calls for is in the model{', but ' if rest else ''}{rest}."
+        text = f"All that the diagnosis calls for is in the model{', but ' if remainder else ''}{remainder}."
     else:
-        why = f"{capitalise(rest) or 'The diagnosis calls for no effect'}."
-    return html.Div([html.P(why), html.Div(presses, className="row")])
+        text = f"{capitalise(remainder) or 'The diagnosis calls for no effect'}."
+    return html.Div([html.P(text), html.Div(presses, className="row")])

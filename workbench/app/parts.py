@@ -69,33 +69,33 @@ def show_section(section: Section) -> list[Component]:
 
 def show_content(content: report.Content, id: str) -> list[Component]:
     """Render content of a report; `id`: prefix of its ids, unique on the page."""
-    shown: list[Component] = []
+    components: list[Component] = []
     for number, item in enumerate(content):
         of, figures = f"{id}-{number}", list(list_figures([item]))
         if not figures:
             text = dcc.Store(id={"kind": "markup", "of": of}, data=page.render_fragment([item]))
-            shown.append(html.Div([text, html.Div(id={"kind": "fragment", "of": of}, className="fragment")]))
+            components.append(html.Div([text, html.Div(id={"kind": "fragment", "of": of}, className="fragment")]))
         elif isinstance(item, report.Part):
             inner = show_content(item.content, of)
             title = capitalise(item.title)
-            shown += [html.H3(title), *inner] if item.brief else [html.Details([html.Summary(title), *inner])]
+            components += [html.H3(title), *inner] if item.brief else [html.Details([html.Summary(title), *inner])]
         else:
-            shown.append(html.Div([make_graph(figure) for figure in figures], className="grid"))
-    return shown
+            components.append(html.Div([make_graph(figure) for figure in figures], className="grid"))
+    return components
 
 
 def make_button(
-    label: Content, does: str | dict[str, str], of: str = "", primary: bool = False, **more: Any
+    label: Content, action: str | dict[str, str], of: str = "", primary: bool = False, **attributes: Any
 ) -> Component:
-    """Make a button for the action `does` on the object `of`; a dictionary `does` is the id itself."""
-    id = {"do": does, "of": of} if isinstance(does, str) else does
+    """Make a button for the action `action` on the object `of`; a dictionary `action` is the id itself."""
+    id = {"do": action, "of": of} if isinstance(action, str) else action
     look = {"className": "action primary" if primary else "action", "n_clicks": 0}
-    return html.Button(label, id=id, type="button", **(look | more))
+    return html.Button(label, id=id, type="button", **(look | attributes))
 
 
-def make_save_button(file: str, what: str, primary: bool = False) -> Component:
-    """Make a button that saves a file; `what`: key of `downloads.FILES`."""
-    return make_button(file, {"save": what}, primary=primary)
+def make_save_button(file: str, key: str, primary: bool = False) -> Component:
+    """Make a button that saves a file; `key`: key of `downloads.FILES`."""
+    return make_button(file, {"save": key}, primary=primary)
 
 
 def list_choices(body: Mechanism = PENDULUM, tables: bool = False) -> dict[str, str]:

@@ -20,9 +20,9 @@ from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import read_model
 from workbench.robot import RobotFile
 
-UNDONE = 20  # largest number of changes to undo
+MAX_UNDO = 20  # largest number of changes to undo
 GRACE = 1.0  # longest wait for a running request at the end of a session [s]
-MOST = 16  # largest number of sessions; a further one ends the least recently used
+MAX_SESSIONS = 16  # largest number of sessions; a further one ends the least recently used
 ID = re.compile(r"[0-9a-f]{32}")  # session id, drawn by the page; never part of a path
 
 
@@ -43,24 +43,24 @@ class Session:
         self.version = time.time_ns() // 1_000_000  # grows with each change; unique among sessions
         self.job: Job | None = None
         self._fitting: State | None = None  # state of the running fit
-        self._begun = self._over = False
+        self._has_begun = self._has_ended = False
 
     def begin(self, sources: Sequence[Source], robot: RobotFile | None) -> None:
         """Load the initial robot and recordings on the first call; concurrent calls wait."""
-        if self._begun:
+        if self._has_begun:
             return
         with self.lock:
-            if robot is not None and not self._begun:
-                self.act(lambda: self.take_robot(robot))
-            if sources and not self._begun:
-                self.act(lambda: self.load(sources))
-            self._begun = True
+            if robot is not None and not self._has_begun:
+                self.run_action(lambda: self.set_robot(robot))
+            if sources and not self._has_begun:
+                self.run_action(lambda: self.load(sources))
+            self._has_begun = True
 
     # ---------------------------------------------------------------------------------------------- changes
 
-    def change(self, what: str, state: State) -> None:
-        """Replace the state; `what`: description of the change for the undo button."""
-        self._past = [*self._past[1 - UNDONE :], (what, self.state)]
+    def change(self, description: str, state: State) -> None:
+        """Replace the state; `description`: description of the change for the undo button."""
+        self._past = [*self._past[1 - MAX_UNDO :], (description, self.state)]
         self.state = state
 
     @property
@@ -73,10 +73,10 @@ class Session:
         if not self._past:
             raise InputError("there is nothing to undo")
         _, self.state = self._past.pop()
-        known = {item.id for item in self.state.loaded}
-        self.cards = tuple(card for card in self.cards if not card.known or card.known in known)
+        loaded_ids = {item.id for item in self.state.loaded}
+        self.cards = tuple(card for card in self.cards if not card.loaded_id or card.loaded_id in loaded_ids)
 
-    def act(self, do: Callable[[], object]) -> None:
+    def run_action(self, action: Callable[[], object]) -> None:
         """Run a user's action, then refit the base model if needed; an error becomes the notice.
 
         The action is refused while a job other than a fit is running.
@@ -85,11 +85,11 @@ class Session:
             self.notice = ""
             self.version += 1
             try:
-                if self._over:
+                if self._has_ended:
                     raise InputError("this session has ended: load the page again")
                 if self.is_busy():
                     raise InputError("wait for what is running, or cancel it first")
-                do()
+                action()
             except USER_ERRORS as mistake:
                 self.notice = self.describe_mistake(mistake)
             if not self.is_busy():
@@ -105,10 +105,10 @@ class Session:
         """Return whether a job other than a fit is running."""
         return self.job is not None and self.job.running and self._fitting is None
 
-    def work(self, title: str, task: Task, keep: Callable[[Any], None]) -> None:
-        """Run a task in the background and pass its result to `keep`, unless cancelled; called by `act`."""
+    def run_task(self, title: str, task: Task, keep_result: Callable[[Any], None]) -> None:
+        """Run a task in the background and pass its result to `keep_result`, unless cancelled."""
         self._stop()
-        self.run(title, task, lambda job: self.act(lambda: keep(job.result)))
+        self.run(title, task, lambda job: self.run_action(lambda: keep_result(job.result)))
 
     def run(self, title: str, task: Task, ended: Callable[[Job], None]) -> None:
         """Start a job, and call `ended` at its end unless another job has replaced it."""
@@ -125,7 +125,7 @@ class Session:
     def _fit(self) -> None:
         """Start the fit of the base model if the state needs it; cancel the fit of another state."""
         state = self.state
-        if state is self._fitting or self._over:
+        if state is self._fitting or self._has_ended:
             return
         self._stop()
         if not state.needs_fit:
@@ -153,7 +153,7 @@ class Session:
             self._stop()
             self.version += 1
             if is_fit:
-                self.act(self.undo)
+                self.run_action(self.undo)
             else:
                 self._fit()
 
@@ -164,24 +164,25 @@ class Session:
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # it may have been deleted
         return Path(tempfile.mkdtemp(dir=self.folder, prefix="tmp"))
 
-    def load_uploads(self, coming: Sequence[tuple[str, str]], unwrap: bool) -> None:
-        """Load uploaded recordings, studies, a robot and a model; `coming`: pairs of file name and data URL.
+    def load_uploads(self, files: Sequence[tuple[str, str]], unwrap: bool) -> None:
+        """Load uploaded recordings, studies, a robot and a model; `files`: pairs of file name and data URL.
 
         Raises InputError, which names the files that cannot be used.
         """
-        came = uploads.sort_files(self.make_folder(), coming, unwrap)
-        if came.robots:
-            joints = next((source.joints for source in came.sources), None)
-            self.take_robot(RobotFile.of_model(came.robots[-1], came.models[-1] if came.models else None, joints))
-        refused = [*came.refused, *self._read(came.sources)]
-        if came.models:
+        upload = uploads.sort_files(self.make_folder(), files, unwrap)
+        if upload.robots:
+            joints = next((source.joints for source in upload.sources), None)
+            model = upload.models[-1] if upload.models else None
+            self.set_robot(RobotFile.of_model(upload.robots[-1], model, joints))
+        refused = [*upload.refused, *self._read(upload.sources)]
+        if upload.models:
             try:
-                self.begin_from(came.models[-1])
+                self.start_from_model(upload.models[-1])
             except USER_ERRORS as mistake:
                 refused.append(format_mistake(mistake))
         _refuse(refused)
 
-    def begin_from(self, file: Path) -> None:
+    def start_from_model(self, file: Path) -> None:
         """Use the terms of a model file for the base model, and remove added effects.
 
         Raises ModelError if the file is not a model.
@@ -190,9 +191,9 @@ class Session:
         terms = tuple(term for term in model.terms if not isinstance(term, Links))
         self.change(f"start from {file.name}", self.state.restart(terms=terms, model_file=file.name))
 
-    def take_robot(self, robot: RobotFile) -> None:
+    def set_robot(self, robot: RobotFile) -> None:
         """Read all recordings again as recordings of a robot, also those with open cards; see `State.set_robot`."""
-        waiting = [card.source for card in self.cards if not card.known]
+        waiting = [card.source for card in self.cards if not card.loaded_id]
         self.change(f"take {robot.file.name} for the robot", self.state.set_robot(robot))
         self.cards = ()
         self.load(waiting)
@@ -209,11 +210,11 @@ class Session:
         loaded, refused = list[LoadedRecording](), list[str]()
         for source in sources:
             try:
-                loaded.append(LoadedRecording.read(source, [*self.state.loaded, *loaded], read=self.state.read))
+                loaded.append(LoadedRecording.read(source, [*self.state.loaded, *loaded], read_source=self.state.read))
             except ColumnError as error:
                 try:
-                    why = self.describe_mistake(error)
-                    self.cards += (ColumnCard.from_source(source, why=why, joints=self.state.moving),)
+                    text = self.describe_mistake(error)
+                    self.cards += (ColumnCard.from_source(source, error=text, joints=self.state.moving),)
                 except RecordingError:
                     refused.append(format_mistake(error))
             except USER_ERRORS as mistake:
@@ -229,9 +230,9 @@ class Session:
 
     def remove(self, id: str) -> None:
         """Remove a recording."""
-        gone = self.state.find(id)
-        self.cards = tuple(card for card in self.cards if card.known != id)
-        self.change(f"remove {gone.recording.name}", self.state.swap_recording(gone))
+        removed = self.state.find(id)
+        self.cards = tuple(card for card in self.cards if card.loaded_id != id)
+        self.change(f"remove {removed.recording.name}", self.state.swap_recording(removed))
 
     def hold_out(self, id: str, held_out: bool) -> None:
         """Hold a recording out, or fit it."""
@@ -244,38 +245,38 @@ class Session:
 
     def open_card(self, id: str) -> None:
         """Open the card of a loaded recording; raises RecordingError as `ColumnCard.from_source`."""
-        card = ColumnCard.from_source(self.state.find(id).source, known=id, joints=self.state.moving)
-        self.cards = (card, *(other for other in self.cards if other.known != id))
+        card = ColumnCard.from_source(self.state.find(id).source, loaded_id=id, joints=self.state.moving)
+        self.cards = (card, *(card_of_other for card_of_other in self.cards if card_of_other.loaded_id != id))
 
     def apply_card(self, card: ColumnCard) -> None:
         """Read the file of the first card with its choices, and other waiting files with the same headers.
 
         After an error the card stays and shows the message.
         """
-        rest = self.cards[1:]
-        self.cards = rest
-        others = [item for item in self.state.loaded if item.id != card.known]
+        waiting = self.cards[1:]
+        self.cards = waiting
+        others = [item for item in self.state.loaded if item.id != card.loaded_id]
         try:
-            first = LoadedRecording.read(card.make_source(), others, read=self.state.read)
+            loaded = LoadedRecording.read(card.make_source(), others, read_source=self.state.read)
         except USER_ERRORS as mistake:
-            self.cards = (replace(card, why=self.describe_mistake(mistake)), *rest)
+            self.cards = (replace(card, error=self.describe_mistake(mistake)), *waiting)
             return
-        if card.known:
-            old = self.state.find(card.known)
-            renamed = replace(first.recording, name=old.recording.name)
-            reread = replace(old, source=first.source, recording=renamed)
-            self.change("read columns anew", self.state.swap_recording(old, reread))
+        if card.loaded_id:
+            earlier = self.state.find(card.loaded_id)
+            renamed = replace(loaded.recording, name=earlier.recording.name)
+            reread = replace(earlier, source=loaded.source, recording=renamed)
+            self.change("read columns anew", self.state.swap_recording(earlier, reread))
             return
-        same_headers = [one for one in rest if not one.known and one.preview.headers == card.preview.headers]
-        self.cards = tuple(one for one in rest if one not in same_headers)
-        self.add_recordings(first)
-        self.load(
-            [replace(one.source, columns=first.source.columns, unwrap=first.source.unwrap) for one in same_headers]
-        )
+        headers = card.preview.headers
+        alike = [other for other in waiting if not other.loaded_id and other.preview.headers == headers]
+        self.cards = tuple(other for other in waiting if other not in alike)
+        self.add_recordings(loaded)
+        columns, unwrap = loaded.source.columns, loaded.source.unwrap
+        self.load([replace(other.source, columns=columns, unwrap=unwrap) for other in alike])
 
     def end(self) -> None:
         """Cancel the job and refuse further actions; wait at most `GRACE` for a running request."""
-        self._over = True
+        self._has_ended = True
         if (job := self.job) is not None:
             job.cancel()
         if self.lock.acquire(timeout=GRACE):
@@ -308,11 +309,11 @@ class Sessions:
             raise InputError("this page has no session: load it again")
         with self._lock:
             session = self._all.pop(id, None) or Session(Path(self._folder.name), self.workers)
-            ended = [self._all.pop(k) for k in list(self._all)[: max(0, len(self._all) + 1 - MOST)]]
+            ended = [self._all.pop(k) for k in list(self._all)[: max(0, len(self._all) + 1 - MAX_SESSIONS)]]
             self._all[id] = session
         session.begin(self._recordings, self._robot)  # outside the lock: other sessions go on
-        for other in ended:
-            other.end()
+        for ended_session in ended:
+            ended_session.end()
         return session
 
     def close(self) -> None:

@@ -18,14 +18,14 @@ from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import BaseFit, fit_arm, fit_pendulum
 from workbench.errors import USER_ERRORS, InputError
 from workbench.report.data import ReportData
-from workbench.robot import RobotFile, find_straying
+from workbench.robot import RobotFile, find_moving_held_joints
 
 NO_RECORDING = "load a recording first"
 ALL_HELD_OUT = "every recording is held out: keep one to fit the model to"
 FITTING = "the model is being fitted"
 
 
-def read_one(source: Source) -> Recording:
+def read_pendulum(source: Source) -> Recording:
     """Read a recording of a pendulum without its drive; raises RecordingError."""
     return replace(source.read(), drive=None)  # the app evaluates torque, not the loop
 
@@ -43,22 +43,22 @@ class LoadedRecording:
     def read(
         cls,
         source: Source,
-        known: Sequence[Self] = (),
+        loaded: Sequence[Self] = (),
         origin: tuple[str, ...] = (),
-        read: Callable[[Source], Recording] = read_one,
+        read_source: Callable[[Source], Recording] = read_pendulum,
     ) -> Self:
         """Read a recording; it may be another range of a known file.
 
-        Raises InputError if it is among the `known` recordings, and RecordingError if it cannot be read.
+        Raises InputError if it is among the `loaded` recordings, and RecordingError if it cannot be read.
         """
-        name, ids = source.file.name, {one.id for one in known}
-        alike = [one.source for one in known if one.source.file.name == name]
-        if any(one.file != source.file or find_duplicate((one, source)) for one in alike):
+        name, ids = source.file.name, {other.id for other in loaded}
+        same_name = [other.source for other in loaded if other.source.file.name == name]
+        if any(other.file != source.file or find_duplicate((other, source)) for other in same_name):
             raise InputError(f"{name}: is loaded already: remove it, or give this one another name")
-        recording = read(source)
+        recording = read_source(source)
         endings = ("", *(f" ({k})" for k in range(2, len(ids) + 2)))
-        more = next(ending for ending in endings if name + ending not in ids)
-        return cls(f"{name}{more}", source, replace(recording, name=f"{recording.name}{more}"), origin)
+        suffix = next(ending for ending in endings if name + ending not in ids)
+        return cls(f"{name}{suffix}", source, replace(recording, name=f"{recording.name}{suffix}"), origin)
 
     @property
     def held_out(self) -> bool:
@@ -74,13 +74,13 @@ class State:
     terms: tuple[Term, ...] = ()  # of the base model, for an arm without its links; empty: default terms
     model_file: str = ""  # name of the file of these terms; empty for the default
     is_aligned: bool = False  # whether torque that was logged late or filtered is corrected
-    asked: SearchChoices = NO_CHOICES  # effects to look for, and known values
+    choices: SearchChoices = NO_CHOICES  # effects to look for, and known values
     fit: BaseFit | None = None  # None before the fit, or if it failed
     failure: str = ""  # error of the fit
-    ladder: tuple[Step, ...] = ()  # base model and one step for each added effect; empty without a fit
+    steps: tuple[Step, ...] = ()  # base model and one step for each added effect; empty without a fit
     schemes: Identification | None = None  # of the last model, for an arm of the base model
     diagnosis: Diagnosis | None = None  # last diagnosis of these recordings
-    started: tuple[Step, ...] = ()  # ladder at the start of the diagnosis
+    steps_before: tuple[Step, ...] = ()  # added steps at the start of the diagnosis
     robot: RobotFile | None = None  # None for a pendulum
 
     @property
@@ -91,7 +91,7 @@ class State:
     def read(self, source: Source) -> Recording:
         """Read a recording of the pendulum or robot; raises RecordingError, and InputError for other joints."""
         if self.robot is None:
-            return read_one(source)
+            return read_pendulum(source)
         if source.joints not in (None, self.robot.joints):
             raise InputError(f"{source.file.name}: its study has other joints move: drop it together with the robot")
         return self.robot.read(source)
@@ -107,33 +107,34 @@ class State:
         return arrange_terms(self.terms, self.body) if self.terms else arm_base(self.body)
 
     @cached_property
-    def doubts_about_recordings(self) -> list[str]:
+    def moving_held_joints(self) -> list[str]:
         """List the recordings in which a held joint moves, one sentence each; empty for a pendulum."""
-        return find_straying(find_links(self.base_terms), [item.recording for item in self.loaded])
+        return find_moving_held_joints(find_links(self.base_terms), [item.recording for item in self.loaded])
 
     def restart(self, **choices: Any) -> Self:
         """Return the state with changed choices and without fits and diagnosis."""
-        return replace(self, **choices, fit=None, failure="", ladder=(), schemes=None, diagnosis=None, started=())
+        return replace(self, **choices, fit=None, failure="", steps=(), schemes=None, diagnosis=None, steps_before=())
 
     def make_fit_task(self) -> partial[BaseFit]:
         """Make the task that fits the base model."""
         train = tuple(item.recording for item in self.loaded if not item.held_out)
         holdout = tuple(item.recording for item in self.loaded if item.held_out)
         fit = fit_pendulum if self.body.can_simulate else fit_arm
-        return partial(fit, train, holdout, self.base_terms, self.is_aligned, self.asked.limits)
+        return partial(fit, train, holdout, self.base_terms, self.is_aligned, self.choices.limits)
 
     def with_fit(self, fit: BaseFit) -> Self:
         """Return the state with the fit of its base model."""
-        return replace(self, fit=fit, ladder=(fit.step,), schemes=fit.schemes)
+        return replace(self, fit=fit, steps=(fit.step,), schemes=fit.schemes)
 
     @property
     def needs_fit(self) -> bool:
         """Return whether the base model can and must be fitted."""
         return self.failure_reason == FITTING
 
-    def swap_recording(self, old: LoadedRecording, *new: LoadedRecording) -> Self:
-        """Return the state with a recording replaced by `new`, or removed."""
-        return self.restart(loaded=tuple(own for item in self.loaded for own in (new if item is old else (item,))))
+    def swap_recording(self, removed: LoadedRecording, *added: LoadedRecording) -> Self:
+        """Return the state with a recording replaced by `added`, or removed."""
+        parts = (added if item is removed else (item,) for item in self.loaded)
+        return self.restart(loaded=tuple(recording for part in parts for recording in part))
 
     def set_robot(self, robot: RobotFile) -> Self:
         """Return a state with the robot and its recordings; raises BodyError or InputError if they do not fit."""
@@ -188,18 +189,18 @@ class State:
 
     @property
     def model(self) -> Model:
-        """Return the last model of the ladder."""
-        return self.ladder[-1].model
+        """Return the last model."""
+        return self.steps[-1].model
 
     @property
     def added(self) -> tuple[str, ...]:
-        """Return the effects on the ladder."""
-        return list_added(self.ladder)
+        """Return the added effects."""
+        return list_added(self.steps)
 
     @property
     def suggested_steps(self) -> tuple[Step, ...]:
-        """Return the ladder with the steps of the diagnosis; empty without a diagnosis."""
-        return (*self.started, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
+        """Return the added steps with those of the diagnosis; empty without a diagnosis."""
+        return (*self.steps_before, *self.diagnosis.steps[1:]) if self.diagnosis is not None else ()
 
     @property
     def suggested_effects(self) -> tuple[str, ...]:
@@ -213,13 +214,13 @@ class State:
 
     def add_diagnosis(self, diagnosis: Diagnosis) -> Self:
         """Return the state with a diagnosis of its last model."""
-        return replace(self, diagnosis=diagnosis, started=self.ladder)
+        return replace(self, diagnosis=diagnosis, steps_before=self.steps)
 
     def add_step(self, addition: Addition, schemes: Identification | None = None) -> Self:
         """Return the state with one more step; the addition's refit of the last model replaces the last step."""
-        last = replace(addition.before, added=self.ladder[-1].added)
-        ladder = (*self.ladder[:-1], last, addition.after)
-        return replace(self, ladder=ladder, schemes=schemes if self.body.can_simulate else self.schemes)
+        last = replace(addition.before, added=self.steps[-1].added)
+        steps = (*self.steps[:-1], last, addition.after)
+        return replace(self, steps=steps, schemes=schemes if self.body.can_simulate else self.schemes)
 
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
@@ -244,18 +245,18 @@ class State:
         if data.terms and self.added:
             data = replace(data, terms=self.model.terms)
         if diagnosis is not None and self.added == self.suggested_effects:
-            return replace(diagnosis, steps=self.ladder)
+            return replace(diagnosis, steps=self.steps)
         fitted = data.parts[0]
         residual = fitted.with_link_states(self.model).residual(self.model.terms, self.model.theta)
         regions = tuple(find_failures(fitted, residual))
         if diagnosis is not None:
-            return replace(diagnosis, steps=self.ladder, unexplained=regions)
-        return Diagnosis(self.ladder, (), (), regions, fitted.floors, self.doubts, data=data)
+            return replace(diagnosis, steps=self.steps, unexplained=regions)
+        return Diagnosis(self.steps, (), (), regions, fitted.floors, self.doubts, data=data)
 
     @cached_property
     def report_data(self) -> ReportData:
         """Return data of the report for the added steps only, without further effects of the diagnosis."""
-        return ReportData(replace(self.result, steps=self.ladder, data=self.data), identified=self.schemes)
+        return ReportData(replace(self.result, steps=self.steps, data=self.data), identified=self.schemes)
 
 
 def list_added(steps: Sequence[Step]) -> tuple[str, ...]:

@@ -38,28 +38,28 @@ class UploadedFiles:
     refused: list[str] = field(default_factory=list)  # error messages of unusable files
 
 
-def sort_files(place: Path, coming: Sequence[tuple[str, str]], unwrap: bool) -> UploadedFiles:
+def sort_files(place: Path, contents: Sequence[tuple[str, str]], unwrap: bool) -> UploadedFiles:
     """Write uploads (pairs of name and data URL) to a folder and sort them; `unwrap` applies without a study."""
     files, of_study, uploaded = list[Path](), list[Source](), UploadedFiles()
-    for name, content in coming:
+    for name, content in contents:
         try:
             file = unpack(place, name, content)
             if file.suffix == ".toml":
-                of_study += [replace(one, file=place / clean_name(one.file.name)) for one in read_sources(file)]
+                of_study += [replace(s, file=place / clean_name(s.file.name)) for s in read_sources(file)]
             else:
                 files.append(file)
         except USER_ERRORS as mistake:
             uploaded.refused.append(format_mistake(mistake))
-    named = {one.file for one in of_study}
-    for file in named.difference(files):
+    study_files = {s.file for s in of_study}
+    for file in study_files.difference(files):
         uploaded.refused.append(f"{STUDY}: names {file.name}: drop both here together")
-    uploaded.sources.extend(one for one in of_study if one.file in files)
+    uploaded.sources.extend(s for s in of_study if s.file in files)
     for file in files:
         if file.suffix.lower() in FORMATS:
             uploaded.robots.append(file)
         elif file.suffix.lower() == ".json":
             uploaded.models.append(file)
-        elif file not in named:
+        elif file not in study_files:
             uploaded.sources.append(Source(file, unwrap=unwrap))
     return uploaded
 

@@ -41,13 +41,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         try:
-            added = add(inputs.model, arguments.effect, data.recordings, data.holdout, progress, **limits)
+            addition = add(inputs.model, arguments.effect, data.recordings, data.holdout, progress, **limits)
         except IdentificationError as error:
             if not error.effect:
                 raise
             raise InputError(f"{error}: it takes {find_description(error.effect).informative_experiment}") from error
-    print_parts(narrate_addition(added), terminal)
-    report_files([write_model(added.after.model, arguments.output, terminal)], terminal)
+    print_parts(narrate_addition(addition), terminal)
+    report_files([write_model(addition.after.model, arguments.output, terminal)], terminal)
 
 
 def _convert_effect(text: str) -> str:

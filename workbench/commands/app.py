@@ -44,11 +44,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         except ColumnError as error:
             if robot is not None:
                 raise
-            terminal.say(f"{error}: the browser asks what the columns mean")
+            terminal.print(f"{error}: the browser asks what the columns mean")
     from workbench.app.page.server import Server  # dash is slow to import
 
     server = Server(arguments.port, recordings=recordings, robot=robot)
-    terminal.say(f"the workbench is at {server.address} (Ctrl+C ends it)")
+    terminal.print(f"the workbench is at {server.address} (Ctrl+C ends it)")
     sys.stdout.flush()  # a pipe is buffered
     use_writer(write_choice)
     if not arguments.no_browser:
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     try:
         server.serve()
     except KeyboardInterrupt:
-        terminal.say("ended")
+        terminal.print("ended")
     finally:
         with hold_interrupts():  # a second Ctrl+C must not stop the cleanup
             server.close()

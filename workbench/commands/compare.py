@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         print_parts(narrate_payload(payload, find_links(model.terms)), terminal)
     elif payload is not None and payload.is_significant:
         mass = payload.estimates["m"].text
-        terminal.say(f"\nA payload of {mass} kg behind {payload.joint} would explain most of it: see --payload")
+        terminal.print(f"\nA payload of {mass} kg behind {payload.joint} would explain most of it: see --payload")
     report_files(outputs, terminal)
 
 

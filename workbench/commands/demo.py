@@ -46,20 +46,20 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     check_outputs([str(path) for path in (report, *files)])
     rng = np.random.default_rng(arguments.seed)
     plant = draw_plant(rng)
-    terminal.heading("A pendulum with unknown parameters, with one effect that the paper's model does not know")
+    terminal.print_heading("A pendulum with unknown parameters, with one effect that the paper's model does not know")
     for file in files:
         with terminal.progress(f"recording {file.name}"):
             signal = excitation("paper", rng, SECONDS)
             write_recording(record(plant, signal, SECONDS, rng=rng, name=file.stem), file)
-    terminal.say(f"recorded twice for {SECONDS:g} s: once to learn from, once to check on")
+    terminal.print(f"recorded twice for {SECONDS:g} s: once to learn from, once to check on")
     with terminal.progress("diagnosing") as progress:
         diagnosis = diagnose(files[0], files[1], progress=progress)
-    print_diagnosis(diagnosis, terminal, arguments.verbose, more="")
+    print_diagnosis(diagnosis, terminal, arguments.verbose, hint="")
     line = shlex.join(["pendulum-ident", "diagnose", str(files[0]), "--holdout", str(files[1])])
     write_page(str(report), terminal, "workbench.report:render", diagnosis, line)
     print_truth(plant, diagnosis, terminal)
     report_files([report, *files], terminal)
-    terminal.say(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")
+    terminal.print(f"another pendulum: pendulum-ident demo --seed {arguments.seed + 1}")
 
 
 def draw_plant(rng: np.random.Generator) -> Model:
@@ -74,9 +74,9 @@ def draw_plant(rng: np.random.Generator) -> Model:
 def print_truth(plant: Model, diagnosis: Diagnosis, terminal: Terminal) -> None:
     """Print the hidden effect, whether it was found, and true and estimated parameters."""
     hidden = plant.terms[-1]
-    terminal.heading("The truth")
-    terminal.say(f"hidden was {hidden.id}: {type(hidden)().law}")
-    terminal.say(judge_diagnosis(hidden.id, diagnosis.selected, diagnosis.ambiguous))
+    terminal.print_heading("The truth")
+    terminal.print(f"hidden was {hidden.id}: {type(hidden)().law}")
+    terminal.print(judge_diagnosis(hidden.id, diagnosis.selected, diagnosis.ambiguous))
     truth, estimates = plant.estimates, diagnosis.model.estimates
     rows = [
         (
@@ -87,14 +87,14 @@ def print_truth(plant: Model, diagnosis: Diagnosis, terminal: Terminal) -> None:
         )
         for name in dict.fromkeys([*truth, *estimates])
     ]
-    terminal.table(("parameter", "truth", "estimate", "unit"), rows, left=("unit",))
+    terminal.print_table(("parameter", "truth", "estimate", "unit"), rows, left=("unit",))
 
 
 def judge_diagnosis(hidden: str, selected: Sequence[str], ambiguous: Sequence[Sequence[str]]) -> str:
     """State whether the hidden effect, or an indistinguishable one, was selected."""
-    others = sorted({effect for group in ambiguous if hidden in group for effect in group if effect != hidden})
+    alternatives = sorted({effect for group in ambiguous if hidden in group for effect in group if effect != hidden})
     if list(selected) == [hidden]:
-        return "found" + (f", though {join_words(others)} would look the same" if others else "")
-    if len(selected) == 1 and selected[0] in others:
-        return f"found as one of a group that looks the same: {join_words(sorted([hidden, *others]))}"
+        return "found" + (f", though {join_words(alternatives)} would look the same" if alternatives else "")
+    if len(selected) == 1 and selected[0] in alternatives:
+        return f"found as one of a group that looks the same: {join_words(sorted([hidden, *alternatives]))}"
     return f"NOT found as it is: the diagnosis says {join_words(list(selected)) or 'nothing'}"

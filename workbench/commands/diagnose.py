@@ -6,7 +6,7 @@ import math
 from estimators.diagnosis.experiment import DEFAULT_TORQUE
 from estimators.diagnosis.run import diagnose
 from estimators.selection.criterion import Criterion
-from pendulum_env.excitation import MOST_TORQUE
+from pendulum_env.excitation import LARGEST_TORQUE
 from pendulum_env.files import write_whole
 from workbench import options
 from workbench.inputs import open_sources
@@ -43,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("the next experiment")
     group.add_argument(
         "--max-torque",
-        type=options.convert_number(0.1, MOST_TORQUE),
+        type=options.convert_number(0.1, LARGEST_TORQUE),
         help=f"its largest torque [N m] (default {DEFAULT_TORQUE:g}, at most ten times the largest recorded)",
     )
     group.add_argument(
@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     print_diagnosis(diagnosis, terminal, arguments.verbose, hint)
     if arguments.experiment is not None and not has_signal:
         reason = "there is no experiment" if diagnosis.suggestion is None else "the experiment has no torque"
-        terminal.say(f"{arguments.experiment} is not written: {reason}")
+        terminal.print(f"{arguments.experiment} is not written: {reason}")
         outputs[0] = None
     outputs[-1] = write_model(diagnosis.model, arguments.output, terminal)
     report_files(outputs, terminal)

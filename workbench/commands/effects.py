@@ -25,19 +25,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """List all effects with kind, law, parameters and units, or describe the given ones."""
     for kind in arguments.shown:
-        terminal.heading(f"{kind.id}: {kind.law}")
+        terminal.print_heading(f"{kind.id}: {kind.law}")
         for line in describe_effect(kind):
-            terminal.say(line)
+            terminal.print(line)
     if arguments.shown:
         return
     rows = [(id, kind.kind, kind.law, list_parameters(kind)) for id, kind in list_nameable().items()]
-    terminal.heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")
+    terminal.print_heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")
     flush_left = "kind", "law", "parameters, of typical size"
-    terminal.table(("effect", *flush_left), rows, left=flush_left)
-    terminal.say(
+    terminal.print_table(("effect", *flush_left), rows, left=flush_left)
+    terminal.print(
         f"what no effect is, `add` keeps as a table: {join_words([f'{id} {kind.law}' for id, kind in TABLES.items()])}"
     )
-    terminal.say(
+    terminal.print(
         "hide one in a simulated recording: record --effect stribeck, --effect stribeck=0.4,0.3 (parameters in this "
         "order), --effect cogging:order=14,sin=0.2 or, with one stop alone, --effect hard_stop:upper=0.9,lower=-inf; "
         "how one shows, and what tells it from others: effects stribeck"

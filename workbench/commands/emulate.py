@@ -38,9 +38,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     find_adapter(arguments.kind)  # raises if its library is not installed
 
     def report(text: str) -> None:
-        terminal.say(text)
+        terminal.print(text)
         if text.startswith("ready"):
-            terminal.say(
+            terminal.print(
                 f"try it: pendulum-ident record --backend dm1015b --config {arguments.output} --seconds 10 -o run.csv\n"
                 "type hold ANGLE to turn the arm by hand [degrees], hold to let go, or quit"
             )

@@ -86,16 +86,16 @@ def print_figures(report: JSON, terminal: Terminal) -> None:
         medians = [_format_number(policy[kind][1]) for kind in ("torque_rms", "speed", "turns")]
         use.append([name, f"{policy['torque_peak']:.2f}", *medians, f"{1e3 * policy['seconds_per_action']:.3g}"])
     plants = f"{report['plants']} plants within {100 * report['spread']:g} %"
-    terminal.say(f"{plants}, 10 s, constraint {report['constraint']}; medians over plants")
-    terminal.heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
-    terminal.table(("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]), errors)
-    terminal.heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
-    terminal.table(("policy", *first["gain"]), gains)
-    terminal.heading("What it takes")
+    terminal.print(f"{plants}, 10 s, constraint {report['constraint']}; medians over plants")
+    terminal.print_heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
+    terminal.print_table(("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]), errors)
+    terminal.print_heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
+    terminal.print_table(("policy", *first["gain"]), gains)
+    terminal.print_heading("What it takes")
     headers = ("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]")
-    terminal.table(("policy", *headers), use)
+    terminal.print_table(("policy", *headers), use)
     for note in report["notes"]:
-        terminal.say(note)
+        terminal.print(note)
 
 
 def _format_number(value: float | None) -> str:

@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:
-            terminal.say(f"{note}", style="yellow")
+            terminal.print(f"{note}", style="yellow")
     elif not sources:
         sys.stdout.write(exported.content)
     report_files([arguments.output], terminal)
@@ -109,7 +109,7 @@ def _check(
     from workbench.export.check import check  # slow to import
 
     with terminal.progress("running in MuJoCo"):
-        found = check(model, exported, request, recordings)
-    terminal.heading(found.title)
-    rows = [(what, f"{error:.3g} rad", f"{100 * error / found.motion:.2g} %") for what, error in found.errors.items()]
-    terminal.table(("", "error", "of the motion"), rows)
+        result = check(model, exported, request, recordings)
+    terminal.print_heading(result.title)
+    rows = [(name, f"{error:.3g} rad", f"{100 * error / result.motion:.2g} %") for name, error in result.errors.items()]
+    terminal.print_table(("", "error", "of the motion"), rows)

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
     def confirm(text: str) -> bool:
         """Ask until the answer is yes or no, so that an accidental key moves no motor."""
-        terminal.say(text)
+        terminal.print(text)
         try:
             while (answer := input("[y/n] ").strip().lower()) not in ("y", "yes", "n", "no"):
                 pass
@@ -50,12 +50,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             raise InputError("the check asks questions: run it in a terminal") from None
 
     try:
-        check_rig(load(arguments.config), terminal.say, confirm)
+        check_rig(load(arguments.config), terminal.print, confirm)
     except (CheckFailed, DriveError) as error:
         raise InputError(str(error)) from None
 
 
-def check_rig(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -> None:
+def check_rig(config: RigConfig, print: Callable[[str], None], confirm: Confirm) -> None:
     """Run all steps, and write a mark next to the configuration if they pass.
 
     Raises CheckFailed if a step fails, and DriveError if the rig is in use or not reachable.
@@ -64,14 +64,14 @@ def check_rig(config: RigConfig, say: Callable[[str], None], confirm: Confirm) -
     rig = Rig(replace(config, checked=False, plant=replace(config.plant, watch=False)))
     try:
         for number, (title, step) in enumerate(STEPS, start=1):
-            say(f"\n{number} of {len(STEPS)}: {title}")
-            say(step(rig, confirm))
+            print(f"\n{number} of {len(STEPS)}: {title}")
+            print(step(rig, confirm))
     except KeyboardInterrupt:
         raise CheckFailed("the check was interrupted: nothing is noted") from None
     finally:
         rig.close()
     note = mark_checked(config)
-    say(f"\npassed: up to {config.limits.torque:g} N m are allowed (noted in {note})")
+    print(f"\npassed: up to {config.limits.torque:g} N m are allowed (noted in {note})")
 
 
 def _check_wiring(rig: Rig, confirm: Confirm) -> str:
@@ -90,14 +90,14 @@ def _check_wiring(rig: Rig, confirm: Confirm) -> str:
 def _check_encoder(rig: Rig, confirm: Confirm) -> str:
     _, before = rig.guard.read()
     _ask(confirm, "Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
-    moved = rig.guard.read()[1] - before
-    encoder, degrees = rig.config.encoder, f"{math.degrees(moved):.0f} degrees"
-    _require(abs(moved) > 0.01, "the counts do not change: check the encoder's cable and supply")
-    _require(moved > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
+    angle = rig.guard.read()[1] - before
+    encoder, degrees = rig.config.encoder, f"{math.degrees(angle):.0f} degrees"
+    _require(abs(angle) > 0.01, "the counts do not change: check the encoder's cable and supply")
+    _require(angle > 0, f"the counts go the wrong way: set encoder.sign = {-encoder.sign}")
     _require(
-        abs(moved - QUARTER) < ROUGHLY,
+        abs(angle - QUARTER) < ROUGHLY,
         f"a quarter turn came as {degrees}: encoder.counts is nearer to "
-        f"{round(encoder.counts * moved / QUARTER)} (after quadrature: four times the lines)",
+        f"{round(encoder.counts * angle / QUARTER)} (after quadrature: four times the lines)",
     )
     return f"turned by {degrees}"
 
@@ -117,59 +117,61 @@ def _check_zero(rig: Rig, confirm: Confirm) -> str:
 
 
 def _check_torque(rig: Rig, confirm: Confirm) -> str:
-    most = rig.traits.max_torque
-    _ask(confirm, f"The motor will push, slowly, up to {most:g} N m, one way and then the other. Ready?")
+    max_torque = rig.traits.max_torque
+    _ask(confirm, f"The motor will push, slowly, up to {max_torque:g} N m, one way and then the other. Ready?")
     _require(
-        _measure_motion(rig, most) < MOVED,
+        _measure_motion(rig, max_torque) < MOVED,
         "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
         "takes a torque away: check that line, that it is pulled down, and the drive's setting for it",
     )
-    found = []
+    torques = []
     for direction in (1.0, -1.0):
         start = rig.enable(Start())
-        torque, moved = 0.0, 0.0
-        for sample in _run(rig, lambda t, d=direction: d * min(RAMP * t, most), most / RAMP + 1.0):  # type: ignore[misc]
-            torque, moved = sample.torque, sample.position - start.position
-            if abs(moved) > MOVED:
+        torque, angle = 0.0, 0.0
+        for sample in _run(rig, lambda t, d=direction: d * min(RAMP * t, max_torque), max_torque / RAMP + 1.0):  # type: ignore[misc]
+            torque, angle = sample.torque, sample.position - start.position
+            if abs(angle) > MOVED:
                 break
         rig.disable()
         _require(
-            abs(moved) > MOVED, f"the arm does not move under {most:g} N m: check motor and drive, or free the arm"
+            abs(angle) > MOVED,
+            f"the arm does not move under {max_torque:g} N m: check motor and drive, or free the arm",
         )
         _require(
-            moved * direction > 0,
-            f"a torque of {torque:+.2g} N m turned it by {math.degrees(moved):+.0f} degrees: set torque_sign = "
+            angle * direction > 0,
+            f"a torque of {torque:+.2g} N m turned it by {math.degrees(angle):+.0f} degrees: set torque_sign = "
             f"{-rig.config.torque_sign}",
         )
-        found.append(abs(torque))
+        torques.append(abs(torque))
+    forwards, backwards = torques
     return (
-        f"without power it stays; with power it starts to turn at {found[0]:.2g} and {found[1]:.2g} N m, the right way"
+        f"without power it stays; with power it starts to turn at {forwards:.2g} and {backwards:.2g} N m, the right way"
     )
 
 
-def _measure_motion(rig: Rig, most: float) -> float:
-    """Ramp the torque command up to `most` [N m] without power; return the largest motion of the arm [rad]."""
+def _measure_motion(rig: Rig, max_torque: float) -> float:
+    """Ramp the torque command up to `max_torque` [N m] without power; return the largest motion of the arm [rad]."""
     rig.disable()
-    motor, sign, moved = rig.guard.motor, rig.config.torque_sign, 0.0
+    motor, sign, angle = rig.guard.motor, rig.config.torque_sign, 0.0
     _, start = rig.guard.read()
     try:
-        for k in range(round(most / RAMP / STEP)):
+        for k in range(round(max_torque / RAMP / STEP)):
             motor.write(sign * RAMP * k * STEP)
             time.sleep(STEP)
-            moved = abs(rig.guard.read()[1] - start)
-            if moved > MOVED:
+            angle = abs(rig.guard.read()[1] - start)
+            if angle > MOVED:
                 break
     finally:
         motor.write(0.0)
-    return moved
+    return angle
 
 
 def _check_clamp(rig: Rig, confirm: Confirm) -> str:
     rig.enable(Start())
-    most = rig.traits.max_torque
+    max_torque = rig.traits.max_torque
     largest = max(abs(sample.torque) for sample in _run(rig, lambda t: 100.0 * (-1) ** int(t / 0.05), 0.2))
     rig.disable()
-    _require(largest <= most * (1 + 1e-6), f"{largest:.3g} N m were let pass where {most:.3g} are allowed")
+    _require(largest <= max_torque * (1 + 1e-6), f"{largest:.3g} N m were let pass where {max_torque:.3g} are allowed")
     return f"100 N m were asked for, no more than {largest:.3g} N m came"
 
 
@@ -201,17 +203,17 @@ STEPS: tuple[tuple[str, Callable[[Rig, Confirm], str]], ...] = (
 
 def _run(rig: Rig, torque: Callable[[float], float], seconds: float) -> Iterator[Sample]:
     """Run the rig for some time [s] under a torque as a function of time; yield the samples."""
-    now = 0.0
-    while now < seconds:
-        sample = rig.exchange(torque(now))
+    time_now = 0.0
+    while time_now < seconds:
+        sample = rig.exchange(torque(time_now))
         if sample.status is Status.FAULT:
             raise DriveError(str(sample.fault))
-        now = sample.time
+        time_now = sample.time
         yield sample
 
 
-def _require(right: bool, remedy: str) -> None:
-    if not right:
+def _require(is_right: bool, remedy: str) -> None:
+    if not is_right:
         raise CheckFailed(remedy)
 
 

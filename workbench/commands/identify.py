@@ -64,29 +64,29 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         identification = identify(data.recordings, terms, arguments.scheme, **limits)
         if arguments.instruments is not None:  # remedy of this finding
-            others = tuple(one for one in identification.findings if one.kind is not Kind.FEEDBACK_WITH_REFERENCE)
-            identification = replace(identification, findings=others)
-        one = identification.primary
-        nearest = nearest_body(one.model) if not body.can_simulate else None
+            findings = (f for f in identification.findings if f.kind is not Kind.FEEDBACK_WITH_REFERENCE)
+            identification = replace(identification, findings=tuple(findings))
+        primary = identification.primary
+        nearest = nearest_body(primary.model) if not body.can_simulate else None
         model, fit = _choose_model(identification, arguments)
     for text in describe_links(body):
-        terminal.say(text)
+        terminal.print(text)
     nearest_json = nearest.json() if nearest is not None else None
     write_json(arguments.json, write_identification(identification) | {"nearest_body": nearest_json})
-    terminal.heading("Estimates ± standard errors")
+    terminal.print_heading("Estimates ± standard errors")
     estimates = tabulate_schemes(identification, model if arguments.instruments else None)
-    terminal.table(*estimates)
+    terminal.print_table(*estimates)
     if text := explain_trust(estimates):
-        terminal.say(text)
+        terminal.print(text)
     for text in list_warnings(identification):
-        terminal.say(f"warning: {text}", style="yellow")
+        terminal.print(f"warning: {text}", style="yellow")
     if nearest is not None:
-        terminal.say(f"{one.scheme}: {describe_nearest_body(nearest)}")
+        terminal.print(f"{primary.scheme}: {describe_nearest_body(nearest)}")
     if model is not None:
         outputs[1] = write_model(model, arguments.output, terminal, identification.findings)
     report_files(outputs, terminal)
     if outputs[1] is not None and model is not None:
-        terminal.say(f"{outputs[1]} has {fit}")
+        terminal.print(f"{outputs[1]} has {fit}")
 
 
 def _choose_model(identification: Identification, arguments: argparse.Namespace) -> tuple[Model | None, str]:

@@ -7,7 +7,7 @@ import numpy as np
 from agents.network import POLICY_NAMES as SHIPPED
 from agents.observer import EPISODE
 from pendulum_env.backends.sensing import COUNTS
-from pendulum_env.excitation import EXCITATIONS, MOST_TORQUE, USUAL_SPEED
+from pendulum_env.excitation import DEFAULT_SPEED, EXCITATIONS, LARGEST_TORQUE
 from pendulum_env.reading import MAX_NUMBER
 from pendulum_env.recording import write_recording
 from pendulum_env.recording.checks import BOUNDS
@@ -58,7 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--amplitude",
-        type=options.convert_number(0.0, MOST_TORQUE),
+        type=options.convert_number(0.0, LARGEST_TORQUE),
         help="bound of the torque [N m]; each excitation has its own, an arm those of its file",
     )
     group.add_argument(
@@ -106,7 +106,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--max-speed",
         type=options.convert_number(0.01),
-        help=f"largest speed of each joint [rad/s] (default the file's, or {USUAL_SPEED:g})",
+        help=f"largest speed of each joint [rad/s] (default the file's, or {DEFAULT_SPEED:g})",
     )
 
 
@@ -137,7 +137,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     write_recording(recording, arguments.output)
     describe_recording(recording, terminal)
     if plan.plant.effects:
-        terminal.say(f"hidden: {', '.join(plan.plant.effects)}")
+        terminal.print(f"hidden: {', '.join(plan.plant.effects)}")
     report_files([arguments.output], terminal)
 
 

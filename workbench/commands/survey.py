@@ -51,36 +51,36 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file: name a folder for the table")
     _check_options(arguments)
-    settings, found = Settings.from_arguments(arguments), find_recordings(folder, arguments)
+    settings, files = Settings.from_arguments(arguments), find_recordings(folder, arguments)
     start = open_local_workers if arguments.scheduler is None else lambda _: open_cluster(arguments.scheduler)
     counts = []
     with terminal.progress("diagnosing") as progress:
 
-        def show_progress(done: int, total: int) -> None:
-            counts.append(done)
-            progress(f"{done} of {total}", done / total)
+        def show_progress(completed: int, total: int) -> None:
+            counts.append(completed)
+            progress(f"{completed} of {total}", completed / total)
 
         try:
-            rows = run_survey(found, settings, output, start, arguments.workers, show_progress)
+            rows = run_survey(files, settings, output, start, arguments.workers, show_progress)
         except KeyboardInterrupt:
             raise Interrupted(f"results are kept in {output}: run again to continue") from None
-    known, machines = counts[0], len({recording.machine for recording in found})
+    n_known, machines = counts[0], len({recording.machine for recording in files})
     failed = sum("error" in row for row in rows)
-    terminal.say(
-        f"{len(found)} recording{'s' * (len(found) != 1)} of {machines} machine{'s' * (machines != 1)}: {known} known "
-        f"from before, {len(found) - known - failed} diagnosed, {failed} failed"
+    terminal.print(
+        f"{len(files)} recording{'s' * (len(files) != 1)} of {machines} machine{'s' * (machines != 1)}: {n_known} "
+        f"known from before, {len(files) - n_known - failed} diagnosed, {failed} failed"
     )
     series = find_series(rows)
     for estimate_series in series:
         estimate_series.mark_changes()
     write_table(output, rows)
     recordings, changes = tabulate_recordings(rows), tabulate_changes(series)
-    terminal.heading("Recordings")
-    terminal.table(recordings.headers, recordings.rows[:PRINTED], recordings.left)
+    terminal.print_heading("Recordings")
+    terminal.print_table(recordings.headers, recordings.rows[:PRINTED], recordings.left)
     if len(rows) > PRINTED:
-        terminal.say(f"and {len(rows) - PRINTED} more in {output / TABLES[1]}")
-    terminal.heading("Parameters that change")
-    terminal.table(*changes) if changes.rows else terminal.say("none")
+        terminal.print(f"and {len(rows) - PRINTED} more in {output / TABLES[1]}")
+    terminal.print_heading("Parameters that change")
+    terminal.print_table(*changes) if changes.rows else terminal.print("none")
     report_files([output / name for name in TABLES], terminal)
     if failed == len(rows):
         raise InputError(f"{folder}: no recording could be diagnosed: the table has the reasons")

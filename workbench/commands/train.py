@@ -44,31 +44,32 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError("training needs the extra rl: pip install 'pendulum-ident[rl]'")
     config = _read_config(arguments)
     folder = None if arguments.checkpoints is None else Path(arguments.checkpoints)
-    if config.steps < (needed := Config.from_settings({"constraint": config.constraint}).steps):
+    if config.steps < (least_steps := Config.from_settings({"constraint": config.constraint}).steps):
         steps = f"{config.steps:,} steps are too few to learn the task"
-        terminal.say(f"{steps}: under the constraint {config.constraint} it takes {needed:,} (`steps` in --config)")
+        least = f"it takes {least_steps:,} (`steps` in --config)"
+        terminal.print(f"{steps}: under the constraint {config.constraint} {least}")
     training = import_module("agents.training")  # imports torch
     try:
         with terminal.progress("training", lines=True) as progress:
             network = training.train(config, progress, folder)
     except KeyboardInterrupt:
-        kept = folder is not None and (folder / training.CHECKPOINT).exists()
-        raise Interrupted(f"run it again to go on from {folder}" if kept else "nothing was kept") from None
+        has_checkpoint = folder is not None and (folder / training.CHECKPOINT).exists()
+        raise Interrupted(f"run it again to go on from {folder}" if has_checkpoint else "nothing was kept") from None
     network.save(arguments.output)
-    terminal.say(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
+    terminal.print(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
     if config.constraint != ARM:
-        terminal.say(f"`pendulum-ident evaluate {arguments.output} --constraint {config.constraint}` compares it")
+        terminal.print(f"`pendulum-ident evaluate {arguments.output} --constraint {config.constraint}` compares it")
     else:
         robot = config.robot or "FILE"
-        terminal.say(f"`pendulum-ident record --robot {robot} --excitation rl --policy {arguments.output}` plays it")
+        terminal.print(f"`pendulum-ident record --robot {robot} --excitation rl --policy {arguments.output}` plays it")
     report_files([arguments.output], terminal)
 
 
 def _read_config(arguments: argparse.Namespace) -> Config:
-    given = {name: getattr(arguments, name) for name in ("constraint", "robot")}
-    given = {name: value for name, value in given.items() if value is not None}
+    options = {name: getattr(arguments, name) for name in ("constraint", "robot")}
+    options = {name: value for name, value in options.items() if value is not None}
     settings = {} if arguments.config is None else read_toml(arguments.config)
     try:
-        return Config.from_settings(settings | given)
+        return Config.from_settings(settings | options)
     except ValueError as error:
         raise InputError(str(error) if arguments.config is None else f"{arguments.config}: {error}") from None

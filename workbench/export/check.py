@@ -96,14 +96,14 @@ def _simulate_servos(model: Model, request: Request, servos: Servos, every: int)
         drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
         for lane, drive in enumerate(servos.drives)
     ]
-    made = {drive: mjcf.export(model, request, Servo(drive)) for drive in dict.fromkeys(drives)}
+    models = {drive: mjcf.export(model, request, Servo(drive)) for drive in dict.fromkeys(drives)}
     paths = np.empty((len(servos.goal) // every + 1, 1, len(drives)))
     for lane, drive in enumerate(drives):
-        world = mujoco.MjModel.from_xml_string(made[drive].content)
+        world = mujoco.MjModel.from_xml_string(models[drive].content)
         data = mujoco.MjData(world)
         data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]
         paths[0, 0, lane] = data.qpos[0]
-        for k, (goal, on) in enumerate(zip(servos.goal[:, lane].tolist(), servos.on[:, lane].tolist(), strict=True)):
+        for k, (goal, on) in enumerate(zip(servos.goal[:, lane].tolist(), servos.is_on[:, lane].tolist(), strict=True)):
             data.ctrl[0] = goal
             world.opt.disableactuator = int(not on)  # bit 0: default group of actuators
             mujoco.mj_step(world, data)
@@ -112,9 +112,9 @@ def _simulate_servos(model: Model, request: Request, servos: Servos, every: int)
     return paths
 
 
-def _compute_rms(ones: Sequence[Array], others: Sequence[Array]) -> float:
+def _compute_rms(first: Sequence[Array], second: Sequence[Array]) -> float:
     """Compute the root mean square of the differences of paths (N + 1, B) without their start."""
-    differences = [(a - b)[1:].ravel() for a, b in zip(ones, others, strict=True)]
+    differences = [(a - b)[1:].ravel() for a, b in zip(first, second, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(differences) ** 2)))
 
 

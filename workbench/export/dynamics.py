@@ -15,7 +15,7 @@ from pendulum_env.physics.simulation import TorqueBalance, step, write_balance
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set_label, sort_symbols
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording.vocabulary import SI
-from pendulum_env.servo import UNIT, ServoDrive
+from pendulum_env.servo import OUTPUT_UNITS, ServoDrive
 from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute_control, compute_gains, compute_taps
 from workbench.export.request import ExportError
 from workbench.export.servo import Motor, Servo, get_supply
@@ -46,7 +46,7 @@ class StepQuantity:
 
     name: str
     unit: str
-    usual: float | None = None
+    default: float | None = None
 
 
 @dataclass(frozen=True)
@@ -121,16 +121,16 @@ class _StepBuilder:
         parameters = []
         for text, unit, symbol, value in named:
             symbol.label = make_identifier(text)
-            known = model.estimates.get(text, Estimate(value, 0.0, unit))  # without one: a default value
-            parameters.append(NamedParameter(symbol.label, known.value, known.unit, known.std))
+            estimate = model.estimates.get(text, Estimate(value, 0.0, unit))  # without one: a default value
+            parameters.append(NamedParameter(symbol.label, estimate.value, estimate.unit, estimate.std))
         start: dict[str, Any] = {"time": 0.0, "position": x.position, "velocity": x.velocity}
         remembered: dict[str, list[str]] = {}
-        given = [StepQuantity("torque", model.units().unit("N m"))]
+        inputs = [StepQuantity("torque", model.units().unit("N m"))]
         warm = [term.id for term in terms if term.needs == "temperature"]
-        if other := [f"{term.id} (by its {term.needs})" for term in terms if term.needs not in ("", "temperature")]:
-            raise ExportError(f"{', '.join(other)}: no program is given that")
+        if names := [f"{term.id} (by its {term.needs})" for term in terms if term.needs not in ("", "temperature")]:
+            raise ExportError(f"{', '.join(names)}: no program is given that")
         if warm:
-            given.append(StepQuantity("temperature", SI["temperature"], ROOM))
+            inputs.append(StepQuantity("temperature", SI["temperature"], ROOM))
             x = replace(x, temperature=cast(Any, make_symbol("temperature")))
         long_ago, memory = balance.start(replace(x, torque=np.zeros(()))), cast(Mapping[str, Any], x.memory)
         as_given: dict[str, Any] = {id: (x.temperature, 0.0) for id in warm if id in memory}
@@ -142,61 +142,64 @@ class _StepBuilder:
             remembered[id] = [f"{id}_memory{end}" for end in ends]
             for symbol, text, at_rest in zip(symbols, remembered[id], long_ago[id], strict=True):
                 symbol.label, start[text] = text, at_rest
-        return cls(seconds, balance, x, remembered, parameters, given, start, sum(term.delay for term in terms))
+        return cls(seconds, balance, x, remembered, parameters, inputs, start, sum(term.delay for term in terms))
 
     def take_goal(self, drive: ServoDrive) -> None:
         """Replace the torque input by a drive with a goal input, which delays its own output."""
         seconds, x = self.seconds, self.x
-        looks_always = drive.rate is None or drive.rate * seconds >= 1.0
+        is_always_sampled = drive.rate is None or drive.rate * seconds >= 1.0
         gains: dict[str, Any] = dict(zip(GAINS, compute_gains(drive, seconds), strict=True))
         output = {"duty": "1", "voltage": "V", "current": "A", "torque": drive.unit}[drive.output]
         per = "s/rad" if drive.acts_on_speed else "rad"
-        units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "most": output}
+        units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "limit": output}
         for text, unit in units.items():
             if gains[text] not in (0.0, math.inf):
-                self.parameters.append(NamedParameter("limit" if text == "most" else text, gains[text], unit, 0.0))
+                self.parameters.append(NamedParameter(text, gains[text], unit, 0.0))
                 gains[text] = make_symbol(self.parameters[-1].name)
-        gains["halt"] = gains["most"] if math.isfinite(gains["halt"]) else math.inf
-        gains["room"] = gains["most"] / gains["ki"] if math.isfinite(gains["room"]) else math.inf
+        gains["stop_output"] = gains["limit"] if math.isfinite(gains["stop_output"]) else math.inf
+        gains["max_integral"] = gains["limit"] / gains["ki"] if math.isfinite(gains["max_integral"]) else math.inf
         scale: Any = 1.0
         self.given[0] = StepQuantity("goal", "rad/s" if drive.acts_on_speed else "rad")
         if drive.output == "duty":
             self.given.append(StepQuantity("supply", "V", get_supply(drive)))
             scale = make_symbol("supply")
         if drive.gain is not None:
-            self.parameters.append(NamedParameter("gain", drive.gain, f"N m/{UNIT[drive.output]}", 0.0))
+            self.parameters.append(NamedParameter("gain", drive.gain, f"N m/{OUTPUT_UNITS[drive.output]}", 0.0))
             scale = scale * make_symbol("gain")
         self.given.append(StepQuantity("on", "0: the motor is open", 1.0))
         weights = compute_taps(np.array((drive.delay + self.delay) / seconds)).tolist()
         self.delay = 0.0
         phase: Any = make_symbol("phase")  # time to the controller's next sample, in its periods
-        looks, period = seconds * (drive.rate or 0.0), 1.0 / (drive.rate or math.inf)
-        lead: Any = 0.5 * max(seconds - period, 0.0) if drive.rate else 0.0
-        due: Any = 1.0
+        samples_per_step, period = seconds * (drive.rate or 0.0), 1.0 / (drive.rate or math.inf)
+        sample_time: Any = 0.5 * max(seconds - period, 0.0) if drive.rate else 0.0
+        has_sample: Any = 1.0
         share: Any = 1.0
         elapsed: Any = seconds
-        last_lead: Any = make_symbol("last_lead")
-        if not looks_always:
-            lead, due = np.maximum(phase, 0.0) * period, looks * (1.0 - 1e-6) - phase
-            share, elapsed = 1.0 - lead / seconds, period - lead + last_lead
-        old = (0.5 * period - lead) / elapsed
-        before = tuple(make_symbol(f"before_{k + 1}") for k in range(len(weights) - 1))
-        speed = x.velocity if looks_always and gains["seen"] == 1.0 else make_symbol("speed")
+        last_sample_time: Any = make_symbol("last_lead")
+        if not is_always_sampled:
+            sample_time, has_sample = np.maximum(phase, 0.0) * period, samples_per_step * (1.0 - 1e-6) - phase
+            share, elapsed = 1.0 - sample_time / seconds, period - sample_time + last_sample_time
+        previous_weight = (0.5 * period - sample_time) / elapsed
+        past_outputs = tuple(make_symbol(f"before_{k + 1}") for k in range(len(weights) - 1))
+        speed = x.velocity if is_always_sampled and gains["speed_weight"] == 1.0 else make_symbol("speed")
         last = make_symbol("last_velocity") if drive.rate else x.velocity
-        state = ControllerState(make_symbol("held"), before, make_symbol("integral") if drive.ki else 0.0, speed, last)
-        on: Any = make_symbol("on")
+        integral: Any = make_symbol("integral") if drive.ki else 0.0
+        state = ControllerState(make_symbol("held"), past_outputs, integral, speed, last)
+        is_on: Any = make_symbol("on")
         goal, last_goal = (cast(Any, make_symbol(name)) for name in ("goal", "last_goal"))
         has_goal_speed = drive.kd > 0 and drive.acts_on_position and drive.derivative == "error"
         goal_speed = (goal - last_goal) / max(seconds, period) if has_goal_speed else 0.0
-        given = ServoInputs(goal, scale, on, due, share=share, lead=lead, old=old, goal_speed=goal_speed)
-        torque, after = compute_control(x, state, given, gains, weights, drive.acts_on_speed)
-        memory = {id: (on,) if id == BackEmf.id else memory for id, memory in x.memory.items()}
+        times = {"share": share, "sample_time": sample_time, "previous_weight": previous_weight}
+        inputs = ServoInputs(goal, scale, is_on, has_sample, **times, goal_speed=goal_speed)
+        torque, after = compute_control(x, state, inputs, gains, weights, drive.acts_on_speed)
+        memory = {id: (is_on,) if id == BackEmf.id else memory for id, memory in x.memory.items()}
         self.x = replace(x, torque=torque, memory=memory)
-        turn = np.where(due > 0, phase + 1.0, phase) - looks
-        self.after = {"held": after.held, "integral": after.integral, "speed": after.speed, "phase": turn}
-        self.after |= {"last_velocity": after.velocity, "last_lead": np.where(due > 0, lead, last_lead)}
-        self.after |= {"last_goal": np.where(due > 0, goal, last_goal)}
-        self.after |= {symbol.label: value for symbol, value in zip(before, after.before, strict=True)}
+        next_phase = np.where(has_sample > 0, phase + 1.0, phase) - samples_per_step
+        self.after = {"held": after.held_output, "integral": after.integral, "speed": after.speed, "phase": next_phase}
+        last_values = {"last_lead": (sample_time, last_sample_time), "last_goal": (goal, last_goal)}
+        self.after |= {name: np.where(has_sample > 0, *values) for name, values in last_values.items()}
+        self.after["last_velocity"] = after.velocity
+        self.after |= {symbol.label: value for symbol, value in zip(past_outputs, after.past_outputs, strict=True)}
         self.start |= dict.fromkeys(self.after, 0.0) | {
             "speed": make_symbol("velocity"),
             "last_velocity": make_symbol("velocity"),
@@ -206,16 +209,16 @@ class _StepBuilder:
     def dynamics(self, after: Mapping[str, Any]) -> Dynamics:
         """Return the step without unused state variables."""
         after = {**after, **self.after}
-        kept, needed = {"time", "position", "velocity"}, set(after)
-        while needed:
-            values = [_convert_operand(after[text]) for text in kept]
-            needed = {symbol.label for symbol in sort_symbols(values) if symbol.op == NAME} & set(after) - kept
-            kept |= needed
-        state = tuple(text for text in after if text in kept)
+        names_kept, required = {"time", "position", "velocity"}, set(after)
+        while required:
+            values = [_convert_operand(after[text]) for text in names_kept]
+            required = {symbol.label for symbol in sort_symbols(values) if symbol.op == NAME} & set(after) - names_kept
+            names_kept |= required
+        state = tuple(text for text in after if text in names_kept)
         for text in state:
             set_label(after[text], f"{text}_after")
-        used = [parameter.name for parameter in self.parameters] + [*state]
-        if twice := [x for x in used if used.count(x) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", x)]:
+        names = [parameter.name for parameter in self.parameters] + [*state]
+        if twice := [x for x in names if names.count(x) > 1 or re.fullmatch(r"t\d+|\w+_at_\w+|\w+_after", x)]:
             raise ExportError(f"'{twice[0]}' cannot be the name of a parameter in a program: rename it in its effect")
         return Dynamics(
             self.seconds,

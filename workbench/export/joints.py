@@ -20,10 +20,9 @@ from workbench.narrator.findings import describe_nearest_body
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     """Return the terms at one joint as a pendulum model, and the tables at it, which are left out."""
     of_joint = [term for term in model.terms[1:] if term.at == joint]
-    tables = tuple(f"{one.id} ({one.law}): it is left out" for one in of_joint if isinstance(one, Table))
-    terms = [
-        find_term(one.id.partition("@")[0])(**one.nonlinear_values) for one in of_joint if not isinstance(one, Table)
-    ]
+    tables = tuple(f"{table.id} ({table.law}): it is left out" for table in of_joint if isinstance(table, Table))
+    effects = [term for term in of_joint if not isinstance(term, Table)]
+    terms = [find_term(term.id.partition("@")[0])(**term.nonlinear_values) for term in effects]
     names = [column.name for term in terms for column in term.columns]
     theta = np.array([get_value(model, f"{name}@{joint}") for name in names])
     return Model.build(terms, theta), tables
@@ -38,12 +37,12 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
     mujoco, body = import_mujoco(), model.body
     links, joints = nearest_body(model), {}
     standard = np.array([links.parameters[name].value for name in body.standard])
-    missing = [] if links.exists else [f"the links as identified: {describe_nearest_body(links)}"]
+    omissions = [] if links.exists else [f"the links as identified: {describe_nearest_body(links)}"]
     for joint in body.joints:
         friction_model, tables = select_joint(model, joint)
         joints[joint] = Friction.from_model(friction_model, ("spring",) if is_spring_linear(friction_model) else ())
-        missing += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
-    notes = note_missing(missing, request, others="")
+        omissions += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
+    notes = note_missing(omissions, request, remedy="")
     spec = build_specification(
         body, standard, {joint: (friction.viscous, friction.dry) for joint, friction in joints.items()}
     )
@@ -56,7 +55,7 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
             joint.springref = -get_value(model, f"spring.preload@{joint.name}") / stiffness
     for tie in spec.equalities:
         tie.solref = STEPS * request.step, 1.0
-    for term in (one for one in model.terms if isinstance(one, Coupling)):
+    for term in (part for part in model.terms if isinstance(part, Coupling)):
         motor = spec.add_tendon(name=term.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
         for joint, factor in list_loads(term.at).items():
             motor.wrap_joint(joint, factor)

@@ -65,14 +65,14 @@ class RigidBody:
         if inertia <= 0:
             raise ExportError("the armature leaves the arm no inertia: give a smaller --armature")
         weight = math.hypot(gravity, tilted)  # gravity torque of the horizontal arm [N m]
-        least = weight**2 / (G**2 * inertia)  # mass of a point at the end of the lever [kg]
+        least_mass = weight**2 / (G**2 * inertia)  # mass of a point at the end of the lever [kg]
         # a uniform rod has 4/3 of the mass of a point with equal inertia and gravity torque
-        mass = mass or 4.0 / 3.0 * least or 1.0
+        mass = mass or 4.0 / 3.0 * least_mass or 1.0
         lever = weight / (mass * G)
         central = inertia - mass * lever**2
         if central <= 0:
             raise ExportError(
-                f"an arm of {mass:g} kg cannot have this weight and inertia: --mass has to be above {least:.4g} kg"
+                f"an arm of {mass:g} kg cannot have this weight and inertia: --mass has to be above {least_mass:.4g} kg"
             )
         return cls(mass, lever, math.atan2(tilted, gravity), central)
 
@@ -96,19 +96,20 @@ class Friction:
     missing: tuple[str, ...]  # parts of the model that are missing or approximated
 
     @classmethod
-    def from_model(cls, model: Model, held: Collection[str]) -> Friction:
-        """Return the friction of a model; terms in `held` and `EVERY` are represented elsewhere.
+    def from_model(cls, model: Model, included: Collection[str]) -> Friction:
+        """Return the friction of a model; terms in `included` and `EVERY` are represented elsewhere.
 
         Other friction laws are approximated by symmetric viscous and dry friction, by a fit over `SPEEDS`.
         """
         unit = model.torque_unit
-        others = [term for term in model.terms if term.id not in EVERY and term.id not in held]
-        folded = [term for term in others if find_description(term.id).fits_friction]
-        missing = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
-        missing += [f"{one.id} ({one.law}): {find_description(one.id).omission}" for one in others if one not in folded]
+        remaining = [term for term in model.terms if term.id not in EVERY and term.id not in included]
+        folded = [term for term in remaining if find_description(term.id).fits_friction]
+        omissions = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
+        omitted = [term for term in remaining if term not in folded]
+        omissions += [f"{term.id} ({term.law}): {find_description(term.id).omission}" for term in omitted]
         viscous, dry = get_value(model, "viscous") + get_value(model, "back_emf"), get_value(model, "coulomb")
         if not folded and min(viscous, dry) >= 0:
-            return cls(viscous, dry, tuple(missing))
+            return cls(viscous, dry, tuple(omissions))
         still = np.zeros_like(SPEEDS)
         law = viscous * SPEEDS + dry
         for column in (column for term in folded for column in term.columns):
@@ -117,7 +118,7 @@ class Friction:
         (viscous, dry), _ = scipy.optimize.nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
         kinds = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
         close = f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} rad/s"
-        return cls(float(viscous), float(dry), (*missing, *(f"{what}: {close}" for what in kinds)))
+        return cls(float(viscous), float(dry), (*omissions, *(f"{kind}: {close}" for kind in kinds)))
 
 
 @dataclass(frozen=True)
@@ -153,8 +154,8 @@ class Stop:
             return cls()
         damping, missing = stiffness * stop.damping_time, []
         if stop.hysteresis:
-            lost = min(2.0 * stop.hysteresis * speed / 3.0, 0.9)
-            ratio = -math.log(1.0 - lost) / math.pi
+            lost_share = min(2.0 * stop.hysteresis * speed / 3.0, 0.9)
+            ratio = -math.log(1.0 - lost_share) / math.pi
             damping += 2.0 * ratio * math.sqrt(stiffness * get_value(model, "inertia"))
             missing.append(f"the hysteresis of hard_stop: a damper loses as much of an impact at {speed:g} rad/s")
         return cls(stop.lower, stop.upper, stiffness, damping, tuple(missing))
@@ -178,8 +179,8 @@ def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
     held |= set(actuator.held)
     friction, stop = Friction.from_model(model, held), Stop.from_model(model)
     rubs = link is not None and (link.friction or link.viscous)
-    moved = ("friction of the link: all friction acts at the motor",) if rubs else ()
-    missing = (*friction.missing, *stop.missing, *actuator.missing, *moved)
+    approximations = ("friction of the link: all friction acts at the motor",) if rubs else ()
+    missing = (*friction.missing, *stop.missing, *actuator.missing, *approximations)
     notes = note_missing(missing, request)
     spec = mujoco.MjSpec()
     spec.modelname, spec.comment = "pendulum", escape_comment((write_title(model), *notes))
@@ -193,8 +194,8 @@ def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
         inertia = get_value(model, link.id)  # of the link [kg m^2]
         rotor = RigidBody.from_pendulum(total - inertia, gravity - inertia * link.gravity, tilted)
         body = _add(spec.worldbody, "motor", rotor)
-        behind = _add(body, "link", RigidBody.from_pendulum(inertia, inertia * link.gravity, mass=request.mass))
-        spring = behind.add_joint(name="transmission", axis=(1, 0, 0))
+        link_body = _add(body, "link", RigidBody.from_pendulum(inertia, inertia * link.gravity, mass=request.mass))
+        spring = link_body.add_joint(name="transmission", axis=(1, 0, 0))
         spring.stiffness = inertia * link.resonance**2, 0.0, 0.0
         spring.damping = inertia * link.damping, 0.0, 0.0
     joint = body.add_joint(name=JOINT, axis=(1, 0, 0))
@@ -221,9 +222,9 @@ def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
 
 
 def _add(parent: Any, name: str, body: RigidBody) -> Any:
-    added = parent.add_body(name=name, mass=body.mass, ipos=body.centre, inertia=body.moments, explicitinertial=True)
-    added.add_geom(
+    link = parent.add_body(name=name, mass=body.mass, ipos=body.centre, inertia=body.moments, explicitinertial=True)
+    link.add_geom(
         name=name, fromto=(0.0, 0.0, 0.0, *(2.0 * x for x in body.centre)), size=(0.01, 0.0, 0.0), mass=0.0,
         type=3, contype=0, conaffinity=0,
     )  # fmt: skip
-    return added
+    return link

@@ -144,8 +144,8 @@ class ProgramText:
         if symbol.op in INFIX:
             sign, tight = INFIX[symbol.op]
             keeps = symbol.op in ("add", "multiply", "subtract", "divide")  # evaluated from the left
-            left = _enclose(parts[0], tight if keeps else tight + 1)
-            return f"{left} {sign} {_enclose(parts[1], tight + 1)}", tight
+            first = _enclose(parts[0], tight if keeps else tight + 1)
+            return f"{first} {sign} {_enclose(parts[1], tight + 1)}", tight
         if symbol.op == "negative":
             return f"-{_enclose(parts[0], NEGATIVE + 1)}", NEGATIVE
         # Python code accepts NumPy arrays, too

@@ -47,20 +47,20 @@ class Exported:
 WHOLE = ", or export --to python or c, which hold every effect"
 
 
-def note_missing(missing: Sequence[str], request: Request, others: str = WHOLE) -> tuple[str, ...]:
-    """List the parts of the model that MJCF lacks, one sentence each; `others`: hint at other formats.
+def note_missing(missing: Sequence[str], request: Request, remedy: str = WHOLE) -> tuple[str, ...]:
+    """List the parts of the model that MJCF lacks, one sentence each; `remedy`: hint at other formats.
 
     Raises ExportError if something is missing and approximations are not allowed.
     """
     if missing and not request.approximate:
-        raise ExportError(f"mjcf cannot hold {'; nor '.join(missing)}. Ask for that with --approximate{others}")
+        raise ExportError(f"mjcf cannot hold {'; nor '.join(missing)}. Ask for that with --approximate{remedy}")
     return tuple(f"mjcf cannot hold {text}" for text in missing)
 
 
 def write_title(model: Model) -> str:
     """Return the title of the file, escaped for a comment in any language."""
-    what = "A joint that slides, q in m and tau in N" if model.slides else "A pendulum"
-    return f"{what}, as identified: {escape_text(' + '.join(term.law for term in model.terms))} = tau."
+    subject = "A joint that slides, q in m and tau in N" if model.is_prismatic else "A pendulum"
+    return f"{subject}, as identified: {escape_text(' + '.join(term.law for term in model.terms))} = tau."
 
 
 def escape_text(text: str) -> str:

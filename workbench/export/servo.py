@@ -9,7 +9,7 @@ import numpy as np
 from pendulum_env.physics import Model, has_link
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.recording.channel import NEWTON_METRE
-from pendulum_env.servo import UNIT, ServoDrive
+from pendulum_env.servo import OUTPUT_UNITS, ServoDrive
 from workbench.export.request import ExportError, Request
 
 
@@ -85,9 +85,9 @@ def choose_actuator(model: Model, request: Request) -> Motor | Servo:
     """
     if (drive := request.drive) is None:
         return Motor(request.step)
-    known = model.torque_constant
-    if drive.gain is None and known is not None and known.unit == f"{NEWTON_METRE}/{UNIT[drive.output]}":
-        drive = replace(drive, gain=known.value)
+    constant = model.torque_constant
+    if drive.gain is None and constant is not None and constant.unit == f"{NEWTON_METRE}/{OUTPUT_UNITS[drive.output]}":
+        drive = replace(drive, gain=constant.value)
     if drive.unit != model.torque_unit:
         raise ExportError(
             f"the model is in {model.torque_unit}, but the drive gives {drive.unit}: give the drive its gain, or take "

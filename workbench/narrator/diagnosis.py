@@ -47,8 +47,8 @@ def describe_region(region: Region) -> str:
     text = " ".join(texts)
     if not region.held_out_recordings:
         return text
-    where = f"In the held-out data ({join_words(region.held_out_recordings)})"
-    return f"{where}: {text[:1].lower()}{text[1:]}" if text else f"{where}, at no one speed, angle or time."
+    place = f"In the held-out data ({join_words(region.held_out_recordings)})"
+    return f"{place}: {text[:1].lower()}{text[1:]}" if text else f"{place}, at no one speed, angle or time."
 
 
 def _describe_stretch(region: Region) -> str:
@@ -69,8 +69,8 @@ def describe_unexplained(diagnosis: Diagnosis, region: Region) -> str:
     text = describe_region(region)
     if region.at not in diagnosis.left:
         return text
-    left = f"{diagnosis.left[region.at]:.2g} {diagnosis.model.units(region.at).unit(NEWTON_METRE)} at {region.at}"
-    return f"{left}; {text}" if text else left
+    residual = f"{diagnosis.left[region.at]:.2g} {diagnosis.model.units(region.at).unit(NEWTON_METRE)} at {region.at}"
+    return f"{residual}; {text}" if text else residual
 
 
 def describe_suggestion(suggestion: Suggestion, units: JointUnits = TURNING) -> str:
@@ -93,8 +93,8 @@ def describe_suggestion(suggestion: Suggestion, units: JointUnits = TURNING) -> 
 
 def describe_result(diagnosis: Diagnosis) -> str:
     """State the result in a phrase: `Stribeck friction is missing`, `Cogging at elbow is missing`."""
-    where = join_words([at for at in dict.fromkeys(region.at for region in diagnosis.unexplained) if at])
-    place = f" at {where}" if where else ""
+    joints = join_words([at for at in dict.fromkeys(region.at for region in diagnosis.unexplained) if at])
+    place = f" at {joints}" if joints else ""
     groups = [
         f"a payload of {measure(Quantity(mass.value, unit=mass.unit))} in {join_words(finding.recordings)}"
         for finding in diagnosis.findings
@@ -115,12 +115,12 @@ def describe_result(diagnosis: Diagnosis) -> str:
     places = [f"{''.join(f' by {at}' for at in c.joints)} at {measure(c.numbers['angle'])}" for c in contacts]
     met = [f"a stop or a blow was met{where_met}" for where_met in places]
     if groups:
-        rest = f", and more{place} that no known effect explains" if diagnosis.unexplained else ""
-        rest = rest or "".join(f", and {text}" for text in met)
-        return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{rest}"
+        remainder = f", and more{place} that no known effect explains" if diagnosis.unexplained else ""
+        remainder = remainder or "".join(f", and {text}" for text in met)
+        return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{remainder}"
     if met:
-        rest = "no known effect explains the rest" if diagnosis.unexplained else "nothing else is missing"
-        return f"{capitalise(join_words(met))}, and {rest}"
+        remainder = "no known effect explains the rest" if diagnosis.unexplained else "nothing else is missing"
+        return f"{capitalise(join_words(met))}, and {remainder}"
     if not diagnosis.unexplained:
         return "Nothing is missing" if diagnosis.searched else "The model explains what was measured"
     if diagnosis.searched:
@@ -131,7 +131,7 @@ def describe_result(diagnosis: Diagnosis) -> str:
 def describe_errors(diagnosis: Diagnosis) -> str:
     """State the held-out errors before and after with the noise floor, and the part held out by default."""
     first, last = (step.errors["holdout"] for step in (diagnosis.steps[0], diagnosis.steps[-1]))
-    what, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
+    kind, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
 
     def fall(before: float, after: float, unit: str) -> str:
         is_new = len(diagnosis.steps) > 1 and not (np.isnan(before) and np.isnan(after))
@@ -140,7 +140,7 @@ def describe_errors(diagnosis: Diagnosis) -> str:
 
     floors = {at: to_shown_unit(floor, diagnosis.unit_at(at))[0] for at, floor in diagnosis.floors.items()}
     changes = {at: fall(first.get_joint_error(at), last.get_joint_error(at), diagnosis.unit_at(at)) for at in floors}
-    falls = [f"{at or what} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
+    falls = [f"{at or kind} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
     if diagnosis.body.can_simulate and not last.is_in_loop:
         angle = diagnosis.model.units().unit("rad")
         falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")
@@ -151,17 +151,18 @@ def describe_errors(diagnosis: Diagnosis) -> str:
 def describe_refit(refit: HorizonRefit) -> str:
     """Describe a refit to free motion by its held-out errors, and whether it was kept."""
     unit, over = refit.before.model.units().unit("rad"), f"over {refit.seconds:g} s"
-    old = Quantity(refit.before.errors["holdout"].position_rms, unit=unit)
+    before = Quantity(refit.before.errors["holdout"].position_rms, unit=unit)
     if refit.after is None:
-        what = f"The held-out error of free motion {over} is {measure(old, 4)}"
+        what = f"The held-out error of free motion {over} is {measure(before, 4)}"
         return f"{what}. Noise explains the error of the fitted motion, and the model is not refitted."
-    new = Quantity(refit.after.errors["holdout"].position_rms, unit=unit)
+    after = Quantity(refit.after.errors["holdout"].position_rms, unit=unit)
     end = "was interrupted. It " if refit.is_interrupted else ""
-    text = f"The refit to free motion {end}changes the held-out position error {over}: {measure_change(old, new, 4)}"
+    change = measure_change(before, after, 4)
+    text = f"The refit to free motion {end}changes the held-out position error {over}: {change}"
     if refit.is_kept:
         return f"{text}. The final model is the refitted one."
-    why = "is not lower" if not new.value < old.value else "is lower, but no body can have the parameters"
-    return f"{text}. The error {why}, and the model is not changed."
+    reason = "is not lower" if not after.value < before.value else "is lower, but no body can have the parameters"
+    return f"{text}. The error {reason}, and the model is not changed."
 
 
 def describe_treatment(treatment: TriedTreatment) -> str:
@@ -223,8 +224,8 @@ def describe_comparison(comparison: Comparison) -> str:
     """State the error of the model in one sentence."""
     errors = comparison.joint.errors
     times, at = max((errors.joints[at] / max(floor, 1e-300), at) for at, floor in comparison.joint.floors.items())
-    units, where = comparison.model.units(at), f" at {at}" if at else ""
-    error = f"{errors.joints[at]:.3g} {units.unit(NEWTON_METRE)}{where}"
+    units, place = comparison.model.units(at), f" at {at}" if at else ""
+    error = f"{errors.joints[at]:.3g} {units.unit(NEWTON_METRE)}{place}"
     text = f"The model is off by {error}, {times:.2g} times the noise floor"
     if np.isnan(errors.position_rms):
         return text
@@ -256,10 +257,10 @@ def describe_addition(addition: Addition) -> str:
     if addition.objection is not None:
         objection = describe(addition.objection)
         return f"{addition.after.added} {objection}: these recordings give no reason to keep it."
-    old, new = addition.before.errors["holdout"], addition.after.errors["holdout"]
+    before, after = addition.before.errors["holdout"], addition.after.errors["holdout"]
     joint = next(iter(list_loads((addition.after.added or "").partition("@")[2])))
-    shares = {kind: getattr(new, kind) / getattr(old, kind) for kind in new.kinds if kind in old.kinds}
-    shares[next(iter(shares))] = new.get_joint_error(joint) / old.get_joint_error(joint)
+    shares = {kind: getattr(after, kind) / getattr(before, kind) for kind in after.kinds if kind in before.kinds}
+    shares[next(iter(shares))] = after.get_joint_error(joint) / before.get_joint_error(joint)
     falls = [f"{ERRORS[kind]}{f' at {joint}' if joint else ''} to {share:.1%}" for kind, share in shares.items()]
     return f"{addition.after.added} lowers the held-out errors: {', '.join(falls)} of before."
 
@@ -272,16 +273,16 @@ def describe_table(step: Step) -> str | None:
     table, curve = tables[step.added]
     if np.mean(curve.value**2) < (SIGNIFICANT * np.median(curve.std)) ** 2:  # median: errors may be large at the ends
         return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
-    near = [describe_likeness(one, table.slides) for one in find_likenesses(table, curve)]
+    near = [describe_likeness(likeness, table.is_prismatic) for likeness in find_likenesses(table, curve)]
     nearest = f"{join_words(near, 'or')} of its shape" if near else "no formula that is known here"
     merged, knots = len(table.extent.merged), table.extent.pieces - 1
     coarse = f" Inner knots that are left out where data are few: {merged} of {knots}." if merged else ""
     return f"{step.added} looks like {nearest}.{coarse}"
 
 
-def describe_likeness(likeness: Likeness, slides: bool = False) -> str:
+def describe_likeness(likeness: Likeness, is_prismatic: bool = False) -> str:
     """Return a formula and the explained share of a table's variation: `|q'|^0.4 (99.7 %)`."""
-    unit = JointUnits(slides=slides).unit("rad")
+    unit = JointUnits(is_prismatic=is_prismatic).unit("rad")
     text = FORMS[likeness.form].format(*(f"{value:.3g}" for value in likeness.values), rad=unit)
     text = text.replace("of 1 a turn", "of one a turn")
     return f"{text} ({100 * likeness.share:.3g} %)"

@@ -16,8 +16,9 @@ def find_description(effect: str) -> Description:
 
 def find_look_alikes(id: str) -> list[str]:
     """List the ids of similar terms, named by this effect or naming it."""
-    known, named = EFFECTS | DESCRIPTIONS, find_description(id).resembles
-    return [*named, *(other for other in known if id in known[other].resembles and other not in named)]
+    named = find_description(id).resembles
+    others = [other for other, description in (EFFECTS | DESCRIPTIONS).items() if id in description.resembles]
+    return [*named, *(other for other in others if other not in named)]
 
 
 def name_effect(effect: str) -> str:

@@ -109,8 +109,8 @@ def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> 
 
 def measure_change(before: Quantity, after: Quantity, digits: int = 3) -> str:
     """Format two values in one unit: `0.2 -> 0.1 rad`."""
-    old, _ = to_shown_unit(before.value, before.unit)
-    return f"{format_quantity(old, digits)} -> {measure(after, digits)}"
+    value, _ = to_shown_unit(before.value, before.unit)
+    return f"{format_quantity(value, digits)} -> {measure(after, digits)}"
 
 
 def measure_range(low: float, high: float, unit: str, digits: int = 3) -> str:
@@ -144,10 +144,10 @@ def describe_late(finding: Finding, remedy: str = "") -> str:
     law = ["logged half a sample late"] if is_sampled and not delay else []
     law += [f"logged {format_milliseconds(delay)} late"] if delay else []
     law += [f"logged through a low-pass filter with a time constant of {format_milliseconds(lag)}"] if lag else []
-    how = ". It was sampled like the position, and not held until the next sample" if is_sampled else ""
+    sampling = ". It was sampled like the position, and not held until the next sample" if is_sampled else ""
     is_corrected = finding.kind in (Kind.TORQUE_LATE_CORRECTED, Kind.TORQUE_SAMPLED_CORRECTED)
     remedy = remedy or (CORRECTED if is_corrected else CORRECT_IT)
-    return f"{_begin_sentence(finding)} torque is {' and '.join(law)}{_describe_rival(finding)}{how}. {remedy}"
+    return f"{_begin_sentence(finding)} torque is {' and '.join(law)}{_describe_rival(finding)}{sampling}. {remedy}"
 
 
 def _describe_lag(finding: Finding) -> str:
@@ -174,11 +174,12 @@ def _describe_rival(finding: Finding) -> str:
 def _describe_differences(finding: Finding) -> str:
     parts = []
     for parameter in finding.parameters:
-        value, others = finding.numbers[parameter], finding.numbers[f"others.{parameter}"]
-        share = (value.value - others.value) / max(abs(others.value), 1e-300)
+        value, reference = finding.numbers[parameter], finding.numbers[f"others.{parameter}"]
+        share = (value.value - reference.value) / max(abs(reference.value), 1e-300)
         if abs(share) > 1:  # relative change of a parameter near zero
-            plain = replace(value, std=0.0), replace(others, std=0.0)
-            parts.append(f"{parameter} {' instead of '.join(measure(one, is_parameter=True) for one in plain)}")
+            plain = replace(value, std=0.0), replace(reference, std=0.0)
+            texts = [measure(quantity, is_parameter=True) for quantity in plain]
+            parts.append(f"{parameter} {' instead of '.join(texts)}")
         else:
             percent = float(f"{100 * abs(share):.2g}")
             parts.append(f"{parameter} {percent:g} % {'higher' if share > 0 else 'lower'}")
@@ -214,12 +215,12 @@ def _describe_incomplete(finding: Finding) -> str:
     parts = []
     if "residual" in finding.numbers:
         size = f"{finding.numbers['residual'].value:.2g} times the noise floor"
-        where = f" ({join_words(finding.joints)})" if finding.joints else ""
-        parts.append(f"the residual is {'up to ' * (len(finding.joints) > 1)}{size}{where}")
+        joints = f" ({join_words(finding.joints)})" if finding.joints else ""
+        parts.append(f"the residual is {'up to ' * (len(finding.joints) > 1)}{size}{joints}")
     if "disagreement" in finding.numbers:
         size = f"{finding.numbers['disagreement'].value:.2g} standard errors"
-        several = "up to " * (len(finding.parameters) > 1)
-        parts.append(f"the schemes disagree on {join_words(finding.parameters)} by {several}{size}")
+        up_to = "up to " * (len(finding.parameters) > 1)
+        parts.append(f"the schemes disagree on {join_words(finding.parameters)} by {up_to}{size}")
     return f"The model is incomplete: {', and '.join(parts)}. All estimates are biased."
 
 
@@ -231,10 +232,10 @@ def describe_violations(finding: Finding) -> list[str]:
 
 def _describe_servo(finding: Finding) -> str:
     worst = finding.numbers.get("worst")
-    most = "" if worst is None else f", most of it in {join_words(finding.recordings)} ({measure(worst, 2)})"
+    worst_text = "" if worst is None else f", most of it in {join_words(finding.recordings)} ({measure(worst, 2)})"
     return (
         f"Simulated from its goal, the servo is off by {measure(finding.numbers['error'], 2)}, "
-        f"{finding.numbers['times'].value:.2g} times the noise of the encoder{most}."
+        f"{finding.numbers['times'].value:.2g} times the noise of the encoder{worst_text}."
     )
 
 
@@ -249,12 +250,12 @@ def describe_untested(finding: Finding) -> str:
     ends = {end: measure(finding.numbers[end]) for end in ("low", "high") if end in finding.numbers}
     effect = name_effect(finding.effects[0]).removeprefix("a ")
     if len(ends) == 2:
-        where = f"no {effect} was met from {ends['low']} to {ends['high']}"
+        text = f"no {effect} was met from {ends['low']} to {ends['high']}"
     elif "low" in ends:
-        where = f"no lower {effect} was met down to {ends['low']}"
+        text = f"no lower {effect} was met down to {ends['low']}"
     else:
-        where = f"no upper {effect} was met up to {ends['high']}"
-    return f"{where}, and contacts beyond cannot be seen"
+        text = f"no upper {effect} was met up to {ends['high']}"
+    return f"{text}, and contacts beyond cannot be seen"
 
 
 def describe_law(finding: Finding) -> str:
@@ -264,10 +265,10 @@ def describe_law(finding: Finding) -> str:
 
 
 def _describe_table(finding: Finding) -> str:
-    first, *others = finding.effects
-    more = f" Other laws: {join_words(others)}." if others else ""
+    first, *alternatives = finding.effects
+    laws = f" Other laws: {join_words(alternatives)}." if alternatives else ""
     command = f"`pendulum-ident add MODEL.json {first} ...`"
-    return f"Keep the unknown law as a table, which also shows its shape: {command}.{more}"
+    return f"Keep the unknown law as a table, which also shows its shape: {command}.{laws}"
 
 
 def _describe_payload(finding: Finding) -> str:
@@ -286,25 +287,25 @@ def _describe_payload(finding: Finding) -> str:
 def _describe_limits(finding: Finding) -> str:
     aims = describe_aims(finding.pairs, "or")
     place = finding.numbers.get("place")
-    there = "" if place is None else f" and go to {measure(place, 2)}, where the residual is largest"
+    place_text = "" if place is None else f" and go to {measure(place, 2)}, where the residual is largest"
     torque = ", --max-torque" if "torque" in finding.numbers else ""  # a free swing has none
     limits = list_limits(finding.numbers)
     options = f"--max-angle, --max-speed{torque}"
-    return f"No experiment within {limits} would {aims}{there}. Allow more ({options}) if the rig bears it."
+    return f"No experiment within {limits} would {aims}{place_text}. Allow more ({options}) if the rig bears it."
 
 
 def list_limits(numbers: Mapping[str, Quantity]) -> str:
     """List the limits of an experiment in a phrase: `0.5 N m, 2 rad/s and the recorded angles`."""
-    given = [measure(numbers[name]) for name in LIMITS if name in numbers and np.isfinite(numbers[name].value)]
+    limits = [measure(numbers[name]) for name in LIMITS if name in numbers and np.isfinite(numbers[name].value)]
     recorded = [f"{name}s" for name in ("angle", "speed") if name not in numbers]
-    return join_words([*given, *([f"the recorded {join_words(recorded)}"] if recorded else [])])
+    return join_words([*limits, *([f"the recorded {join_words(recorded)}"] if recorded else [])])
 
 
 def describe_aims(pairs: Sequence[tuple[str, str | None]], conjunction: str = "and") -> str:
     """Describe the aims of an experiment: `tell spring from gravity_tilt and show whether stribeck is there`."""
     aims = [f"tell {effect} from {instead}" for effect, instead in pairs if instead]
-    if sought := [effect for effect, instead in pairs if not instead]:
-        aims.append(f"show whether {join_words(sought, 'or')} is there")
+    if undetermined := [effect for effect, instead in pairs if not instead]:
+        aims.append(f"show whether {join_words(undetermined, 'or')} is there")
     return join_words(aims, conjunction)
 
 
@@ -328,43 +329,44 @@ GEAR_LOSSES = (
 )
 
 
-def _compare_goals(finding: Finding, reading: str, other: str, key: str) -> str:
+def _compare_goals(finding: Finding, reading: str, alternative: str, key: str) -> str:
     if "gain" not in finding.numbers:  # decided by the selected effects
-        return f"Goals are read as {reading}. Goals {other} predict worse."
+        return f"Goals are read as {reading}. Goals {alternative} predict worse."
     sizes = [f"{quantity.value * 1000:.1f} ms" for id, quantity in finding.numbers.items() if id != "gain"]
     late = f" with {name_effect(finding.effects[0])} of {sizes[0]}" if sizes else ""
-    fit = _compare_fits(finding.numbers["gain"], f"The other reading, goals {other}{late},")
+    fit = _compare_fits(finding.numbers["gain"], f"The other reading, goals {alternative}{late},")
     return f'Goals are read as {reading}. {fit} If it is right, give `goal = "{key}"` in `[drive]`.'
 
 
 def _compare_controllers(finding: Finding) -> str:
-    given = ", ".join(f'`{name} = "{value}"`' for name, value in finding.pairs)
+    settings = ", ".join(f'`{name} = "{value}"`' for name, value in finding.pairs)
     fit = _compare_fits(finding.numbers["gain"], "The likeliest other convention")
-    return f"The controller is simulated with {given}. {fit} Give the right one in `[drive]`."
+    return f"The controller is simulated with {settings}. {fit} Give the right one in `[drive]`."
 
 
 def _compare_position_readings(finding: Finding) -> str:
-    taken, other = "whole counts of its encoder", "the exact position"
+    reading, alternative = "whole counts of its encoder", "the exact position"
     if ("reads", "exact") in finding.pairs:
-        taken, other = other, taken
-    fit = _compare_fits(finding.numbers["gain"], f"The other reading, {other},")
-    return f"The controller is simulated with {taken}. {fit} Give the right one: `reads` in `[drive]`."
+        reading, alternative = alternative, reading
+    fit = _compare_fits(finding.numbers["gain"], f"The other reading, {alternative},")
+    return f"The controller is simulated with {reading}. {fit} Give the right one: `reads` in `[drive]`."
 
 
-def _compare_fits(gain: Quantity, other: str) -> str:
+def _compare_fits(gain: Quantity, alternative: str) -> str:
     """State whether another convention fits worse; `gain`: of the chosen one [nat], with standard error."""
     times = gain.value / max(gain.std or 0.0, 1e-9)
     if times > 2:
-        return f"{other} fits worse, by {times:.1f} standard errors."
-    return f"{other} fits about as well: the difference is {abs(times):.1f} standard errors. The log does not decide."
+        return f"{alternative} fits worse, by {times:.1f} standard errors."
+    difference = f"the difference is {abs(times):.1f} standard errors"
+    return f"{alternative} fits about as well: {difference}. The log does not decide."
 
 
 def describe_reason(candidate: Candidate) -> str:
     """Return the reason for the verdict on a candidate, as a phrase about the effect."""
     text = describe(candidate.reason)
-    needed = find_description(candidate.effect).informative_experiment
+    experiment = find_description(candidate.effect).informative_experiment
     is_silent = candidate.reason.kind in (Kind.NOT_TESTED, Kind.NOT_EXCITED)
-    return f"{text}; it needs {needed}" if is_silent and needed else text
+    return f"{text}; it needs {experiment}" if is_silent and experiment else text
 
 
 def _describe_fall(finding: Finding) -> str:
@@ -386,9 +388,9 @@ def _describe_gate(finding: Finding) -> str:
     if name in ("gain", "p_value"):
         gain, p_value = finding.numbers["gain"], finding.numbers["p_value"]
         std = f" ± {gain.std:.2g}" if gain.std else ""
-        penalty, most = (finding.numbers[f"limit.{id}"].value for id in ("gain", "p_value"))
+        penalty, limit_of_p = (finding.numbers[f"limit.{id}"].value for id in ("gain", "p_value"))
         compared = "the selected effects" if finding.effects else "the base model"
-        limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {most:.2g}"
+        limits = f"{format_p_value(p_value.value)} with a penalty of {penalty:.2g} nat, limit {limit_of_p:.2g}"
         return f"gain of {gain.value:.3g}{std} nat over {compared}: {limits}"
     if name in SHARES:
         return f"explains {100 * value.value:.3g} % of {SHARES[name]}, less than {100 * limit.value:.3g} %"
@@ -405,8 +407,8 @@ def _describe_gate(finding: Finding) -> str:
     if name == "kept_inertia":
         return f"fits only with {value.value:.2g} times the inertia, less than {limit.value:.0%}: it imitates inertia"
     if name in HELD_OUT:
-        where = f" at {at}" if at else ""
-        return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){where}"
+        place = f" at {at}" if at else ""
+        return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){place}"
     return f"would mean {join_words(describe_violations(finding))}, which no body has"
 
 

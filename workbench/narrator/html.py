@@ -13,7 +13,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable
 from pendulum_env.notebook import BLUE
-from workbench.figure import thin
+from workbench.figure import select_samples
 from workbench.narrator.parts import Part
 
 WIDTH, HEIGHT = 600, 64  # of a plot [SVG units]
@@ -114,8 +114,8 @@ def make_plot(
         noise: half width of a band about zero (N,).
         span: lowest and highest plotted value; None: those of the curves.
     """
-    seen = np.concatenate([curve.values for curve in curves])
-    low, high = span or (float(seen.min()), float(seen.max()))
+    values = np.concatenate([curve.values for curve in curves])
+    low, high = span or (float(values.min()), float(values.max()))
     room = (high - low) or 1.0
 
     def make_path(x_values: Array, y_values: Array) -> str:
@@ -130,9 +130,9 @@ def make_plot(
         band = make_path(np.r_[x, x[::-1]], np.r_[noise, -noise[::-1]])
         shapes.append(f'<path d="{band}Z" fill="currentColor" fill-opacity=".18"/>')
     for curve in curves:
-        kept = thin(curve.values, 480)
+        indices = select_samples(curve.values, 480)
         dashes = ' stroke-dasharray="5 3"' if curve.dashed else ""
-        line = f'd="{make_path(x[kept], curve.values[kept])}" stroke="{curve.color}"{dashes}'
+        line = f'd="{make_path(x[indices], curve.values[indices])}" stroke="{curve.color}"{dashes}'
         shapes.append(f'<path {line} fill="none" stroke-width="1.4" vector-effect="non-scaling-stroke"/>')
     drawing = Html(
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{escape(label)}" '

@@ -20,10 +20,10 @@ TRUST = f"{TIMES}: standard errors of a scheme over the smallest; trust schemes 
 def tabulate_by_scheme(identification: Identification) -> TextTable:
     """Tabulate the estimates with a row for each parameter and a column for each scheme."""
     models = [scheme.model.estimates for scheme in identification.schemes.values()]
-    rows = [(name, *(model[name].shown.text for model in models), one.shown.unit) for name, one in models[0].items()]
+    rows = [(name, *(model[name].shown.text for model in models), models[0][name].shown.unit) for name in models[0]]
     rows.append(("condition", *(f"{scheme.condition:.3g}" for scheme in identification.schemes.values()), ""))
     if len(models) > 1:
-        errors = np.array([[one.std for one in model.values()] for model in models])
+        errors = np.array([[estimate.std for estimate in model.values()] for model in models])
         times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)
         rows.append((TIMES, *(f"{seconds:.2g}" for seconds in times.tolist()), ""))
     return TextTable(("parameter", *identification.schemes, "unit"), rows, left=("unit",))
@@ -41,14 +41,14 @@ def tabulate_schemes(identification: Identification, by_instruments: Model | Non
         values = [result.model.estimates[name].text for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
     if by_instruments is not None:
-        shown = by_instruments.withhold({name for finding in identification.findings for name in finding.withheld})
+        shown = by_instruments.mark_unknown({name for finding in identification.findings for name in finding.withheld})
         rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
     return TextTable(("scheme", *(f"{c.name} [{units.unit(c.unit)}]" for c in columns), "residual"), rows)
 
 
-def explain_trust(shown: TextTable) -> str:
+def explain_trust(table: TextTable) -> str:
     """Return the explanation of the row of relative errors; empty if the table has none."""
-    return TRUST if any(row[0] == TIMES for row in shown.rows) else ""
+    return TRUST if any(row[0] == TIMES for row in table.rows) else ""
 
 
 def list_warnings(identification: Identification) -> list[str]:
@@ -66,4 +66,5 @@ def list_warnings(identification: Identification) -> list[str]:
 def write_identification(identification: Identification) -> JSON:
     """Return the content of `identify --json`: results and findings, with their texts as `doubts`."""
     doubts = zip(list_warnings(identification), identification.findings, strict=True)
-    return identification.json() | {"doubts": [{"text": text, "withheld": [*one.withheld]} for text, one in doubts]}
+    texts = [{"text": text, "withheld": [*finding.withheld]} for text, finding in doubts]
+    return identification.json() | {"doubts": texts}

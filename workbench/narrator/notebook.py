@@ -11,19 +11,12 @@ from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html, summarise
 from pendulum_env.physics import Model
 from pendulum_env.recording import NEWTON_METRE, Note, Recording, TorqueConstant
 from pendulum_env.units import to_shown_unit
+from workbench.narrator import results
 from workbench.narrator.diagnosis import describe_addition, describe_comparison, describe_result
 from workbench.narrator.findings import measure_range
 from workbench.narrator.html import PlotCurve, make_card, make_plot
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
 from workbench.narrator.notes import describe_note
-from workbench.narrator.results import (
-    describe_noise,
-    narrate_addition,
-    narrate_comparison,
-    narrate_diagnosis,
-    narrate_disagreements,
-    narrate_next_step,
-)
 from workbench.narrator.tables import tabulate_parameters
 
 summarise.register(Note, describe_note)
@@ -80,11 +73,11 @@ def show_recording(recording: Recording) -> str:
 def show_identified(identified: Identified) -> str:
     """Render the estimates of one scheme as HTML."""
     rows = [(name, e.shown.text, e.shown.unit) for name, e in identified.model.estimates.items()]
-    used, all_of_them = identified.used
+    count, all_of_them = identified.used
     return make_card(
         f"Estimates by the scheme {identified.scheme}",
         TextTable(("parameter", "estimate", "unit"), rows, left=("unit",)),
-        f"residual {identified.residual_rms:.3g} {identified.unit}, {used} of {all_of_them} samples used",
+        f"residual {identified.residual_rms:.3g} {identified.unit}, {count} of {all_of_them} samples used",
     )
 
 
@@ -102,7 +95,7 @@ def show_estimates(estimates: SchemeEstimates) -> str:
     schemes = {id: scheme for id, scheme in estimates.items() if isinstance(scheme, SchemeEstimate)}
     units = {name: of for scheme in schemes.values() for name, of in scheme.units.items()}
     values = {id: scheme.format() for id, scheme in schemes.items()}
-    rows = [(id, *(known.get(name, "") for name in units)) for id, known in values.items()]
+    rows = [(id, *(texts.get(name, "") for name in units)) for id, texts in values.items()]
     batch = [len(scheme["theta"]) for scheme in schemes.values() if np.ndim(scheme["theta"]) > 1]
     return make_card(
         "Online estimates",
@@ -129,7 +122,7 @@ def show_comparison(comparison: Comparison) -> str:
     return make_card(
         describe_comparison(comparison),
         note_constant(comparison.torque_constant),
-        *narrate_comparison(comparison, is_drawn=True),
+        *results.narrate_comparison(comparison, is_drawn=True),
         *plots,
         "The band is two standard errors of noise." if plots else "",
     )
@@ -139,9 +132,9 @@ def show_comparison(comparison: Comparison) -> str:
 def show_diagnosis(diagnosis: Diagnosis) -> str:
     """Render a diagnosis as HTML: result, errors, parameters, ranking, unexplained residual and next step."""
     parts = [
-        *narrate_disagreements(diagnosis.disagreements),
-        *sorted(narrate_diagnosis(diagnosis), key=lambda part: not part.brief),
-        *narrate_next_step(diagnosis),
+        *results.narrate_disagreements(diagnosis.disagreements),
+        *sorted(results.narrate_diagnosis(diagnosis), key=lambda part: not part.brief),
+        *results.narrate_next_step(diagnosis),
     ]
     return make_card(
         describe_result(diagnosis), note_constant(diagnosis.torque_constant), tuple(diagnosis.laws), *parts
@@ -151,8 +144,8 @@ def show_diagnosis(diagnosis: Diagnosis) -> str:
 @render_html.register
 def show_addition(addition: Addition) -> str:
     """Render an addition as HTML: errors before and after, conclusion, and parameters."""
-    noise = describe_noise(addition.before, floor) if np.isfinite(floor := get_single(addition.floors)) else ""
-    return make_card(f"The model with {addition.after.added}", noise, *narrate_addition(addition))
+    noise = results.describe_noise(addition.before, floor) if np.isfinite(floor := get_single(addition.floors)) else ""
+    return make_card(f"The model with {addition.after.added}", noise, *results.narrate_addition(addition))
 
 
 def note_constant(constant: TorqueConstant | None) -> str:

@@ -29,26 +29,26 @@ def _name_rows(note: Note) -> str:
     if len(rows) == 1:
         return f"data row {rows[0]}"
     count = note.numbers["count"].value
-    more = [f"{count - len(rows):g} more"] if count > len(rows) else []
-    return f"{count:g} data rows ({join_words([*rows, *more])})"
+    rest_text = [f"{count - len(rows):g} more"] if count > len(rows) else []
+    return f"{count:g} data rows ({join_words([*rows, *rest_text])})"
 
 
 def _name_times(note: Note) -> str:
     """List times: `1.2 s`, or `1.2, 3.4 s and 5 more times`."""
-    more = note.numbers["times"].value - len(note.places)
+    n_more = note.numbers["times"].value - len(note.places)
     times = ", ".join(f"{time:.6g}" for time in note.places) + " s"
-    return f"{times} and {more:g} more times" if more else times
+    return f"{times} and {n_more:g} more times" if n_more else times
 
 
 def _name_headers(headers: Sequence[str]) -> str:
     """List at most `NAMED` columns with their verb: `'tau' is`, or `'a', 'b' and 7 more are`."""
-    named, more = [repr(header) for header in headers[:NAMED]], len(headers) - NAMED
-    return join_words([*named, f"{more} more"] if more > 0 else named) + (" is" if len(headers) == 1 else " are")
+    named, n_more = [repr(header) for header in headers[:NAMED]], len(headers) - NAMED
+    return join_words([*named, f"{n_more} more"] if n_more > 0 else named) + (" is" if len(headers) == 1 else " are")
 
 
-def _choose_by_count(one: str, several: str) -> Callable[[Note], str]:
+def _choose_by_count(singular: str, plural: str) -> Callable[[Note], str]:
     """Make a function that formats the singular or plural text with the numbers of a note."""
-    return lambda note: (one if note.numbers["count"].value == 1 else several).format(
+    return lambda note: (singular if note.numbers["count"].value == 1 else plural).format(
         **{name: number.value for name, number in note.numbers.items()}
     )
 

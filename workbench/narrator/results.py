@@ -13,20 +13,7 @@ from pendulum_env.formatting import TextTable, format_quantity, join_words
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.narrator.diagnosis import (
-    describe_addition,
-    describe_detectable,
-    describe_loop,
-    describe_next_step,
-    describe_refit,
-    describe_region,
-    describe_table,
-    describe_treatment,
-    describe_unexplained,
-    describe_unstable,
-    list_advice,
-    list_remarks,
-)
+from workbench.narrator import diagnosis as narration
 from workbench.narrator.findings import FLOOR_SOURCES, describe, measure
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.tables import (
@@ -69,30 +56,30 @@ def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:
     if diagnosis.refit is not None:
         parts.insert(1, Part(f"Free motion over {diagnosis.refit.seconds:g} s", narrate_refit(diagnosis.refit, units)))
     parts += narrate_detectable(diagnosis)
-    if treatments := tuple(describe_treatment(treatment) for treatment in diagnosis.treatments):
+    if treatments := tuple(narration.describe_treatment(treatment) for treatment in diagnosis.treatments):
         parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
     return [*parts, *narrate_unexplained(diagnosis)]
 
 
 def narrate_detectable(diagnosis: Diagnosis) -> list[Part]:
     """Make the part with the detectable sizes of effects; empty if unknown."""
-    sizes = [(detectable.effect, describe_detectable(detectable)) for detectable in diagnosis.detectable]
+    sizes = [(detectable.effect, narration.describe_detectable(detectable)) for detectable in diagnosis.detectable]
     table = TextTable(("effect", "detectable"), sizes, left=("detectable",))
     return [Part("Smallest effects that would have shown", [table], brief=False)] if sizes else []
 
 
 def narrate_unexplained(diagnosis: Diagnosis) -> list[Part]:
     """Make the part on the unexplained residual; empty without one."""
-    texts = tuple(describe_unexplained(diagnosis, region) for region in diagnosis.unexplained)
+    texts = tuple(narration.describe_unexplained(diagnosis, region) for region in diagnosis.unexplained)
     return [Part("Left unexplained", [texts])] if texts else []
 
 
 def narrate_next_step(diagnosis: Diagnosis) -> list[Part]:
     """Make the part with the next step and all remarks; without a search, with the advice."""
     texts = (
-        (describe_next_step(diagnosis), *list_remarks(diagnosis))
+        (narration.describe_next_step(diagnosis), *narration.list_remarks(diagnosis))
         if diagnosis.candidates
-        else tuple(list_advice(diagnosis))
+        else tuple(narration.list_advice(diagnosis))
     )
     return [Part(NEXT, [texts])] if texts else []
 
@@ -113,7 +100,7 @@ def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
     for name, step in steps.items():
         sizes = [size for error in step.errors.values() for size in (error.torque_rms, factor * error.position_rms)]
         rows.append((name, *(format_quantity(size, 4) for size in sizes)))
-    return [TextTable(headers, rows), describe_refit(refit)]
+    return [TextTable(headers, rows), narration.describe_refit(refit)]
 
 
 def get_end_errors(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
@@ -121,28 +108,29 @@ def get_end_errors(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors
     return steps[0].errors[part], steps[-1].errors[part]
 
 
-def narrate_candidates(candidates: Sequence[Candidate], most: int | None = RUNNERS_UP) -> Part:
+def narrate_candidates(candidates: Sequence[Candidate], max_rows: int | None = RUNNERS_UP) -> Part:
     """Make the part with the ranking, the meaning of the score, and the gates of the candidates.
 
-    `most`: largest number of rejected candidates; None: all.
+    `max_rows`: largest number of rejected candidates; None: all.
     """
-    ranking, more = tabulate_candidates(candidates, most)
-    shown = {row[0] for row in ranking.rows}
-    gates = [(one.effect, *gate.cells) for one in candidates if one.effect in shown for gate in one.gates]
+    ranking, remark = tabulate_candidates(candidates, max_rows)
+    effects = {row[0] for row in ranking.rows}
+    gates = [(c.effect, *gate.cells) for c in candidates if c.effect in effects for gate in c.gates]
     table = TextTable(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
-    more_text = [f"and {more}: --json and --report list all"] if more else []
+    more_text = [f"and {remark}: --json and --report list all"] if remark else []
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
 
 
-def narrate_disagreements(found: Sequence[Disagreement]) -> list[Part]:
+def narrate_disagreements(disagreements: Sequence[Disagreement]) -> list[Part]:
     """Make the part on recordings of a different plant; empty without any."""
-    return [Part("Recordings that disagree", [tuple(describe(one.finding) for one in found)])] if found else []
+    texts = tuple(describe(disagreement.finding) for disagreement in disagreements)
+    return [Part("Recordings that disagree", [texts])] if texts else []
 
 
 def narrate_addition(addition: Addition) -> list[Part]:
     """Make the parts of an addition: errors before and after, conclusion, and parameters."""
-    sentences = [describe_addition(addition)]
-    if addition.objection is None and (table := describe_table(addition.after)) is not None:
+    sentences = [narration.describe_addition(addition)]
+    if addition.objection is None and (table := narration.describe_table(addition.after)) is not None:
         sentences.append(table)
     if addition.left > Criterion.misfit:
         sentences.append(
@@ -166,29 +154,29 @@ def narrate_addition(addition: Addition) -> list[Part]:
 
 def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[Part]:
     """Make the parts of a comparison: errors and regions, with a profile as a table unless `is_drawn`."""
-    body, several = comparison.model.body, len(comparison.distances)
-    regions = [(region.at, describe_region(region)) for region in comparison.regions]
+    body, is_arm = comparison.model.body, len(comparison.distances)
+    regions = [(region.at, narration.describe_region(region)) for region in comparison.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
-    where: list[TextTable | str | tuple[str, ...]] = [tuple(texts)]
+    content: list[TextTable | str | tuple[str, ...]] = [tuple(texts)]
     axes = [region.axis for region in comparison.regions if region.axis != "frequency"]
     profile = next((item for axis in axes for item in comparison.profiles if item.axis == axis), None)
     if profile is not None and not is_drawn:
-        where.append(tabulate_profile(profile))
+        content.append(tabulate_profile(profile))
     if len(comparison.regions) > 1:
-        where.append("Regions of different quantities may show the same moments.")
+        content.append("Regions of different quantities may show the same moments.")
     if comparison.regions:
-        where.append("Run `diagnose` to find the missing effect.")
+        content.append("Run `diagnose` to find the missing effect.")
     elif not comparison.is_torque_logged:
-        where.append("No torque was logged: the error in the loop counts.")
+        content.append("No torque was logged: the error in the loop counts.")
     elif not comparison.joint.errors.position_fit < FOLLOWED:  # NaN for an arm
-        where.append("The residual is within the noise: the model explains these recordings.")
+        content.append("The residual is within the noise: the model explains these recordings.")
     else:
         error = measure(Quantity(comparison.joint.errors.position_rms, unit=comparison.model.units().unit("rad")))
-        where.append(
+        content.append(
             f"The torque residual is within the noise, but free runs err by {error}: an effect acts near reversals or "
             "at rest. Run `diagnose`."
         )
-    in_words = [text for text in (describe_loop(comparison), describe_unstable(comparison)) if text]
+    in_words = [text for text in (narration.describe_loop(comparison), narration.describe_unstable(comparison)) if text]
     title = f"Errors of the model with {join_words([term.id for term in comparison.model.terms])}"
     table = tabulate_recordings(comparison)
     if not body.can_simulate:
@@ -199,7 +187,7 @@ def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[P
     return [
         Part(title, [table, *in_words, LEGEND]),
         *narrate_disagreements(comparison.disagreements),
-        Part(f"Where, all {several} recordings together" if several > 1 else "Where", where),
+        Part(f"Where, all {is_arm} recordings together" if is_arm > 1 else "Where", content),
     ]
 
 
@@ -210,8 +198,8 @@ def describe_fit(steps: Sequence[Step]) -> str:
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
     course = " -> " if len(steps) > 1 else ""
     torque, position = (
-        f"{format_quantity(old, 4, '%')}{course}{format_quantity(new, 4, '%') if course else ''}"
-        for old, new in ((first.torque_fit, last.torque_fit), (first.position_fit, last.position_fit))
+        f"{format_quantity(before, 4, '%')}{course}{format_quantity(after, 4, '%') if course else ''}"
+        for before, after in ((first.torque_fit, last.torque_fit), (first.position_fit, last.position_fit))
     )
     return f"fit of held-out data: torque {torque}, position {position}"
 
@@ -236,7 +224,7 @@ def narrate_payload(payload: Payload, body: Body) -> list[Part]:
             "as well, or the motion says too little."
         )
     sizes, units = payload.torque_rms.items(), {at: body.units(at).unit(NEWTON_METRE) for at in payload.torque_rms}
-    errors = [(at, f"{old:.4g}", f"{new:.4g}", units[at]) for at, (old, new) in sizes]
+    errors = [(at, f"{before:.4g}", f"{after:.4g}", units[at]) for at, (before, after) in sizes]
     explained = TextTable(("joint", "without payload", "with it", "unit"), errors, left=("unit",))
     return [
         Part(f"Payload at the link behind {payload.joint}, in that joint's frame", content),

@@ -45,8 +45,8 @@ def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextT
     base = steps[0].errors["holdout"]
     headers, rows = ["model"], [["as it was" if step.added is None else f"+ {step.added}"] for step in steps]
     for kind, unit in base.kinds.items():
-        what, (factor, unit) = ERRORS[kind], to_shown_unit(1.0, units.unit(unit))
-        headers += [f"{what}, fitted [{unit}]", f"{what}, held out [{unit}]", "ratio"]
+        name, (factor, unit) = ERRORS[kind], to_shown_unit(1.0, units.unit(unit))
+        headers += [f"{name}, fitted [{unit}]", f"{name}, held out [{unit}]", "ratio"]
         for row, step in zip(rows, steps, strict=True):
             train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
             ratio = format_quantity(holdout / max(getattr(base, kind), 1e-300), 3)
@@ -68,13 +68,13 @@ def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) 
     return TextTable(("parameter", *headers, "unit"), rows, left=("unit",))
 
 
-def tabulate_candidates(candidates: Sequence[Candidate], most: int | None) -> tuple[TextTable, str]:
-    """Tabulate selected, ambiguous and at most `most` rejected candidates; also return a text on the others."""
+def tabulate_candidates(candidates: Sequence[Candidate], max_rows: int | None) -> tuple[TextTable, str]:
+    """Tabulate selected, ambiguous and at most `max_rows` rejected candidates; also return a text on the others."""
     accepted = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
-    rest = [c for c in candidates if c not in accepted]
-    shown, hidden = rest[:most], [] if most is None else rest[most:]
+    rejected = [c for c in candidates if c not in accepted]
+    listed, hidden = rejected[:max_rows], [] if max_rows is None else rejected[max_rows:]
     rows = [
-        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*accepted, *shown)
+        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*accepted, *listed)
     ]
     blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]
     worse = len(hidden) - len(blind)
@@ -89,8 +89,8 @@ def tabulate_recordings(comparison: Comparison) -> TextTable:
     units = comparison.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
     over = "" if comparison.horizon in (None, HORIZON) else f" over {comparison.horizon:g} s"
-    free = f"free-running position{over} [{angle}]"
-    headers = ["recording", f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free, "fit [%]"]
+    free_running = f"free-running position{over} [{angle}]"
+    headers = ["recording", f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free_running, "fit [%]"]
     if comparison.joint.errors.is_in_loop:
         headers += [f"in the loop, mean [{angle}]", f"RMS [{angle}]"]
     rows = []

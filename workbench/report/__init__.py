@@ -61,9 +61,9 @@ def render_comparison(compared: Comparison) -> str:
     """Render a comparison as HTML: the page of a diagnosis without a search."""
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
     regions, floors, unit = compared.regions, compared.joint.floors, compared.torque_unit
-    found = Diagnosis((step,), (), (), regions, floors, (), torque_unit=unit, data=compared.data)
-    case = ReportData(found, first="model")
-    if not found.body.can_simulate:
+    diagnosis = Diagnosis((step,), (), (), regions, floors, (), torque_unit=unit, data=compared.data)
+    case = ReportData(diagnosis, first="model")
+    if not diagnosis.body.can_simulate:
         return _render_recordings(case, _make_arm_sections(case), "comparison with")
     parts = narrate_comparison(compared, is_drawn=True)
     result = Section("result", "Result", describe_comparison(compared), parts)

@@ -8,7 +8,7 @@ import numpy as np
 from estimators.simulation.free_running import HORIZON, Segments, simulate_errors
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable, capitalise, format_number
-from workbench.figure import POINTS, Figure, axis, band, before_and_after, insert_gaps, join_arrays, line, thin
+from workbench import figure as plots
 from workbench.narrator.diagnosis import describe_result
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.results import narrate_next_step, narrate_unexplained
@@ -41,24 +41,25 @@ def make_comparison(case: ReportData) -> Section:
         "the joint stuck or turned. Each simulation of the position starts from the measured state and then runs "
         f"freely for {case.data.horizon or HORIZON:g} s on the recorded torque alone."
     )
-    more = [Part(f"Other recordings, {len(order) - 1} of {len(usable) - 1}", runs[2:], brief=False)]
-    return Section("comparison", "Comparison", "Measured against modelled", [about, *runs[:2], *more[: len(order) - 1]])
+    other_runs = [Part(f"Other recordings, {len(order) - 1} of {len(usable) - 1}", runs[2:], brief=False)]
+    content: Content = [about, *runs[:2], *other_runs[: len(order) - 1]]
+    return Section("comparison", "Comparison", "Measured against modelled", content)
 
 
 def plot_torque(
     case: ReportData, id: str, of: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
-) -> Figure:
+) -> plots.Figure:
     """Plot the torque of one recording in its windows (N,) [N m], above the residual (N,) of each model."""
-    x, (measured, *differences) = insert_gaps(time, thin(residuals[0]), torque, *residuals)
+    x, (measured, *differences) = plots.insert_gaps(time, plots.select_samples(residuals[0]), torque, *residuals)
     modelled = [measured - difference for difference in differences]
     label = f"Measured and modelled torque over time, and their difference, {of}"
     names = ("torque", "residual", case.units.unit("N m"))
-    figure = before_and_after(id, label, x, measured, case.model_labels, modelled, differences, names)
-    figure.data.insert(0, band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
+    figure = plots.plot_before_and_after(id, label, x, measured, case.model_labels, modelled, differences, names)
+    figure.data.insert(0, plots.make_band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure
 
 
-def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure:
+def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> plots.Figure:
     """Plot the position of one recording and free-running simulations from measured states.
 
     `each`: the segments of the recording for each model of the case, with its initial states.
@@ -66,26 +67,28 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> Figure
     segments = each[0]
     # plotted points of each window
     seconds = (len(segments.position) - 1) / segments.windows.recording.rate
-    points = int(np.clip(2 * POINTS // len(segments.first), 10, 80 * max(1.0, seconds)))
+    points = int(np.clip(2 * plots.POINTS // len(segments.first), 10, 80 * max(1.0, seconds)))
     step = max(1, (len(segments.position) - 1) // points)
     at = np.arange(0, len(segments.position), step)
     recording = segments.windows.recording
     start = recording.time[segments.first]
-    x = join_arrays(list((start + at[:, None] / recording.rate).T))
-    measured = join_arrays(list(segments.position[at].T))
+    x = plots.join_arrays(list((start + at[:, None] / recording.rate).T))
+    measured = plots.join_arrays(list(segments.position[at].T))
     models = zip(each, (step.model for step in case.ends), strict=True)
     errors = [
-        join_arrays(list(simulate_errors(segments_of_model, m.terms, m.theta)[at].T)) for segments_of_model, m in models
+        plots.join_arrays(list(simulate_errors(segments_of_model, m.terms, m.theta)[at].T))
+        for segments_of_model, m in models
     ]
     simulated = [measured + error for error in errors]
     label = f"Measured position and free-running simulation over time, recording {recording.name}"
     factor, unit = case.angle
     names, measured = ("position", "error", unit), factor * measured
     above, below = [factor * values for values in simulated], [factor * values for values in errors]
-    figure = before_and_after(id, label, x, measured, case.model_labels, above, below, names)
+    figure = plots.plot_before_and_after(id, label, x, measured, case.model_labels, above, below, names)
     dots = {"color": "--measured", "size": 5}
-    more = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
-    figure.data.append(line(start, factor * segments.position[0], "start of a window", "--measured", "", **more))
+    options = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
+    position = factor * segments.position[0]
+    figure.data.append(plots.make_line(start, position, "start of a window", "--measured", "", **options))
     return figure
 
 
@@ -93,24 +96,25 @@ def make_loop(case: ReportData, headline: str) -> Section:
     """Make the section on simulations in the loop: errors and motion, held-out recordings first."""
     loops = [case.data.simulate_in_loop(step.model) for step in case.ends]
     fitted, (factor, unit) = len(case.data.recordings), case.angle
-    rows, figures = [], list[Figure]()
-    for k, recording in sorted(enumerate(case.data.all_recordings), key=lambda one: one[0] < fitted):
+    rows, figures = [], list[plots.Figure]()
+    for k, recording in sorted(enumerate(case.data.all_recordings), key=lambda item: item[0] < fitted):
         name = recording.name if k < fitted else f"{recording.name} (held out)"
         motions = [loop.select_recording(k) for loop in loops]
         errors = [factor * float(np.mean(np.abs(motion.error))) for motion in motions]
         rows.append((name, *(format_number(error, padded=True) for error in errors)))
         if len(figures) >= LOOPS:
             continue
-        lines = [line(motions[0].time, factor * motions[0].measured, "measured", "--measured", unit)]
+        lines = [plots.make_line(motions[0].time, factor * motions[0].measured, "measured", "--measured", unit)]
         for (label, color), motion in zip(case.model_labels, motions, strict=True):
-            lines.append(line(motion.time, factor * motion.simulated_position, label, color, unit))
+            lines.append(plots.make_line(motion.time, factor * motion.simulated_position, label, color, unit))
         if recording.goal is not None:
             dotted = {"color": "--muted", "dash": "dot", "width": 1}
             time = recording.time - recording.time[0]
-            lines.insert(0, line(time, factor * recording.goal, "goal", "", unit, line=dotted))
-        layout = {"title": {"text": name}, "xaxis": axis("time [s]"), "yaxis": axis(f"position [{unit}]")}
+            lines.insert(0, plots.make_line(time, factor * recording.goal, "goal", "", unit, line=dotted))
+        x_axis, y_axis = plots.make_axis("time [s]"), plots.make_axis(f"position [{unit}]")
+        layout = {"title": {"text": name}, "xaxis": x_axis, "yaxis": y_axis}
         label = f"{name}: goal, measured and simulated position"
-        figures.append(Figure(f"loop-{len(figures)}", label, lines, layout))
+        figures.append(plots.Figure(f"loop-{len(figures)}", label, lines, layout))
     content: Content = [
         "Whole recordings are simulated with the controller in the loop: all that is known is the goal. The error is "
         "the mean distance of the simulated from the measured position.",

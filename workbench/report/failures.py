@@ -11,7 +11,7 @@ from estimators.weak_form.torque_windows import NEGLIGIBLE
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import format_percent
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.figure import Figure, axis, band, line
+from workbench.figure import Figure, make_axis, make_band, make_line
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.parts import Legend, Part
 from workbench.report.data import ReportData, Section
@@ -39,7 +39,7 @@ def make_failures(case: ReportData) -> Section:
         noise, units = prepared.floors[joint], prepared.units(joint)
         maps = [compute_profiles(x, residual[rows], noise, axes, units) for residual in residuals]
         regions = [find_regions_at(prepared, residual, joint, axes) for residual in residuals]
-        stands_out = [seen or bool(region) for seen, region in zip(stands_out, regions, strict=True)]
+        stands_out = [is_visible or bool(region) for is_visible, region in zip(stands_out, regions, strict=True)]
         reach = 1.08 * max(float(np.abs(p.mean).max()) for m in maps for p in m if p.axis != "frequency")
         final_regions = regions[-1] if len(regions) > 1 else []
         name = f"joint-{k}" if joint else "profile"
@@ -47,12 +47,12 @@ def make_failures(case: ReportData) -> Section:
             plot_profile(curves, drawn, regions[0], final_regions, reach, name) for drawn in zip(*maps, strict=True)
         ]
         strips.append(Part(joint, [tuple(figures), *list_regions(curves, regions)]))
-    least = f" by more than {format_percent(NEGLIGIBLE)} of the joint's torque" * (not body.can_simulate)
-    others = "; amplitudes over frequency have their own" * body.can_simulate
+    threshold = f" by more than {format_percent(NEGLIGIBLE)} of the joint's torque" * (not body.can_simulate)
+    remark = "; amplitudes over frequency have their own" * body.can_simulate
     scales = (
         "The residual torque, averaged over bins of each quantity, on the data that were fitted. The grey band is "
         f"the noise floor ({REGIONS.z_limit:g} standard errors); a shaded stretch is where the residual stands out "
-        f"of it{least}. Means share one scale{others}."
+        f"of it{threshold}. Means share one scale{remark}."
     )
     content: list[Any] = [scales, make_legend(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
     content += strips[0].content if body.can_simulate else strips
@@ -93,18 +93,19 @@ def plot_profile(
     (edges, along), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
     middle = 0.5 * (edges[1:] + edges[:-1])
     oscillates = first.axis == "frequency"
-    data = [band(middle, REGIONS.z_limit * first.error, f"noise (±{REGIONS.z_limit:g}σ)")]
+    data = [make_band(middle, REGIONS.z_limit * first.error, f"noise (±{REGIONS.z_limit:g}σ)")]
     for (label, color), profile in zip(curves, drawn, strict=True):
-        data.append(line(middle, profile.mean, label, color, unit, mode="lines" if oscillates else "lines+markers"))
+        mode = "lines" if oscillates else "lines+markers"
+        data.append(make_line(middle, profile.mean, label, color, unit, mode=mode))
     half = 0.5 if final_regions else 0.0  # two kinds of stripes share the height
     shapes = [draw_stripe(r, "--region", half, 1.0, factor) for r in regions if r.axis == first.axis]
     shapes += [draw_stripe(r, "--open", 0.0, half, factor) for r in final_regions if r.axis == first.axis]
     quantity, symbol = TITLES[first.axis]
     title = f"{first.units.name(quantity)}{symbol} [{along}]"
-    what = f"{'amplitude' if oscillates else 'mean residual'} [{unit}]"
+    label_of_y = f"{'amplitude' if oscillates else 'mean residual'} [{unit}]"
     layout: JSON = {
-        "xaxis": make_angle_axis(first.units) if first.unit == WITHIN else axis(title),
-        "yaxis": axis(what, **({"rangemode": "tozero"} if oscillates else {"range": [-reach, reach]})),
+        "xaxis": make_angle_axis(first.units) if first.unit == WITHIN else make_axis(title),
+        "yaxis": make_axis(label_of_y, **({"rangemode": "tozero"} if oscillates else {"range": [-reach, reach]})),
         "shapes": shapes,
         "showlegend": False,
         "margin": {"t": 16},
@@ -118,7 +119,7 @@ def make_angle_axis(units: JointUnits) -> JSON:
     """Make the axis of an angle wrapped to one turn."""
     half, unit = to_shown_unit(np.pi, units.unit("rad"))
     ends = {"tickvals": [half * share for share in (-1, -0.5, 0, 0.5, 1)]}
-    return axis(
+    return make_axis(
         f"{units.name('angle')} q, wrapped [{unit}]", **ends, **({"ticktext": QUARTERS} if unit == "rad" else {})
     )
 

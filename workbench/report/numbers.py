@@ -10,7 +10,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.formatting import capitalise, format_unit
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.figure import Figure, axis, band, line
+from workbench.figure import Figure, make_axis, make_band, make_line
 from workbench.narrator.effects import name_effect
 from workbench.narrator.identification import list_warnings, tabulate_schemes
 from workbench.narrator.parts import Content, Legend
@@ -27,14 +27,14 @@ COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 def make_errors(case: ReportData) -> Section:
     """Make the section on errors after every step."""
-    found, steps, units = case.diagnosis, case.diagnosis.steps, case.units
+    diagnosis, steps, units = case.diagnosis, case.diagnosis.steps, case.units
     is_simulated = np.isfinite([error.position_rms for step in steps for error in step.errors.values()]).all()
-    drawn = [plot_errors(case, "torque_rms", f"torque error [{units.unit('N m')}]", found.noise_floor)]
+    drawn = [plot_errors(case, "torque_rms", f"torque error [{units.unit('N m')}]", diagnosis.noise_floor)]
     if is_simulated:
         factor, angle = case.angle
         drawn.append(plot_errors(case, "position_rms", f"free-running position error [{angle}]", None, factor))
     figures = tuple(drawn) if len(steps) > 1 else "No effect was added, so there is one step only."
-    return Section("errors", "Errors", "How the error falls", [figures, *narrate_errors(found)])
+    return Section("errors", "Errors", "How the error falls", [figures, *narrate_errors(diagnosis)])
 
 
 def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
@@ -48,14 +48,16 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
         error = factor * np.array([getattr(step.errors[part], quantity) for step in steps])
         values += [*error]
         marker = {"color": shades, "size": 10, "symbol": symbol}
-        data.append(line(np.arange(float(len(steps))), error, label, color, "", mode="lines+markers", marker=marker))
+        x = np.arange(float(len(steps)))
+        data.append(make_line(x, error, label, color, "", mode="lines+markers", marker=marker))
     if floor is not None:
         values.append(floor)
         dashed = {"color": "--muted", "width": 1.5, "dash": "dash"}
-        data.append(line(np.array([-0.3, len(steps) - 0.7]), np.full(2, floor), "noise floor", "", "", line=dashed))
+        ends = np.array([-0.3, len(steps) - 0.7])
+        data.append(make_line(ends, np.full(2, floor), "noise floor", "", "", line=dashed))
     low, high = np.log10(min(values)) - 0.12, np.log10(max(values)) + 0.12
     layout = {
-        "xaxis": axis(
+        "xaxis": make_axis(
             "",
             tickvals=list(range(len(steps))),
             ticktext=["<br>".join(wrap(label, 14)) for label in labels],  # line width [characters]
@@ -64,7 +66,8 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
             showgrid=False,
             zeroline=False,
         ),
-        "yaxis": axis(title, type="log", range=[low, high], dtick="D2" if high - low < 2 else 1),  # 1, 2, 5 or decades,
+        # ticks at 1, 2, 5 or decades
+        "yaxis": make_axis(title, type="log", range=[low, high], dtick="D2" if high - low < 2 else 1),
     }
     return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
 
@@ -96,26 +99,27 @@ def _plot_table(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
     (x, along), of_torque = to_shown_unit(curve.x, units.unit(of)), units.unit(table.unit)
     argument = f"{units.name(quantity)} [{along}]"
     data = [
-        band(x, SIGMAS * curve.std, f"± {SIGMAS:g} standard errors", curve.value),
-        line(x, curve.value, title, "--final", of_torque),
+        make_band(x, SIGMAS * curve.std, f"± {SIGMAS:g} standard errors", curve.value),
+        make_line(x, curve.value, title, "--final", of_torque),
     ]
-    return Figure(f"table-{table.id}", title, data, {"xaxis": axis(argument), "yaxis": axis(f"f [{of_torque}]")}, 320)
+    layout = {"xaxis": make_axis(argument), "yaxis": make_axis(f"f [{of_torque}]")}
+    return Figure(f"table-{table.id}", title, data, layout, 320)
 
 
 def make_schemes(case: ReportData) -> Section | None:
     """Make the section on the schemes and their convergence; None if the data do not suffice."""
-    found = case.schemes
-    if found is None:
+    identification = case.schemes
+    if identification is None:
         return None
-    strokes = {id: choose_stroke(k, id) for k, id in enumerate(found.schemes)}
-    columns, units = next(iter(found.schemes.values())).model.columns, case.units.unit
+    strokes = {id: choose_stroke(k, id) for k, id in enumerate(identification.schemes)}
+    columns, units = next(iter(identification.schemes.values())).model.columns, case.units.unit
     content: Content = [
         "Each scheme turns the same recordings into its own regression. The plots show the recursive estimate as the "
         "recording goes on; filtered schemes are dashed.",
-        tuple(list_warnings(found)),
-        tabulate_schemes(found),
-        Legend(tuple(("stroke", strokes[id]["color"], name_effect(id)) for id in found.schemes)),
-        tuple(plot_convergence(found, k, strokes, units(column.unit)) for k, column in enumerate(columns)),
+        tuple(list_warnings(identification)),
+        tabulate_schemes(identification),
+        Legend(tuple(("stroke", strokes[id]["color"], name_effect(id)) for id in identification.schemes)),
+        tuple(plot_convergence(identification, k, strokes, units(column.unit)) for k, column in enumerate(columns)),
     ]
     return Section("schemes", "Schemes", "The schemes side by side", content)
 
@@ -123,8 +127,8 @@ def make_schemes(case: ReportData) -> Section | None:
 def choose_stroke(place: int, scheme: str) -> JSON:
     """Return the line style of a scheme: a filtered scheme is dashed, in the colour of its unfiltered form."""
     families = (("dynamic",), ("energy", "power"), ("hamiltonian",))
-    known = (k for k, words in enumerate(families) if any(word in scheme for word in words))
-    color = COLORS[next(known, place % len(COLORS))]
+    matches = (k for k, words in enumerate(families) if any(word in scheme for word in words))
+    color = COLORS[next(matches, place % len(COLORS))]
     return {"color": color, "width": 1.8, "dash": "dash" if "filtered" in scheme else "solid"}
 
 
@@ -137,15 +141,15 @@ def plot_convergence(identification: Identification, column: int, strokes: dict[
         estimate = course.theta[:, column]
         late = course.time >= course.time[0] + SETTLED * (course.time[-1] - course.time[0])
         late_estimates.append(estimate[late])
-        data.append(line(course.time, estimate, name_effect(id), "", format_unit(of), line=strokes[id]))
+        data.append(make_line(course.time, estimate, name_effect(id), "", format_unit(of), line=strokes[id]))
     values = np.concatenate(late_estimates)
     middle = float(np.median([result[-1] for result in late_estimates]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
     title = f"{parameter.name} [{format_unit(of)}]" if format_unit(of) else parameter.name
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # between recordings
     layout = {
-        "xaxis": axis("time [s]"),
-        "yaxis": axis(title, range=[middle - reach, middle + reach]),
+        "xaxis": make_axis("time [s]"),
+        "yaxis": make_axis(title, range=[middle - reach, middle + reach]),
         "showlegend": False,
         "hovermode": "x unified",
         "margin": {"t": 12},

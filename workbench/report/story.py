@@ -7,19 +7,12 @@ import numpy as np
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, format_number, join_words
-from workbench.figure import Figure, axis, line
+from workbench.figure import Figure, make_axis, make_line
+from workbench.narrator import results
 from workbench.narrator.diagnosis import describe_errors, describe_refit, describe_result, describe_suggestion
 from workbench.narrator.effects import name_effect
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
-from workbench.narrator.results import (
-    CLEAR,
-    narrate_candidates,
-    narrate_detectable,
-    narrate_disagreements,
-    narrate_next_step,
-    narrate_unexplained,
-)
 from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints
 from workbench.report.data import ReportData, Section
 
@@ -39,9 +32,9 @@ def make_story(case: ReportData) -> Section:
         "torque_constant": constant.text if constant is not None else None,
     }
     parts = [
-        *narrate_disagreements(diagnosis.disagreements),
-        *narrate_unexplained(diagnosis),
-        *narrate_next_step(diagnosis),
+        *results.narrate_disagreements(diagnosis.disagreements),
+        *results.narrate_unexplained(diagnosis),
+        *results.narrate_next_step(diagnosis),
     ]
     return Section("story", "Result", describe_result(diagnosis), [head, *parts])
 
@@ -58,12 +51,12 @@ def make_joints(case: ReportData) -> Section:
     errors = [step.errors["holdout"] for step in case.ends]
     content: list[Any] = [
         *([Part("Added effects", [selected])] if selected else []),
-        f"Torque errors (RMS) on {'held-out data' if diagnosis.searched else 'all data'}, {CLEAR}",
+        f"Torque errors (RMS) on {'held-out data' if diagnosis.searched else 'all data'}, {results.CLEAR}",
         tabulate_joints(errors, diagnosis.floors, diagnosis.model, [label for label, _ in case.model_labels]),
         JOINT_LEGEND,
     ]
     if diagnosis.searched:
-        content += [*narrate_unexplained(diagnosis), *narrate_next_step(diagnosis)]
+        content += [*results.narrate_unexplained(diagnosis), *results.narrate_next_step(diagnosis)]
     return Section("joints", "Result", describe_result(diagnosis), content)
 
 
@@ -91,12 +84,12 @@ def list_biased_parameters(diagnosis: Diagnosis) -> list[str]:
     wrong_by: list[str] = []
     if diagnosis.unexplained:
         return wrong_by
-    for parameter, wrong in diagnosis.steps[0].model.estimates.items():
-        right = diagnosis.model.estimates.get(parameter)
-        if right is None or right.value == 0:
+    for parameter, first in diagnosis.steps[0].model.estimates.items():
+        final = diagnosis.model.estimates.get(parameter)
+        if final is None or final.value == 0:
             continue
-        share, off = wrong.value / right.value - 1.0, abs(wrong.value - right.value)
-        if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(wrong.std, right.std)):
+        share, off = first.value / final.value - 1.0, abs(first.value - final.value)
+        if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(first.std, final.std)):
             wrong_by.append(
                 f"{name_effect(parameter)} {format_number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}"
             )
@@ -122,10 +115,12 @@ def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
 def make_candidates(case: ReportData) -> Section:
     """Make the section with the verdict, score and reason for every effect, and its gates."""
     diagnosis = case.diagnosis
-    content = [*narrate_candidates(diagnosis.candidates, most=None).content]
+    content = [*results.narrate_candidates(diagnosis.candidates, max_rows=None).content]
     if any(candidate.gates for candidate in diagnosis.candidates):
         content[-1:] = [Part("Gates", content[-1:], brief=False)]
-    return Section("candidates", "Candidates", "What was considered", [*content, *narrate_detectable(diagnosis)])
+    return Section(
+        "candidates", "Candidates", "What was considered", [*content, *results.narrate_detectable(diagnosis)]
+    )
 
 
 def make_next_experiment(case: ReportData) -> Section | None:
@@ -137,8 +132,8 @@ def make_next_experiment(case: ReportData) -> Section | None:
     figure = Figure(
         "next-torque",
         "torque of the suggested experiment over time",
-        [line(time, torque, "torque", "--final", unit)],
-        {"xaxis": axis("time [s]"), "yaxis": axis(f"torque [{unit}]"), "showlegend": False},
+        [make_line(time, torque, "torque", "--final", unit)],
+        {"xaxis": make_axis("time [s]"), "yaxis": make_axis(f"torque [{unit}]"), "showlegend": False},
         height=220,
     )
     about = (

@@ -54,8 +54,8 @@ class Settings:
 
     def make_key(self, source: Source, content: str | None) -> str:
         """Hash the settings, the content of the file, and its reading options."""
-        how = repr((self.mark, content, replace(source, file=Path())))
-        return hashlib.sha256(how.encode()).hexdigest()[:32]
+        settings_text = repr((self.mark, content, replace(source, file=Path())))
+        return hashlib.sha256(settings_text.encode()).hexdigest()[:32]
 
 
 def hash_content(file: Path) -> str | None:
@@ -108,7 +108,7 @@ def make_rows(diagnosis: Diagnosis) -> list[JSON]:
     joints, rows = tuple(diagnosis.floors), []
     estimates = [(*_split_joint(name, joints), estimate) for name, estimate in diagnosis.model.readable.items()]
     groups = [(_split_joint(group[0], joints)[0], group) for group in diagnosis.effects]
-    small = [_split_joint(one.effects[0], joints) for one in diagnosis.findings if one.kind is Kind.SMALL_EFFECT]
+    small = [_split_joint(f.effects[0], joints) for f in diagnosis.findings if f.kind is Kind.SMALL_EFFECT]
     for joint in joints:
         parameters = {name: estimate for at, name, estimate in estimates if at == joint}
         effects = [[_split_joint(effect, (joint,))[1] for effect in group] for at, group in groups if at == joint]

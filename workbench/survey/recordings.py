@@ -49,10 +49,10 @@ def find_recordings(folder: Path, reading: Namespace) -> list[SurveyedRecording]
     if not folder.is_dir():
         raise InputError(f"{folder}: there is no such folder: check the path")
     folder = Path(os.path.abspath(folder))  # absolute for workers of a cluster
-    found = [_label_source(source, folder) for source in _find_sources(folder, reading)]
-    if not found:
+    recordings = [_label_source(source, folder) for source in _find_sources(folder, reading)]
+    if not recordings:
         raise InputError(f"{folder}: holds no recording: their names end in {', '.join(ENDINGS)}")
-    return sorted(found, key=lambda recording: recording.name)
+    return sorted(recordings, key=lambda recording: recording.name)
 
 
 def _find_sources(folder: Path, reading: Namespace) -> Iterator[Source]:
@@ -64,8 +64,8 @@ def _find_sources(folder: Path, reading: Namespace) -> Iterator[Source]:
             sources = read_source_names(str(Path(place, STUDY)), reading)
             named |= {os.path.realpath(source.file) for source in sources}
             yield from sources
-        shown = [name for name in names if not (name.startswith(".") or name in TABLES)]
-        files += [Path(place, name) for name in shown if name.lower().endswith(ENDINGS)]
+        visible = [name for name in names if not (name.startswith(".") or name in TABLES)]
+        files += [Path(place, name) for name in visible if name.lower().endswith(ENDINGS)]
     for file in files:
         if os.path.realpath(file) not in named:
             yield from read_source_names(str(file), reading)

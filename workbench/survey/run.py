@@ -29,36 +29,36 @@ Start = Callable[[int], AbstractContextManager[Executor]]  # starts a number of 
 
 
 def run_survey(
-    found: Sequence[SurveyedRecording],
+    recordings: Sequence[SurveyedRecording],
     settings: Settings,
     output: Path,
     start: Start,
     workers: int,
-    tell: Callable[[int, int], None] = lambda done, total: None,
+    report_progress: Callable[[int, int], None] = lambda completed, total: None,
     task: Task = diagnose_source,
 ) -> list[JSON]:
     """Diagnose every recording without a result, and return the rows of all recordings, see `label_rows`.
 
-    Results stay in the folder `output`, also after an error. `tell` is called with the numbers of finished and of all
-    recordings. Raises OSError if a result cannot be written, and InputError if the cluster is lost.
+    Results stay in the folder `output`, also after an error. `report_progress` is called with the numbers of
+    finished and of all recordings. Raises OSError if a result cannot be written, and InputError if the cluster is lost.
     """
     (output / RESULTS).mkdir(parents=True, exist_ok=True)
-    hashes = [hash_content(recording.source.file) for recording in found]
-    keys = [settings.make_key(recording.source, content) for recording, content in zip(found, hashes, strict=True)]
+    hashes = [hash_content(recording.source.file) for recording in recordings]
+    keys = [settings.make_key(recording.source, content) for recording, content in zip(recordings, hashes, strict=True)]
     files = [output / RESULTS / f"{key}.json" for key in keys]
-    # by index in `found`, as names are not unique
+    # by index in `recordings`, as names are not unique
     results: dict[int, JSON] = {k: kept for k, file in enumerate(files) if (kept := read_result(file)) is not None}
-    tell(len(results), len(found))
+    report_progress(len(results), len(recordings))
 
     def keep(k: int, result: JSON) -> None:
         if "error" not in result and hashes[k] is not None:
             write_whole(files[k], format_json(result))
         results[k] = result
-        tell(len(results), len(found))
+        report_progress(len(results), len(recordings))
 
-    todo = {k: recording.source for k, recording in enumerate(found) if k not in results}
+    todo = {k: recording.source for k, recording in enumerate(recordings) if k not in results}
     _diagnose_all(todo, settings, start, workers, task, keep)
-    return [row for k, recording in enumerate(found) for row in label_rows(recording, results[k], hashes[k])]
+    return [row for k, recording in enumerate(recordings) for row in label_rows(recording, results[k], hashes[k])]
 
 
 def _diagnose_all(
@@ -76,7 +76,7 @@ def _diagnose_all(
     """
     count = workers
     while todo:
-        done = set()
+        completed = set()
         with start(count) as executor:
             futures = {}
             with suppress(BrokenExecutor):  # a worker was killed during submission
@@ -93,12 +93,12 @@ def _diagnose_all(
                 except Exception as error:  # Dask raises its own error for a killed worker
                     result = {"error": describe_error(error, todo[k])}
                 keep(k, result)
-                done.add(k)
-        todo = {k: source for k, source in todo.items() if k not in done}
+                completed.add(k)
+        todo = {k: source for k, source in todo.items() if k not in completed}
         if todo and count == 1:
-            killer, *others = todo
+            killer, *remaining = todo
             keep(killer, {"error": DIED})
-            todo, count = {k: todo[k] for k in others}, workers
+            todo, count = {k: todo[k] for k in remaining}, workers
         else:
             count = 1
 

@@ -148,8 +148,8 @@ def _format_result(row: JSON) -> str:
     if "error" in row:
         return str(row["error"])
     small = f"small effect: {row['small_effects']}" if row.get("small_effects") else ""
-    rest = "unexplained residual" * row["unexplained"]
-    return ", ".join(filter(None, (row["effects"], small, rest))) or "nothing missing"
+    residual = "unexplained residual" * row["unexplained"]
+    return ", ".join(filter(None, (row["effects"], small, residual))) or "nothing missing"
 
 
 def tabulate_changes(series: Sequence[Series]) -> TextTable:

@@ -25,8 +25,8 @@ class Wire:
     """Emulated serial cable: the drive's end of a pseudo-terminal.
 
     Attributes:
-        place: path of the host's end.
-        descriptor: file descriptor of the drive's end; -1 after `pull`.
+        path: path of the host's end.
+        descriptor: file descriptor of the drive's end; -1 after `disconnect`.
     """
 
     chunk = 4096  # bytes per read
@@ -42,7 +42,7 @@ class Wire:
         self.descriptor, self._slave = pty.openpty()
         tty.setraw(self._slave)  # kept open, so that the terminal outlives its hosts
         os.set_blocking(self.descriptor, False)
-        self.place = os.ttyname(self._slave)
+        self.path = os.ttyname(self._slave)
 
     def receive(self) -> None:
         """Read received bytes and write the answer."""
@@ -50,7 +50,7 @@ class Wire:
             if answer := self._answer(os.read(self.descriptor, self.chunk)):
                 os.write(self.descriptor, answer)
 
-    def pull(self) -> None:
+    def disconnect(self) -> None:
         """Disconnect the cable; may be called repeatedly."""
         for end in (self.descriptor, self._slave):
             if end >= 0:
@@ -68,27 +68,27 @@ class EmulatedRig(NamedTuple):
 
 
 def emulate(
-    make: Callable[[Motor], EmulatedRig],
+    make_rig: Callable[[Motor], EmulatedRig],
     plant: Model,
     config: Path,
     rate: float,
     settings: Mapping[str, Mapping[str, Any]],
     report: Callable[[str], None],
     *,
-    first: int = 0,
+    first_count: int = 0,
     realtime: bool = False,
     log: Path | None = None,
 ) -> None:
     """Run an emulated rig until an interrupt or the input `quit`; other input lines turn the arm, see `_turn_arm`.
 
     Args:
-        make: function that connects the motor, for example `make_serial`.
+        make_rig: function that connects the motor, for example `make_serial`.
         plant: model of the arm.
         config: path of the rig.toml to write.
         rate: rate of the loop [Hz].
         settings: further keys of the rig.toml, by table.
         report: function of a progress line; the first line comes when the rig is ready.
-        first: first reading of the counter.
+        first_count: first reading of the counter.
         realtime: whether emulator and loop request real-time priority.
         log: path of the motor's log.
 
@@ -99,20 +99,20 @@ def emulate(
     if realtime:
         process.request_realtime()
     _refuse_overwrite(config)
-    rig = make(Motor(plant, first=first, log=log))
+    rig = make_rig(Motor(plant, first_count=first_count, log=log))
     try:
         # the arm hangs down at the first count only; later, friction may hold it elsewhere
-        tables = {rig.adapter: rig.keys, "encoder": {"zero": first % 2**32}, "plant": _find_plant_ranges(plant)}
+        tables = {rig.adapter: rig.keys, "encoder": {"zero": first_count % 2**32}, "plant": _find_plant_ranges(plant)}
         for name, values in settings.items():
             tables[name] = {**tables.get(name, {}), **values}
         lines = format_toml({"adapter": rig.adapter, "rate": rate, "realtime": realtime})
         lines += [line for name, table in tables.items() for line in ("", f"[{name}]", *format_toml(table))]
         write_whole(config, MARK + "\n".join([*lines, ""]))
         mark_checked(load(config))  # an emulator needs no check of the rig
-        report(f"ready: an emulated {rig.adapter} rig at {rig.wire.place}, described by {config}")
+        report(f"ready: an emulated {rig.adapter} rig at {rig.wire.path}, described by {config}")
         _serve(rig, report)
     finally:
-        rig.wire.pull()
+        rig.wire.disconnect()
 
 
 def _serve(rig: EmulatedRig, report: Callable[[str], None]) -> None:
@@ -152,8 +152,8 @@ def _turn_arm(motor: Motor, words: list[str]) -> str:
 
 def _find_plant_ranges(plant: Model) -> dict[str, Any]:
     """Return the table [plant] of the plausibility check, which is off for a plant with effects."""
-    known = dict(zip((column.name for column in plant.columns), map(float, plant.theta), strict=True))
-    return {name: known.get(name, 0.0) for name in PAPER} | {"watch": not plant.effects}
+    values = dict(zip((column.name for column in plant.columns), map(float, plant.theta), strict=True))
+    return {name: values.get(name, 0.0) for name in PAPER} | {"watch": not plant.effects}
 
 
 def _refuse_overwrite(path: Path) -> None:

@@ -22,7 +22,7 @@ class Motor:
     from or to zero, `power` 1 or 0, and `expired` when the watchdog runs out.
     """
 
-    def __init__(self, model: Model, *, first: int = 0, log: str | Path | None = None) -> None:
+    def __init__(self, model: Model, *, first_count: int = 0, log: str | Path | None = None) -> None:
         """Set the plant, the first reading of the encoder and the path of the log.
 
         Raises:
@@ -33,7 +33,7 @@ class Motor:
         balance = TorqueBalance(model.terms, model.theta)
         self._body = make_body(balance, LONGEST_STEP)
         self._body.place(make_start_samples(balance, 0.0, 0.0))
-        self._per_radian, self._first = COUNTS / (2 * math.pi), first
+        self._per_radian, self._first_count = COUNTS / (2 * math.pi), first_count
         self.moment = time.monotonic()  # current time of the plant [s]
         self._angle = 0.0
         self.torque = 0.0  # torque of the motor [N m]
@@ -54,10 +54,10 @@ class Motor:
             self._cut_power(self.moment)
         self._move(now)
 
-    def switch(self, on: bool) -> None:
+    def switch(self, is_on: bool) -> None:
         """Switch the power on or off, at zero torque."""
         self.advance()
-        if not on:
+        if not is_on:
             self._cut_power(self.moment)
             return
         self.expired = False
@@ -88,11 +88,11 @@ class Motor:
     def counts(self) -> int:
         """Return the encoder counts, unwrapped."""
         self.advance()
-        return self._first + round(self._angle * self._per_radian)
+        return self._first_count + round(self._angle * self._per_radian)
 
     def _move(self, until: float) -> None:
-        while (left := until - self.moment) > 1e-9:
-            step = min(left, LONGEST_STEP)
+        while (remaining := until - self.moment) > 1e-9:
+            step = min(remaining, LONGEST_STEP)
             self._angle, self._speed = self._body.step(self.torque + self._compute_hand_torque(step), step)
             self.moment += step
         self.moment = max(self.moment, until)
@@ -101,23 +101,23 @@ class Motor:
         """Return the torque of the hand that holds the arm [N m]."""
         if self._hand is None:
             return 0.0
-        here, there = self._hand
-        here += min(max(there - here, -HAND_SPEED * step), HAND_SPEED * step)
-        self._hand = here, there
-        return self._inertia * (HAND_BANDWIDTH**2 * (here - self._angle) - 2 * HAND_BANDWIDTH * self._speed)
+        angle, target = self._hand
+        angle += min(max(target - angle, -HAND_SPEED * step), HAND_SPEED * step)
+        self._hand = angle, target
+        return self._inertia * (HAND_BANDWIDTH**2 * (angle - self._angle) - 2 * HAND_BANDWIDTH * self._speed)
 
-    def _set_torque(self, at: float, torque: float) -> None:
+    def _set_torque(self, time: float, torque: float) -> None:
         if (torque == 0) != (self.torque == 0):
-            self._log_event(at, "torque", torque)
+            self._log_event(time, "torque", torque)
         self.torque = torque
 
-    def _cut_power(self, at: float) -> None:
+    def _cut_power(self, time: float) -> None:
         self._deadline = math.inf
-        self._set_torque(at, 0.0)
+        self._set_torque(time, 0.0)
         if self.powered:
             self.powered = False
-            self._log_event(at, "power", 0.0)
+            self._log_event(time, "power", 0.0)
 
-    def _log_event(self, at: float, event: str, value: float) -> None:
+    def _log_event(self, time: float, event: str, value: float) -> None:
         if self._log >= 0:
-            os.write(self._log, f"{at:.6f} {event} {value:.6g}\n".encode())
+            os.write(self._log, f"{time:.6f} {event} {value:.6g}\n".encode())

@@ -46,4 +46,4 @@ class Firmware:
 def make_serial(motor: Motor) -> EmulatedRig:
     """Connect a motor by the firmware and a serial cable."""
     wire = Wire(Firmware(motor).answer)
-    return EmulatedRig(motor, wire, "serial", {"port": wire.place})
+    return EmulatedRig(motor, wire, "serial", {"port": wire.path})

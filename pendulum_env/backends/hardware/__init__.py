@@ -1,7 +1,7 @@
 """DM1015B rig: interface of its drives and the adapters."""
 
 from pendulum_env.backends.hardware.drive import (
-    OPENING,
+    OPENING_TIMEOUT,
     Drive,
     DriveError,
     Reading,
@@ -13,7 +13,7 @@ from pendulum_env.backends.hardware.drive import (
 )
 
 __all__ = [
-    "OPENING",
+    "OPENING_TIMEOUT",
     "Drive",
     "DriveError",
     "Reading",

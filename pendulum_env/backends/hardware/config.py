@@ -155,11 +155,11 @@ class RigConfig(RigFile):
     def wiring(self) -> str:
         """Return a digest of the settings that `hardware check` tests: the wiring, without limits."""
         link = asdict(cast(Any, self.link))  # `find_adapter` refuses other types
-        tried = [self.adapter, link, self.torque_sign, asdict(self.encoder)]
-        return hashlib.sha256(json.dumps(tried, default=str).encode()).hexdigest()
+        checked_settings = [self.adapter, link, self.torque_sign, asdict(self.encoder)]
+        return hashlib.sha256(json.dumps(checked_settings, default=str).encode()).hexdigest()
 
     @property
-    def note(self) -> Path:
+    def note_path(self) -> Path:
         """Return the path of the note on the wiring that has passed the check."""
         return self.path.with_name(self.path.name + CHECKED)
 
@@ -176,7 +176,7 @@ def load(path: str | Path) -> RigConfig:
     except ValueError as error:
         raise ConfigError(f"{path}: {error}") from None
     try:
-        return replace(config, checked=read_text(config.note).strip() == config.wiring)
+        return replace(config, checked=read_text(config.note_path).strip() == config.wiring)
     except FileError:  # no note
         return config
 
@@ -187,19 +187,19 @@ def mark_checked(config: RigConfig) -> Path:
     Raises:
         OSError: if the note cannot be written.
     """
-    write_whole(config.note, config.wiring + "\n")
-    return config.note
+    write_whole(config.note_path, config.wiring + "\n")
+    return config.note_path
 
 
 def _build_config(path: Path, data: dict[str, Any]) -> RigConfig:
     if isinstance(encoder := data.get("encoder"), dict) and encoder.get("zero") == "start":
         del encoder["zero"]
-    of_adapters = {*list_adapters(), str(data.get("adapter"))}
-    file = convert({name: value for name, value in data.items() if name not in of_adapters}, RigFile)
-    kind_of_link = find_adapter(file.adapter).settings
+    adapter_tables = {*list_adapters(), str(data.get("adapter"))}
+    file = convert({name: value for name, value in data.items() if name not in adapter_tables}, RigFile)
+    settings = find_adapter(file.adapter).settings
     if file.adapter not in data:
         raise ValueError(f"adapter is '{file.adapter}' but there is no table [{file.adapter}]: add it")
-    link = convert(data[file.adapter], kind_of_link, file.adapter)
+    link = convert(data[file.adapter], settings, file.adapter)
     config = RigConfig(**vars(file), link=link, path=path.resolve())
     limits, rest = config.limits, config.rest
     if limits.soft_velocity > limits.hard_velocity:

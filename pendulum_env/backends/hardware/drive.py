@@ -14,12 +14,12 @@ from pendulum_env.errors import UserError, format_error, shorten_error
 from pendulum_env.lookup import find
 
 ENTRY_POINTS = "pendulum_ident.drives"
-HERE = "pendulum_env.backends.hardware"
+PACKAGE = "pendulum_env.backends.hardware"
 BUILT_IN = {
-    "serial": EntryPoint("serial", f"{HERE}.serial_drive:SerialDrive", ENTRY_POINTS),
-    "nidaq": EntryPoint("nidaq", f"{HERE}.nidaq:NiDaq", ENTRY_POINTS),
+    "serial": EntryPoint("serial", f"{PACKAGE}.serial_drive:SerialDrive", ENTRY_POINTS),
+    "nidaq": EntryPoint("nidaq", f"{PACKAGE}.nidaq:NiDaq", ENTRY_POINTS),
 }
-OPENING = 2.0  # [s], least timeout of an answer while a drive opens and may initialise
+OPENING_TIMEOUT = 2.0  # [s], least timeout of an answer while a drive opens and may initialise
 
 
 class DriveError(RuntimeError):
@@ -27,7 +27,7 @@ class DriveError(RuntimeError):
 
 
 @contextmanager
-def driver_errors(what: str, remedy: str) -> Iterator[None]:
+def driver_errors(fault: str, remedy: str) -> Iterator[None]:
     """Turn any error of a driver into a DriveError with fault and remedy.
 
     Raises:
@@ -38,7 +38,7 @@ def driver_errors(what: str, remedy: str) -> Iterator[None]:
     except DriveError:
         raise
     except Exception as error:
-        raise DriveError(f"{what} ({shorten_error(error)}): {remedy}") from None
+        raise DriveError(f"{fault} ({shorten_error(error)}): {remedy}") from None
 
 
 class Reading(NamedTuple):
@@ -109,9 +109,9 @@ def find_adapter(name: str) -> Adapter:
         UserError: if the name is unknown, or the adapter cannot be loaded.
         ModuleNotFoundError: if the extra `hardware` is not installed.
     """
-    found = find("adapter", name, list_adapters())
+    point = find("adapter", name, list_adapters())
     try:
-        adapter: Adapter = found.load()
+        adapter: Adapter = point.load()
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # also SystemExit of another package
@@ -119,11 +119,11 @@ def find_adapter(name: str) -> Adapter:
             raise ModuleNotFoundError(
                 f"the {name} rig needs {error.name}: pip install 'pendulum-ident[hardware]'"
             ) from None
-        why = shorten_error(format_error(error))
+        reason = shorten_error(format_error(error))
         raise UserError(
-            f"the adapter '{name}' cannot be loaded from {found.value} ({why}): mend or reinstall its package"
+            f"the adapter '{name}' cannot be loaded from {point.value} ({reason}): mend or reinstall its package"
         ) from None
     settings = getattr(adapter, "settings", None)
     if not (isinstance(settings, type) and is_dataclass(settings)):
-        raise UserError(f"the adapter '{name}' ({found.value}) has no dataclass 'settings': see docs/how-to/drive.md")
+        raise UserError(f"the adapter '{name}' ({point.value}) has no dataclass 'settings': see docs/how-to/drive.md")
     return adapter

@@ -15,12 +15,12 @@ from pendulum_env.backends.hardware.config import EncoderSettings
 TURNOVER = 2**32  # range of the counters of counts and microseconds
 
 
-def subtract_counts(new: int, old: int) -> int:
+def subtract_counts(counts: int, previous: int) -> int:
     """Subtract readings of a 32-bit counter, which may have rolled over between them.
 
     ((new - old + 2^31) mod 2^32) - 2^31, exact for differences below 2^31 of either sign.
     """
-    return (new - old + TURNOVER // 2) % TURNOVER - TURNOVER // 2
+    return (counts - previous + TURNOVER // 2) % TURNOVER - TURNOVER // 2
 
 
 class Encoder:
@@ -32,12 +32,12 @@ class Encoder:
     """
 
     span = 2e-3  # [s], least time between the readings of a velocity
-    jump = 2.0  # ratio to the largest velocity above which a reading is wrong
+    max_jump = 2.0  # ratio to the largest velocity above which a reading is wrong
 
-    def __init__(self, settings: EncoderSettings, fastest: float = math.inf) -> None:
+    def __init__(self, settings: EncoderSettings, max_speed: float = math.inf) -> None:
         """Set zero to the count of the settings, by default the first reading, and the largest speed [rad/s]."""
         self.step = settings.sign * 2 * math.pi / settings.counts
-        self._fastest = fastest
+        self._max_speed = max_speed
         self._last = settings.zero  # count
         self._total = 0  # counts since zero
         self.reset_velocity()
@@ -45,7 +45,7 @@ class Encoder:
     def reset_velocity(self) -> None:
         """Reset the velocity and keep the position."""
         self.velocity = 0.0
-        self._since: tuple[float, float] | None = None  # time [s] and position [rad] of the velocity's first reading
+        self._velocity_start: tuple[float, float] | None = None  # time [s] and position [rad] of its first reading
 
     @property
     def position(self) -> float:
@@ -63,17 +63,17 @@ class Encoder:
         """
         total = self._total + (0 if self._last is None else subtract_counts(counts, self._last))
         position = self.step * total
-        begin, start = self._since or (time, position)
-        span, moved = max(time - begin, self.span), position - start
-        if abs(moved) > self.jump * self._fastest * span + 10 * abs(self.step):
+        begin, start = self._velocity_start or (time, position)
+        span, angle = max(time - begin, self.span), position - start
+        if abs(angle) > self.max_jump * self._max_speed * span + 10 * abs(self.step):
             raise DriveError(
-                f"the encoder jumped by {moved:.3g} rad in {1e3 * span:.3g} ms: check its cable, shield and supply"
+                f"the encoder jumped by {angle:.3g} rad in {1e3 * span:.3g} ms: check its cable, shield and supply"
             )
-        self._last, self._total, self._since = counts, total, (begin, start)
+        self._last, self._total, self._velocity_start = counts, total, (begin, start)
         if time - begin < self.span:
             return None
-        self.velocity, self._since = moved / span, (time, position)
-        return moved
+        self.velocity, self._velocity_start = angle / span, (time, position)
+        return angle
 
 
 class DriveClock:
@@ -96,18 +96,18 @@ class DriveClock:
         """Return the shortest one-way delay of a message [s]."""
         return self._uncertainty if self._uncertainty < math.inf else 0.0
 
-    def convert_time(self, microseconds: int, asked: float, answered: float) -> float:
+    def convert_time(self, microseconds: int, request_time: float, answer_time: float) -> float:
         """Return the monotonic time [s] of a reading of the drive's clock, between request and answer [s]."""
-        passed = 0.0 if self._last is None else 1e-6 * ((microseconds - self._last) % TURNOVER)
+        elapsed = 0.0 if self._last is None else 1e-6 * ((microseconds - self._last) % TURNOVER)
         self._last = microseconds
-        self._time += passed
-        self._uncertainty += self.drift * passed
-        uncertainty, offset = 0.5 * (answered - asked), 0.5 * (asked + answered) - self._time
+        self._time += elapsed
+        self._uncertainty += self.drift * elapsed
+        uncertainty, offset = 0.5 * (answer_time - request_time), 0.5 * (request_time + answer_time) - self._time
         if uncertainty < self._uncertainty:
-            near = abs(offset - self._offset) < self._uncertainty + uncertainty < math.inf
-            self._offset += (self.blend if near else 1.0) * (offset - self._offset)
+            is_near = abs(offset - self._offset) < self._uncertainty + uncertainty < math.inf
+            self._offset += (self.blend if is_near else 1.0) * (offset - self._offset)
             self._uncertainty = uncertainty
-        return min(max(self._time + self._offset, asked), answered)
+        return min(max(self._time + self._offset, request_time), answer_time)
 
 
 class Ticks:
@@ -129,7 +129,7 @@ class Ticks:
         self._commands = deque([(start, 0.0)])  # time [s] and torque [N m]; each acts until the next one
 
     @property
-    def now(self) -> float:
+    def tick_time(self) -> float:
         """Return the current tick on the monotonic clock [s]."""
         return self._start + self.time
 
@@ -141,11 +141,11 @@ class Ticks:
     def wait(self) -> None:
         """Advance to the next tick and wait until its time."""
         self._count += 1
-        left = self.now - time.monotonic()
-        self.overruns += left < -self._period
-        if left > self.busy_wait:
-            time.sleep(left - self.busy_wait)
-        while time.monotonic() < self.now:
+        remaining = self.tick_time - time.monotonic()
+        self.overruns += remaining < -self._period
+        if remaining > self.busy_wait:
+            time.sleep(remaining - self.busy_wait)
+        while time.monotonic() < self.tick_time:
             pass
 
     def add_command(self, time: float, torque: float) -> None:
@@ -163,7 +163,7 @@ class Ticks:
 
         The older reading is at least as far away as the two are apart, which limits the noise.
         """
-        readings, tick = self._readings, self.now
+        readings, tick = self._readings, self.tick_time
         while len(readings) > self.max_readings and readings[self.max_readings][0] < tick:
             readings.popleft()
         if len(readings) == 1:
@@ -183,7 +183,7 @@ class Ticks:
 
     def torque(self) -> float:
         """Return the mean torque over the period that ends with the tick [N m]; remove older commands."""
-        begin, end, impulse = self.now - self._period, self.now, 0.0
+        begin, end, impulse = self.tick_time - self._period, self.tick_time, 0.0
         while True:
             since, torque = self._commands[0]
             until = self._commands[1][0] if len(self._commands) > 1 else end

@@ -71,14 +71,14 @@ def encode(data: bytes) -> bytes:
 
 def decode(frame: bytes) -> bytes | None:
     """Decode a COBS frame of at most 254 bytes; return None for other bytes."""
-    runs, at = [], 0
-    while at < len(frame):
-        code = frame[at]
-        run = frame[at + 1 : at + code]
+    runs, place = [], 0
+    while place < len(frame):
+        code = frame[place]
+        run = frame[place + 1 : place + code]
         if code == 0 or len(run) != code - 1 or 0 in run:
             return None
         runs.append(run)
-        at += code
+        place += code
     return b"\0".join(runs)
 
 
@@ -89,18 +89,18 @@ class Splitter:
 
     def __init__(self) -> None:
         self._buffer = bytearray()
-        self.damaged = 0
+        self.n_damaged = 0
 
     def feed(self, data: bytes) -> Iterator[tuple[int, ...]]:
         """Yield kind and values of each frame that the bytes complete."""
         self._buffer += data
-        *frames, rest = self._buffer.split(b"\0")
-        self._buffer = bytearray(rest[-self.max_length :])
+        *frames, remainder = self._buffer.split(b"\0")
+        self._buffer = bytearray(remainder[-self.max_length :])
         for frame in frames:
             if not frame:
                 continue
             values = unpack(bytes(frame))
             if values is None:
-                self.damaged += 1
+                self.n_damaged += 1
             else:
                 yield values

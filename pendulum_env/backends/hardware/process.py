@@ -27,28 +27,28 @@ class Signals:
     def __init__(self, stop: Callable[[str], None]) -> None:
         """Set the function that stops the motor, called with the signal's name at any time."""
         self._stop = stop
-        self._before: dict[int, Any] = {}
-        self._held: list[int] = []
+        self._previous: dict[int, Any] = {}
+        self._delayed: list[int] = []
         self._depth = 0
 
     def install(self) -> None:
         """Install the handlers; has no effect outside the main thread."""
-        if self._before or threading.current_thread() is not threading.main_thread():
+        if self._previous or threading.current_thread() is not threading.main_thread():
             return
         for name in NAMES:
             number = getattr(signal, name, None)
             if number is None or signal.getsignal(number) in (signal.SIG_IGN, None):
                 continue  # None: a handler in C, which Python cannot restore
-            self._before[number] = signal.signal(number, self._handle)
+            self._previous[number] = signal.signal(number, self._handle)
 
     def restore(self) -> None:
         """Restore the previous handlers, except where another handler was set since."""
         if threading.current_thread() is not threading.main_thread():
             return
-        for number, before in list(self._before.items()):
+        for number, previous in list(self._previous.items()):
             if signal.getsignal(number) == self._handle:
-                signal.signal(number, before)
-                del self._before[number]
+                signal.signal(number, previous)
+                del self._previous[number]
 
     def __enter__(self) -> None:
         """Delay signals until the end of the context."""
@@ -56,21 +56,21 @@ class Signals:
 
     def __exit__(self, *_: object) -> None:
         self._depth -= 1
-        while self._depth == 0 and self._held:
-            self._handle(self._held.pop(0), None)
+        while self._depth == 0 and self._delayed:
+            self._handle(self._delayed.pop(0), None)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self._depth:
-            self._held.append(number)
+            self._delayed.append(number)
             return
         with self:  # delays a second signal
             self._stop(signal.Signals(number).name)
         if threading.current_thread() is not threading.main_thread():
             signal.raise_signal(number)  # delayed by another thread: raise it again in the main thread
             return
-        before = self._before.get(number, signal.SIG_DFL)
-        if callable(before):
-            before(number, frame)
+        previous = self._previous.get(number, signal.SIG_DFL)
+        if callable(previous):
+            previous(number, frame)
         else:
             raise SystemExit(128 + number)
 
@@ -82,10 +82,10 @@ class DeviceLock:
     followed, and the file stays empty.
     """
 
-    def __init__(self, what: str) -> None:
+    def __init__(self, device: str) -> None:
         """Set the name of the device, for example `serial /dev/ttyACM0`."""
-        self.what = what
-        digest = hashlib.sha256(what.encode()).hexdigest()[:16]
+        self.device = device
+        digest = hashlib.sha256(device.encode()).hexdigest()[:16]
         self._path = Path(tempfile.gettempdir()) / f"pendulum-ident-{digest}.lock"
         # any user may lock it next, and any thread may release it
         self._lock = FileLock(self._path, timeout=0, mode=0o666, thread_local=False)
@@ -98,13 +98,13 @@ class DeviceLock:
             self._lock.acquire()
         except Timeout:
             raise DriveError(
-                f"{self.what} is in use by another program: close its environment, or end it, first (`fuser "
+                f"{self.device} is in use by another program: close its environment, or end it, first (`fuser "
                 f"{self._path}` tells its number)"
             ) from None
         except OSError as error:
             raise DriveError(
-                f"{self.what} cannot be locked: {self._path}: {error.strerror}: find out who put something else in the "
-                "place of this lock, and remove it"
+                f"{self.device} cannot be locked: {self._path}: {error.strerror}: find out who put something else in "
+                "the place of this lock, and remove it"
             ) from None
 
     def release(self) -> None:

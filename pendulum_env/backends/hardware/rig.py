@@ -23,7 +23,7 @@ class Rig:
     """
 
     rest_period = 0.01  # [s] between readings while the arm comes to rest
-    speed = 10.0  # [rad/s], speed that converts the uncertainty of time into that of the angle
+    reference_speed = 10.0  # [rad/s], speed that converts the uncertainty of time into that of the angle
 
     def __init__(self, config: RigConfig) -> None:
         self.config = config
@@ -33,12 +33,12 @@ class Rig:
         guard, owner = self.guard, self._owner
         self._signals = Signals(lambda name: guard.disable(f"disabled by {name}"))
         self._finalizer = weakref.finalize(self, _release_rig, guard, owner, self._signals)
-        self._last = Sample(0.0, 0.0, None, 0.0)
-        self._waiting = False  # whether the first torque of a run is pending
+        self._last_sample = Sample(0.0, 0.0, None, 0.0)
+        self._is_first_torque = False  # whether the first torque of a run is pending
         counts = config.encoder.counts  # reduced if the noise of time exceeds a count
-        blur = self.speed * self.guard.motor.noise * math.sqrt(12.0)  # [rad], count with this quantisation noise
-        resolved = min(counts, int(2 * math.pi / blur)) if blur else counts
-        self.traits = Traits(config.rate, resolved, config.max_torque)
+        noise = self.reference_speed * self.guard.motor.noise * math.sqrt(12.0)  # [rad], count of equal noise
+        resolved_counts = min(counts, int(2 * math.pi / noise)) if noise else counts
+        self.traits = Traits(config.rate, resolved_counts, config.max_torque)
 
     def open(self) -> None:
         """Lock the device and connect, without power.
@@ -51,7 +51,8 @@ class Rig:
             self._signals.install()
             with self._signals:
                 if self.config.realtime and not request_realtime():
-                    self.guard.note("no real-time priority: the system does not allow it to this user", logging.WARNING)
+                    text = "no real-time priority: the system does not allow it to this user"
+                    self.guard.log_message(text, logging.WARNING)
                 self.guard.open()
         except BaseException:
             self.close()
@@ -74,13 +75,13 @@ class Rig:
                 f"{fault}. The rig stays off until it is told that this is mended: "
                 "env.reset(options={'clear_fault': True})"
             ) from None
-        self._waiting = True
-        self._last = Sample(0.0, position, None, 0.0, timing=Timing(0.0, 0))
-        return self._last
+        self._is_first_torque = True
+        self._last_sample = Sample(0.0, position, None, 0.0, timing=Timing(0.0, 0))
+        return self._last_sample
 
     def _start_loop(self) -> None:
         """Switch the power on at zero torque, and start the ticks."""
-        self._waiting = False
+        self._is_first_torque = False
         self.guard.enable()
         self.guard.write(0.0)
         self._ticks = Ticks(1.0 / self.config.rate, *self.guard.read())
@@ -89,29 +90,29 @@ class Rig:
         """Apply a torque [N m], wait for the next tick and measure; a fault is reported by the sample."""
         try:
             with self._signals:
-                if self._waiting:
+                if self._is_first_torque:
                     self._start_loop()
                 sent = self.guard.write(torque)
             ticks = self._ticks
             ticks.wait()
             with self._signals:
-                now, position = self.guard.read()
-                timing = Timing(now - ticks.now, ticks.overruns)
+                reading_time, position = self.guard.read()
+                timing = Timing(reading_time - ticks.tick_time, ticks.overruns)
                 self.guard.check_lateness(*timing)
         except Fault as fault:
-            return self._last._replace(torque=0.0, status=Status.FAULT, fault=str(fault))
+            return self._last_sample._replace(torque=0.0, status=Status.FAULT, fault=str(fault))
         except BaseException:  # an interrupt, or an error of an adapter
             with self._signals:
                 self.guard.disable("disabled by an exception")
             raise
         ticks.add_command(*sent)
-        ticks.add_measurement(now, position)
-        self._last = Sample(ticks.time, ticks.position, None, ticks.torque(), timing=timing)
-        return self._last
+        ticks.add_measurement(reading_time, position)
+        self._last_sample = Sample(ticks.time, ticks.position, None, ticks.torque(), timing=timing)
+        return self._last_sample
 
     def disable(self) -> None:
         """End a run: remove torque and power; never raises."""
-        self._waiting = False
+        self._is_first_torque = False
         with self._signals:
             self.guard.disable()
 
@@ -121,14 +122,14 @@ class Rig:
 
     def _wait_for_rest(self) -> float:
         """Wait without power until the arm has been at rest for `rest.seconds`; return its position [rad]."""
-        rest, anchor, since = self.config.rest, math.inf, 0.0
-        until = time.monotonic() + rest.timeout
-        while time.monotonic() < until:
+        rest, anchor, start = self.config.rest, math.inf, 0.0
+        deadline = time.monotonic() + rest.timeout
+        while time.monotonic() < deadline:
             with self._signals:
-                now, position = self.guard.read()
+                reading_time, position = self.guard.read()
             if abs(position - anchor) > rest.velocity * rest.seconds:
-                anchor, since = position, now
-            if now - since >= rest.seconds:
+                anchor, start = position, reading_time
+            if reading_time - start >= rest.seconds:
                 return anchor
             time.sleep(self.rest_period)
         raise DriveError(

@@ -52,7 +52,7 @@ def test_friction_and_links_are_found_where_joints_are_held_follow_or_slide(runs
     compared = compare(model, recording)
     assert max(compared.joint.errors.shares.values()) < 0.02
     assert not compared.regions and not any(own.kind is Kind.INCOMPLETE for own in found.findings)
-    assert np.isnan(compared.joint.errors.torque_rms) == (len({*body.slides}) > 1)  # N and N m make no one number
+    assert np.isnan(compared.joint.errors.torque_rms) == (len({*body.is_prismatic}) > 1)  # N and N m make no one number
 
 
 def rubbing(velocity):
@@ -84,5 +84,5 @@ def test_a_motion_that_is_designed_keeps_a_torso_within_its_stroke(runs):
     body = runs["torso"][0]
     motion = design_excitation(body, 3.0, max_angle=1.0, max_speed=2.0, max_torque=60.0)
     q, v, a = motion(np.linspace(0, motion.seconds, 400))
-    assert np.abs(q[:, 1:]).max() <= 1.0 + 1e-9 and np.abs(v[:, 0]).max() <= DEFAULT_LIMITS.slide
+    assert np.abs(q[:, 1:]).max() <= 1.0 + 1e-9 and np.abs(v[:, 0]).max() <= DEFAULT_LIMITS.linear_speed
     assert np.abs(body.torque(q, v, a) @ body.values)[:, 0].max() > 60.0  # what it carries weighs more

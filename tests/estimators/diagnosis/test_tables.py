@@ -122,12 +122,12 @@ def test_a_table_has_no_piece_without_data(far):
     time = np.linspace(0.0, 30.0, 6000)
     position = 0.6 * np.sin(2.1 * time) + far * np.exp(-(((time - 20.0) / 0.2) ** 2))  # one short excursion
     tables = make_grid(TorqueByAngle, Samples(time, position, np.zeros(6000), np.zeros(6000)), np.empty(0))
-    assert {table.extent.is_turn for table in tables} == {False, far > 5.0}
+    assert {table.extent.is_periodic for table in tables} == {False, far > 5.0}
     for extent in (table.extent for table in tables):
-        reached = (position + np.pi) % (2 * np.pi) - np.pi if extent.is_turn else position
+        reached = (position + np.pi) % (2 * np.pi) - np.pi if extent.is_periodic else position
         knots = np.delete(np.linspace(extent.low, extent.high, extent.pieces + 1), extent.merged)
         assert np.histogram(reached, knots)[0].min() >= LEAST_SAMPLES * 6000
-        assert (knots[0], knots[-1]) == ((-np.pi, np.pi) if extent.is_turn else (position.min(), position.max()))
+        assert (knots[0], knots[-1]) == ((-np.pi, np.pi) if extent.is_periodic else (position.min(), position.max()))
 
 
 @pytest.mark.parametrize("power", [0.5, 2.0, 3.0])

@@ -148,7 +148,7 @@ def test_a_second_change_is_reported_too(seconds):
 def test_a_given_model_is_compared_in_its_unit_and_without_its_unknown_parameters(tmp_path):
     theta = PAPER | {"gravity": 1.6, "viscous": 0.5}
     model = Model.build(BASE, np.array(list(theta.values())))
-    env = DiagnoseOnline(gym.make(PENDULUM, rate=200), candidates="cogging", model=model.withhold({"viscous"}))
+    env = DiagnoseOnline(gym.make(PENDULUM, rate=200), candidates="cogging", model=model.mark_unknown({"viscous"}))
     env.reset(seed=0)
     *_, info = play_two_tones(env, 2400)
     assert info["diagnosis"].kind == "changed" and set(info["diagnosis"].changed) == {"gravity"}

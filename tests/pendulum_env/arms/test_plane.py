@@ -14,14 +14,14 @@ from pendulum_env.plant import PAPER
 from tests.pendulum_env.arms.test_body import written
 
 BENT = (  # centres of mass beside the lines, and lines that do not hang down where the joints are at zero
-    Link(1.2, 0.45, 0.2, 0.02, 0.1, 0.2, aside=0.03, angle=0.4),
-    Link(0.8, 0.35, 0.15, 0.008, 0.3, 0.4, aside=-0.02, angle=-1.9),
+    Link(1.2, 0.45, 0.2, 0.02, 0.1, 0.2, center_offset=0.03, angle=0.4),
+    Link(0.8, 0.35, 0.15, 0.008, 0.3, 0.4, center_offset=-0.02, angle=-1.9),
 )
 
 
 def test_links_come_back_from_their_file(tmp_path):
     first, last = find_planar_links(read_body(written(tmp_path, PlanarArm(BENT).urdf)))
-    assert [first.length, first.center, first.aside, first.angle] == pytest.approx([0.45, 0.2, 0.03, 0.4])
+    assert [first.length, first.center, first.center_offset, first.angle] == pytest.approx([0.45, 0.2, 0.03, 0.4])
     assert [first.viscous, first.coulomb, last.viscous, last.coulomb] == [0.1, 0.2, 0.3, 0.4]
     assert (last.mass, last.inertia) == pytest.approx((0.8, 0.008))
     text = PlanarArm(BENT).urdf.replace('<dynamics damping="0.1" friction="0.2"/>', "")  # then it has the paper's
@@ -30,7 +30,7 @@ def test_links_come_back_from_their_file(tmp_path):
 
 def test_a_bent_arm_moves_as_its_file_says(tmp_path):
     """Without friction, torque that Pinocchio's regressor asks for along the simulated motion is what was applied."""
-    free = [Link(k.mass, k.length, k.center, k.inertia, 0.0, 0.0, k.aside, k.angle) for k in BENT]
+    free = [Link(k.mass, k.length, k.center, k.inertia, 0.0, 0.0, k.center_offset, k.angle) for k in BENT]
     arm = PlanarArm(free, counts=0, velocity="ideal", rate=2000.0)
     body = read_body(written(tmp_path, arm.urdf))
     _, info = arm.reset(options={"position": [0.7, -1.2], "velocity": [1.5, -2.0]})

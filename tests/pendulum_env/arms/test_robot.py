@@ -97,7 +97,7 @@ def test_gravity_of_mjcf_is_that_of_the_file(tmp_path):
 
 def test_a_joint_that_slides_is_said_in_metres_and_newtons(tmp_path):
     body = read_body(written(tmp_path, urdf(TORSO)), joints=moving(TORSO), rotors=True)
-    assert body.slides == (True, False, False)
+    assert body.is_prismatic == (True, False, False)
     assert body.get_unit("rotor@torso") == "kg"
     units = {column.name: column.unit for term in friction(body) for column in term.columns}
     assert units["viscous@torso"] == "N s/m" and units["coulomb@torso"] == "N"

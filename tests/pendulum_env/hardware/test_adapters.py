@@ -35,7 +35,7 @@ def test_power_that_is_gone_without_a_word_is_a_fault(make_emulated_rig):
     assert drive.read().fault is None  # nobody has asked for power yet
     drive.enable()
     assert drive.read().fault is None
-    drive._ask(frames.POWER, 0)  # behind the adapter's back
+    drive._request(frames.POWER, 0)  # behind the adapter's back
     assert "it has no power any more" in drive.read().fault
     drive.close()
 

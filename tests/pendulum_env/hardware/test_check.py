@@ -19,7 +19,7 @@ class Helper:
     def __init__(self, rig):
         self.rig, self.said, self.asked = rig, [], []
 
-    def say(self, text):
+    def print(self, text):
         self.said.append(text)
 
     def confirm(self, text):
@@ -39,7 +39,7 @@ class Helper:
 
 def checked(rig):
     helper = Helper(rig)
-    check_rig(load(rig.config), helper.say, helper.confirm)
+    check_rig(load(rig.config), helper.print, helper.confirm)
     return helper
 
 
@@ -93,13 +93,13 @@ def test_a_servo_enable_that_does_nothing_is_found(make_emulated_rig, monkeypatc
     rig = wired(make_emulated_rig, "nidaq")
     from pendulum_env.backends.hardware.nidaq import NiDaq
 
-    reserve = NiDaq._reserve
+    reserve = NiDaq._reserve_channels
 
     def always_on(self):
         reserve(self)
         self._enable.write_one_sample_one_line(True, 1.0)
 
-    monkeypatch.setattr(NiDaq, "_reserve", always_on)
+    monkeypatch.setattr(NiDaq, "_reserve_channels", always_on)
     with pytest.raises(CheckFailed) as failed:
         checked(rig)
     told(failed, "although it must have no power")

@@ -35,7 +35,7 @@ def test_an_encoder_unwraps_from_where_zero_is():
 
 
 def test_velocity_is_taken_over_2_ms_and_a_jump_is_not_taken_in():
-    encoder = Encoder(EncoderSettings(counts=1_000_000), fastest=35.0)
+    encoder = Encoder(EncoderSettings(counts=1_000_000), max_speed=35.0)
     for k in range(20):
         moved = encoder.add_reading(0.5e-3 * k, round(1000 * k))
         assert (moved is None) == (k % 4 != 0 or k == 0)

@@ -257,7 +257,7 @@ def test_torque_and_power_go_before_a_word_is_written(make, monkeypatch):
     guard, drive = make()
     guard.write(1.0)
     states = []
-    monkeypatch.setattr(guard, "note", lambda *words: states.append((drive.sent[-1], drive.powered)))
+    monkeypatch.setattr(guard, "log_message", lambda *words: states.append((drive.sent[-1], drive.powered)))
     drive.fault = "over-current"
     with pytest.raises(Fault):
         guard.read()

@@ -88,12 +88,12 @@ def test_a_machine_outlives_the_programs_that_are_remembered():
     compiled._compile.cache_clear()
     gc.collect()
     machine.step()
-    np.testing.assert_allclose(machine.now["speed"], [-0.25])
+    np.testing.assert_allclose(machine.states["speed"], [-0.25])
 
 
 def stepped(model, torque, load) -> np.ndarray:
     """Position of three pendulums by the simulator's own step, one NumPy operation after the other."""
-    balance = TorqueBalance(model.terms, model.theta, loaded=True)
+    balance = TorqueBalance(model.terms, model.theta, has_load=True)
     q, v = np.array([0.3, -1.0, 2.0]), np.array([0.0, 1.0, -2.0])
     x = Samples(np.zeros(LANES), q, v, torque[0], load=load)
     x = replace(x, memory=balance.start(x))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.physics import BASE, Coulomb, Inertia, Samples, Term, effect, effects, simulate
-from pendulum_env.physics.term import zero
+from pendulum_env.physics.term import return_zero
 from pendulum_env.plant import hide, paper_plant
 from tests.runge_kutta import Law, simulate_stick_slip
 
@@ -129,7 +129,7 @@ def test_the_error_is_of_second_order_in_the_step(name, sticks):
 def has_energy(id: str) -> bool:
     """Whether a term's energy is a matter of the columns alone: no memory, no delay, a constant inertia."""
     term = effect(id)()
-    return type(term).advance is Term.advance and not term.delay and all(c.mass is zero for c in term.columns)
+    return type(term).advance is Term.advance and not term.delay and all(c.mass is return_zero for c in term.columns)
 
 
 @pytest.mark.parametrize("id", ["base", *filter(has_energy, effects())])

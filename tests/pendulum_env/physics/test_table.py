@@ -58,10 +58,10 @@ def test_every_column_is_a_cubic_spline_and_together_they_are_all_there_are(kind
     scale = np.sqrt if kind.axis == "velocity" else np.positive
     knots = np.delete(np.linspace(scale(low), scale(high), pieces + 1), merged)
     at_knots = values(kind, knots**2 if kind.axis == "velocity" else knots)
-    spline = CubicSpline(knots, at_knots, bc_type="periodic" if kind.extent.is_turn else "natural")
+    spline = CubicSpline(knots, at_knots, bc_type="periodic" if kind.extent.is_periodic else "natural")
     x = np.linspace(low, high, 997)
     np.testing.assert_allclose(values(kind, x), spline(scale(x)), atol=1e-9)
-    heights = len(knots) - kind.extent.is_turn
+    heights = len(knots) - kind.extent.is_periodic
     assert np.linalg.matrix_rank(at_knots) == heights - len(SAID_ALREADY.get(kind.id, ["none at first"]))
 
 
@@ -74,7 +74,7 @@ def test_a_table_says_nothing_that_the_base_model_says_and_goes_on_beyond_its_en
         assert np.abs(inner).max() < 2e-3
     if kind is GAIN:
         np.testing.assert_allclose(values(kind, [0.0]), 0.0, atol=1e-12)
-    if kind.extent.is_turn:
+    if kind.extent.is_periodic:
         x = np.linspace(-3.0, 3.0, 41)
         np.testing.assert_allclose(values(kind, x + 4 * np.pi), values(kind, x), atol=1e-9)
     else:
@@ -104,7 +104,7 @@ def test_compiled_and_plain_simulation_agree_with_an_integrator_that_knows_the_c
     def law(t, state):  # while the joint turns one way
         q, v = state
         by_angle = own(
-            np.mod(q + np.pi, 2 * np.pi) - np.pi if kind.extent.is_turn else np.clip(q, *astuple(kind.extent)[:2])
+            np.mod(q + np.pi, 2 * np.pi) - np.pi if kind.extent.is_periodic else np.clip(q, *astuple(kind.extent)[:2])
         )
         by_speed = own(np.clip(v, *astuple(kind.extent)[:2]))
         lost = by_speed if kind.axis == "velocity" else by_angle

@@ -14,8 +14,8 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.transmission import Backlash, JointFlexibility
 from pendulum_env.recording import Recording
 from pendulum_env.servo import ServoDrive
-from pendulum_env.servo.loop import Looks, Servos, simulate_servos
-from pendulum_env.servo.torque import compute_asked_torque
+from pendulum_env.servo.loop import ControllerSamples, Servos, simulate_servos
+from pendulum_env.servo.torque import compute_commanded_torque
 from tests.runge_kutta import step_runge_kutta
 from tests.terms import Clipped, Table
 
@@ -260,7 +260,7 @@ def test_motion_does_not_depend_on_the_steps_of_the_integrator_between_the_looks
         v += fine * (torque - GRAVITY * math.sin(q) - viscous * v) / INERTIA
         q += fine * v
         exact.append(q)
-    times = Looks(rate, coarse, 1200)
+    times = ControllerSamples(rate, coarse, 1200)
     goal = times.average(goals[(times.time / held + 1e-6).astype(int)])
     theta = np.array([INERTIA, GRAVITY, viscous, 0.0])
     found = simulate_servos(BASE, theta[:, None], replace(servo(drive, goal), step=coarse))[1:, 0, 0]
@@ -277,9 +277,9 @@ def test_dead_time_of_the_model_and_delay_of_the_drive_are_one():
 def test_open_motor_neither_drives_nor_brakes():
     off = np.zeros((3000, 1))
     start = {"position": np.array([1.0])}
-    plain = path(ServoDrive(kp=5.0, gain=0.4), np.zeros(3000), **start, on=off)
+    plain = path(ServoDrive(kp=5.0, gain=0.4), np.zeros(3000), **start, is_on=off)
     with_emf = path(
-        ServoDrive(kp=5.0, gain=0.4), np.zeros(3000), (*BASE, BackEmf()), np.r_[SMOOTH, 0.5], **start, on=off
+        ServoDrive(kp=5.0, gain=0.4), np.zeros(3000), (*BASE, BackEmf()), np.r_[SMOOTH, 0.5], **start, is_on=off
     )
     assert with_emf == pytest.approx(plain, abs=1e-12)
     assert plain[-1] != pytest.approx(1.0, abs=0.1)  # it swings
@@ -290,7 +290,7 @@ def test_integral_begins_anew_with_power():
     on = np.ones((len(goal), 1))
     on[1000:9000] = 0.0
     drive = ServoDrive(kp=0.5, ki=2.0, gain=0.4)
-    assert path(drive, goal, on=on).max() < 1.3 * path(drive, goal).max()
+    assert path(drive, goal, is_on=on).max() < 1.3 * path(drive, goal).max()
 
 
 def test_back_emf_is_viscous_friction_while_the_motor_is_on():
@@ -397,7 +397,7 @@ def test_torque_that_a_controller_asks_for_along_a_motion_is_that_which_moves_th
         supply=volts,
         drive=replace(drive, goal="held"),
     )
-    torque = np.repeat(compute_asked_torque(moved), 50)
+    torque = np.repeat(compute_commanded_torque(moved), 50)
     velocity = np.gradient(motion, STEP)
     impulse = STEP * np.cumsum(torque - GRAVITY * np.sin(motion) - VISCOUS * velocity)
     error = impulse[::50] - INERTIA * velocity[::50]
@@ -416,5 +416,5 @@ def test_torque_of_a_controller_at_the_begin_of_each_segment_is_that_of_its_spee
     still, rounded = np.zeros(time.size), count * np.round(position.ravel() / count)
     moved = Recording(time.ravel(), rounded, still, reference=still, drive=drive, starts=(0, 500))
     assert len(moved.segments) == 2
-    error = compute_asked_torque(moved).reshape(exact.shape) - exact
+    error = compute_commanded_torque(moved).reshape(exact.shape) - exact
     assert np.abs(error[:, :2]).max() < 0.1 * count * 500.0

@@ -55,12 +55,12 @@ def select_field(name: str) -> str:
 
 def upload(session, name: str, content: bytes) -> None:
     """Drop a file on the page."""
-    session.act(lambda: session.load_uploads([(name, encode_url(content))], unwrap=False))
+    session.run_action(lambda: session.load_uploads([(name, encode_url(content))], unwrap=False))
 
 
 def drop(session, *files: Path) -> None:
     """Drop several files on the page at once."""
-    session.act(
+    session.run_action(
         lambda: session.load_uploads([(file.name, encode_url(file.read_bytes())) for file in files], unwrap=False)
     )
 
@@ -74,7 +74,7 @@ def reload_session(state, folder: Path):
     read = [one.source.file for one in state.loaded] + ([] if state.robot is None else [state.robot.file])
     made |= {one.name: one.read_bytes() for one in read}
     session = Session(folder)
-    session.act(
+    session.run_action(
         lambda: session.load_uploads([(name, encode_url(content)) for name, content in made.items()], unwrap=False)
     )
     return session

@@ -41,13 +41,13 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     assert session.notice == "" and state.body is not None and not state.failure_reason
     assert describe_state(state)[1] == "Something is missing at shoulder and elbow"
     assert list_choices(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
-    session.act(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow")))
+    session.run_action(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow")))
     assert session.notice == ""
     assert session.state.suggested_additions == ("torque_offset@elbow",)
     assert describe_state(session.state)[1] == "A torque offset at elbow is missing"
-    session.act(lambda: add.start(session, "torque_offset@elbow"))
+    session.run_action(lambda: add.start(session, "torque_offset@elbow"))
     state = session.state
-    before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.ladder)
+    before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.steps)
     assert state.added == ("torque_offset@elbow",) and not state.suggested_additions and after < 0.2 * before
     assert all(stage.show(session) for stage in STAGES)
     assert "torque_offset@elbow" in make_file(state, "report")[1].decode()
@@ -63,14 +63,14 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     assert [main(line) for line in lines] == [0] * len(lines)
     assert ArmModel.load("model.json", state.body).theta == pytest.approx(state.model.theta, rel=1e-6)
 
-    session.act(lambda: session.begin_from(Path("model.json")))
+    session.run_action(lambda: session.start_from_model(Path("model.json")))
     assert (
         session.notice == ""
         and session.state.terms[-1].id == "torque_offset@elbow"
         and not session.state.failure_reason
     )
-    session.act(session.undo)
-    session.act(session.undo)
+    session.run_action(session.undo)
+    session.run_action(session.undo)
     assert session.state.added == () and session.state.suggested_additions == ("torque_offset@elbow",)
 
 
@@ -83,7 +83,7 @@ def test_a_robot_may_come_after_its_recordings(session, tmp_path):
     assert not session.cards and session.state.robot.file.name == "arm.urdf"
     upload(session, "swing.csv", b"time,position,torque\n0,0,1\n0.01,0.1,1\n0.02,0.3,1\n")
     (card,) = session.cards
-    assert "position_shoulder" in card.why and card.roles[1:3] == ("position_shoulder", "torque_shoulder")
+    assert "position_shoulder" in card.error and card.roles[1:3] == ("position_shoulder", "torque_shoulder")
 
 
 def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
@@ -97,7 +97,7 @@ def test_a_person_says_which_column_is_of_which_joint(session, tmp_path):
     assert stage_text(session).count("on the side of the joint") == 1
     choices = list(card.choices)
     choices[2], choices[4] = ColumnChoice("position_elbow"), ColumnChoice("torque_elbow", "A", "*0.5")
-    session.act(lambda: session.apply_card(card.set_choices(choices, False)))
+    session.run_action(lambda: session.apply_card(card.set_choices(choices, False)))
     assert session.notice == "" and not session.cards and not session.state.failure_reason
     assert session.state.loaded[0].source.columns["torque_elbow"] == "i2:A*0.5"
 
@@ -108,9 +108,9 @@ def stage_text(session) -> str:
 
 def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_terms(session, tmp_path):
     robot, run = two_link(tmp_path, 4.0)
-    session.act(lambda: session.take_robot(RobotFile(robot, rotors=True, weightless=True)))
+    session.run_action(lambda: session.set_robot(RobotFile(robot, rotors=True, weightless=True)))
     drop(session, run)
-    session.act(lambda: session.hold_out("run.csv", True))
+    session.run_action(lambda: session.hold_out("run.csv", True))
     (tmp_path / "more.csv").write_bytes(run.read_bytes())
     drop(session, tmp_path / "more.csv")
     state = session.state
@@ -129,9 +129,10 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     from workbench.app.stages import diagnose
 
     file, run = two_link(tmp_path, 4.0)
-    session.act(lambda: session.take_robot(RobotFile(file, rotors=True, weightless=True)))
+    session.run_action(lambda: session.set_robot(RobotFile(file, rotors=True, weightless=True)))
     drop(session, run)
-    session.act(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow", "torque_offset@shoulder")))
+    choices = SearchChoices("torque_offset,spring@elbow", "torque_offset@shoulder")
+    session.run_action(lambda: diagnose.start(session, choices))
     first, second = write_commands(session.state).splitlines()
     assert first.endswith("--rotors --no-gravity --scheme filtered_dynamic -o model.json")
     assert "--only=torque_offset,spring@elbow --without=torque_offset@shoulder" in second

@@ -14,7 +14,7 @@ from tests.patience import PATIENCE
 from tests.workbench.app.plants import upload
 from tests.workbench.app.requests import Page
 from workbench.app.page import server
-from workbench.app.session import MOST, Sessions
+from workbench.app.session import MAX_SESSIONS, Sessions
 from workbench.app.stages import data
 
 HOSTILE = "<img src=x onerror=alert(1)>"
@@ -46,8 +46,8 @@ def test_a_request_that_is_too_large_is_refused(page):
 def test_of_too_many_sessions_the_oldest_end():
     sessions = Sessions()
     kept = sessions.find_session("1" * 32)
-    many = [sessions.find_session(f"{k:032x}") for k in range(16, 16 + MOST)]
-    kept.act(lambda: pytest.fail("it has ended"))
+    many = [sessions.find_session(f"{k:032x}") for k in range(16, 16 + MAX_SESSIONS)]
+    kept.run_action(lambda: pytest.fail("it has ended"))
     assert "load the page again" in kept.notice
     assert all(one is sessions.find_session(f"{k:032x}") for k, one in enumerate(many, 16))
     sessions.close()

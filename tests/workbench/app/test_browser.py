@@ -302,14 +302,14 @@ def test_a_person_says_what_columns_mean_and_corrects_late_torque(tab, folder, w
     tab.load(folder / "servo.csv", ".card .why")
     assert page.inner_text(".card .why").startswith("servo.csv: no column for time, torque among")
     assert [page.inner_text(of("unit", k)) for k in range(3)] == ["–", "deg (named)", "not clear yet"]
-    assert page.get_attribute(of("then", 2), "placeholder") == "*0.091, *? or *-1"
+    assert page.get_attribute(of("conversion", 2), "placeholder") == "*0.091, *? or *-1"
     pick("role", 0, "time")
     assert page.inner_text(of("unit", 0)) == "s (assumed)"
     pick("unit", 0, "ms")
-    page.fill(of("then", 1), "*-1/6")
+    page.fill(of("conversion", 1), "*-1/6")
     page.click(select_button("card-load"))
     page.wait_for_selector(".why:has-text(\"torque cannot be column 'iq' without a gain\")")
-    page.fill(of("then", 2), "0.091")
+    page.fill(of("conversion", 2), "0.091")
     cut = "() => [...document.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth).length"
     assert page.evaluate(cut) == 0
     page.click(select_button("card-load"))

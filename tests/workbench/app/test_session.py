@@ -61,7 +61,7 @@ def swing() -> Recording:
 @pytest.fixture(scope="module")
 def state(swing: Recording) -> State:
     """A session's that looks for two effects alone."""
-    return fit_state(State((loaded(swing),), asked=SearchChoices(only="stribeck,quadratic_drag")))
+    return fit_state(State((loaded(swing),), choices=SearchChoices(only="stribeck,quadratic_drag")))
 
 
 # ------------------------------------------------------------------------------------------------ files
@@ -76,7 +76,7 @@ def test_an_upload_lies_in_its_folder_whatever_its_name(tmp_path, name):
 
 
 def test_an_upload_that_is_damaged_is_refused(session):
-    session.act(lambda: session.load_uploads([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
+    session.run_action(lambda: session.load_uploads([("run.csv", "data:text/csv;base64,!!!!")], unwrap=False))
     assert "did not arrive whole" in session.notice and session.state.loaded == ()
 
 
@@ -85,7 +85,7 @@ def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
     files = [
         (name, encode_url(content)) for name, content in (("good.csv", good), ("bad.csv", b"1,2,3"), ("worse.txt", b""))
     ]
-    session.act(lambda: session.load_uploads([*files, files[0]], unwrap=False))
+    session.run_action(lambda: session.load_uploads([*files, files[0]], unwrap=False))
     assert [one.id for one in session.state.loaded] == ["good.csv"]
     assert all(f"{name}: " in session.notice for name in ("bad.csv", "worse.txt", "good.csv"))
     assert session.notice.count("; ") == 2 and str(session.folder) not in session.notice
@@ -94,10 +94,11 @@ def test_of_several_files_those_that_can_be_read_stay(session, swing, tmp_path):
 def test_the_page_says_where_it_undoes_jumps(session, swing, tmp_path):
     content = write_source(replace(swing, position=np.mod(swing.position, 2 * np.pi)), tmp_path).file.read_bytes()
     for unwrap in ([], ["unwrap"]):
-        session.act(lambda unwrap=unwrap: session.load_uploads([("swing.csv", encode_url(content))], bool(unwrap)))
+        files = [("swing.csv", encode_url(content))]
+        session.run_action(lambda files=files, unwrap=unwrap: session.load_uploads(files, bool(unwrap)))
         assert len(session.state.loaded) == len(unwrap) and ("unwrap" in session.notice) != bool(unwrap)
-    session.act(lambda: session.hold_out("swing.csv", True))
-    assert session.state.ladder == () and "every recording is held out" in session.state.failure_reason
+    session.run_action(lambda: session.hold_out("swing.csv", True))
+    assert session.state.steps == () and "every recording is held out" in session.state.failure_reason
 
 
 def servo(swing: Recording) -> bytes:
@@ -120,9 +121,9 @@ def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_column
     for name, content in (("a.csv", servo(swing)), ("other.csv", other), ("b.csv", servo(swing))):
         upload(session, name, content)
     wrong = [*SERVO[:3], ColumnChoice("torque")]
-    session.act(lambda: session.apply_card(session.cards[0].set_choices(wrong, False)))
-    assert "'current' without a gain" in session.cards[0].why and len(session.cards) == 3 and not session.state.loaded
-    session.act(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
+    session.run_action(lambda: session.apply_card(session.cards[0].set_choices(wrong, False)))
+    assert "'current' without a gain" in session.cards[0].error and len(session.cards) == 3 and not session.state.loaded
+    session.run_action(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
     assert [one.id for one in session.state.loaded] == ["a.csv", "b.csv"]
     assert [card.source.file.name for card in session.cards] == ["other.csv"]
 
@@ -130,13 +131,13 @@ def test_what_is_said_of_one_file_holds_for_those_that_wait_with_the_same_column
 def test_columns_of_a_loaded_recording_can_be_named_anew(session, swing, tmp_path):
     file = write_source(replace(swing, velocity=np.gradient(swing.position, swing.time)), tmp_path).file
     upload(session, "swing.csv", file.read_bytes())
-    session.act(lambda: session.open_card("swing.csv"))
+    session.run_action(lambda: session.open_card("swing.csv"))
     (card,) = session.cards
     roles = dict(zip(card.preview.headers, card.choices, strict=True))
-    assert {name: choice.role for name, choice in roles.items()} == {name: name for name in roles} and card.why == ""
+    assert {name: choice.role for name, choice in roles.items()} == {name: name for name in roles} and card.error == ""
     roles |= {"velocity": ColumnChoice(), "torque": ColumnChoice("torque", "", "*2")}
     asked = card.set_choices([roles[name] for name in card.preview.headers], False)
-    session.act(lambda: session.apply_card(asked))
+    session.run_action(lambda: session.apply_card(asked))
     (one,) = session.state.loaded
     assert one.recording.velocity is None
     np.testing.assert_allclose(one.recording.torque, 2 * swing.torque, atol=1e-9)
@@ -160,7 +161,7 @@ def test_an_end_waits_for_no_answer_that_takes_long():
     session = sessions.find_session("0" * 32)
 
     def answer() -> None:
-        session.act(lambda: (held.set(), let_go.wait(PATIENCE)))
+        session.run_action(lambda: (held.set(), let_go.wait(PATIENCE)))
 
     answering, closing = Thread(target=answer), Thread(target=sessions.close)
     answering.start()
@@ -174,10 +175,10 @@ def test_an_end_waits_for_no_answer_that_takes_long():
 
 def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_saved(session, swing, tmp_path):
     upload(session, "run.csv", servo(swing))
-    session.act(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
+    session.run_action(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
     turned = replace(swing, name="check", position=np.mod(swing.position, 2 * np.pi))
     held_out = replace(write_source(turned, tmp_path, held_out=True), unwrap=True)
-    session.act(lambda: session.load([held_out]))
+    session.run_action(lambda: session.load([held_out]))
     state = session.state
     state = state.add_step(add(state.model, "stribeck", state.train, state.holdout))
     again = reload_session(state, tmp_path / "again")
@@ -190,7 +191,7 @@ def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_save
     assert again.state.model.effects == ("stribeck",)
     assert again.state.model.theta == pytest.approx(state.model.theta, rel=1e-3)
     assert again.last_change == "start from model.json"
-    again.act(again.undo)
+    again.run_action(again.undo)
     assert again.state.model.effects == () and len(again.state.loaded) == 2
     upload(alone := Session(tmp_path / "alone"), "study.toml", write_study_text(state).encode())
     assert "drop both here together" in alone.notice and alone.state.loaded == ()
@@ -200,7 +201,8 @@ def test_a_study_may_use_several_ranges_of_a_file(session, swing, tmp_path):
     parts = (("fit", 0, 6), ("holdout", 6, 9))
     text = "".join(f'[[recording]]\nfile="runs/swing.csv"\nrole="{role}"\nrange=[{a},{b}]\n' for role, a, b in parts)
     contents = {"swing.csv": write_source(swing, tmp_path).file.read_bytes(), "study.toml": text.encode()}
-    session.act(lambda: session.load_uploads([(name, encode_url(one)) for name, one in contents.items()], unwrap=False))
+    files = [(name, encode_url(content)) for name, content in contents.items()]
+    session.run_action(lambda: session.load_uploads(files, unwrap=False))
     assert session.notice == "" and [one.held_out for one in session.state.loaded] == [False, True]
     assert [one.id for one in session.state.loaded] == ["swing.csv", "swing.csv (2)"]
     assert sum(one.recording.duration for one in session.state.loaded) == pytest.approx(9.0, abs=0.01)
@@ -216,7 +218,7 @@ def test_what_a_session_begins_with_is_read_as_the_user_asked_and_left_where_it_
     sessions = Sessions([replace(source, columns={"position": "Spalte"})])
     session = sessions.find_session(IDS[0])
     np.testing.assert_allclose(session.state.loaded[0].recording.position, swing.position)
-    session.act(lambda: session.remove("swing.csv"))
+    session.run_action(lambda: session.remove("swing.csv"))
     assert session.state.loaded == () and source.file.exists()
     sessions.close()
     sessions = Sessions([source])  # it is asked about where columns are not clear
@@ -238,12 +240,12 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
     said = str(data.show(session))
     assert "The torque is logged " in said and "ms late" in said and "'do': 'align'" in said
     before = session.state
-    session.act(lambda: data.ACTIONS["align"](session, "", {}))
+    session.run_action(lambda: data.ACTIONS["align"](session, "", {}))
     after = session.state
     assert "corrected in all that follows" in str(data.show(session))
-    errors = [one.ladder[-1].errors["holdout"].torque_rms for one in (before, after)]
+    errors = [one.steps[-1].errors["holdout"].torque_rms for one in (before, after)]
     assert errors[1] < 1.15 * after.result.noise_floor < 0.5 * errors[0]
-    session.act(lambda: session.add_recordings(loaded(replace(late, name="again"), held_out=True)))
+    session.run_action(lambda: session.add_recordings(loaded(replace(late, name="again"), held_out=True)))
     assert session.state.is_aligned and all("aligned: " in list_notes(one)[-1] for one in session.state.recordings)
 
 
@@ -295,7 +297,7 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_f
     diagnosed = state.add_diagnosis(grown.diagnosis)
     assert diagnosed.model.theta == pytest.approx(state.model.theta, rel=1e-9)
     assert diagnosed.result.selected == diagnosed.suggested_additions == ("stribeck",)
-    assert grown.suggested_additions == () and grown.result.steps == grown.ladder and not grown.result.unexplained
+    assert grown.suggested_additions == () and grown.result.steps == grown.steps and not grown.result.unexplained
     other = grown.add_step(add(grown.model, "quadratic_drag", state.train))  # which the diagnosis does not call for
     assert other.suggested_additions == () and other.result.selected == ("stribeck", "quadratic_drag")
     own = diagnosed.add_step(add(diagnosed.model, "quadratic_drag", state.train))  # in the place of what it calls for
@@ -309,7 +311,7 @@ def worked(state: State) -> dict[str, State]:
     begun = fit_state(state.restart(terms=drag.terms, model_file="start.json"))
     states = {}
     for name, one in (("paper", state), ("file", begun)):
-        named = one.add_diagnosis(diagnosed(one.train, base=one.base_terms, **one.asked.effects))
+        named = one.add_diagnosis(diagnosed(one.train, base=one.base_terms, **one.choices.effects))
         states[name] = named.add_step(add(one.model, "stribeck", one.train))
     return states
 
@@ -318,7 +320,7 @@ def worked(state: State) -> dict[str, State]:
 def test_the_command_line_assert_same_export_model(worked, begun, tmp_path, monkeypatch):
     state = worked[begun]
     write_source(state.train[0], tmp_path)
-    state.ladder[0].model.save(tmp_path / "start.json")
+    state.steps[0].model.save(tmp_path / "start.json")
     monkeypatch.chdir(tmp_path)
     assert {"stribeck"} <= set(state.model.effects)
     assert_same_export(state)
@@ -342,10 +344,10 @@ def test_where_identify_fits_more_than_the_workbench_the_page_says_so(session, s
 def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(session, late, tmp_path, monkeypatch):
     for file, part in zip(("run.csv", "check.csv"), late.split(0.6), strict=True):
         upload(session, file, servo(part))
-        session.act(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
+        session.run_action(lambda: session.apply_card(session.cards[0].set_choices(SERVO, False)))
         (tmp_path / file).write_bytes(servo(part))
-    session.act(lambda: session.hold_out("check.csv", True))
-    session.act(lambda: data.ACTIONS["align"](session, "", {}))
+    session.run_action(lambda: session.hold_out("check.csv", True))
+    session.run_action(lambda: data.ACTIONS["align"](session, "", {}))
     (tmp_path / "study.toml").write_text(write_study_text(session.state))
     monkeypatch.chdir(tmp_path)
     assert write_commands(session.state) == "pendulum-ident identify study.toml --align -o model.json"
@@ -370,7 +372,7 @@ def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
     with pytest.raises(InputError, match="the diagnosis suggests no experiment"):
         make_file(session.state, "experiment")
     wagging, found = wagged("a spring at small angles")
-    session.act(lambda: session.load([write_source(wagging, tmp_path)]))
+    session.run_action(lambda: session.load([write_source(wagging, tmp_path)]))
     session.state = session.state.add_diagnosis(found)
     rows = np.loadtxt(io.BytesIO(make_file(session.state, "experiment")[1]), delimiter=",", skiprows=1)
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
@@ -386,7 +388,7 @@ def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_driv
     session = Session(folder)
     session.load([Source(plain), Source(asked)])
     (loaded,), (card,) = session.state.loaded, session.cards
-    assert any("free swing" in note for note in list_notes(loaded.recording)) and "torque=none" in card.why
+    assert any("free swing" in note for note in list_notes(loaded.recording)) and "torque=none" in card.error
     session.apply_card(card.fill_form({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
     assert not session.cards and not session.state.loaded[1].recording.torque.any()
 
@@ -414,7 +416,8 @@ def test_a_card_knows_the_units_that_the_command_line_knows_and_speaks_of_its_ow
     before = use_writer(write_choice)
     try:
         upload(session, "odrive.csv", content.encode())
-        assert "--columns" not in session.cards[0].why and "column Iq_measured as torque in A" in session.cards[0].why
+        error = session.cards[0].error
+        assert "--columns" not in error and "column Iq_measured as torque in A" in error
         headers = session.cards[0].preview.headers
         assert describe_unit("position", "pos_estimate/8", headers) == "rev (named)"
         choices = [
@@ -423,10 +426,10 @@ def test_a_card_knows_the_units_that_the_command_line_knows_and_speaks_of_its_ow
             ColumnChoice("velocity"),
             ColumnChoice("torque", "A", "1"),
         ]
-        session.act(lambda: session.apply_card(session.cards[0].set_choices(choices, False)))
-        assert "column vel_estimate as velocity in rev/s with /8" in session.cards[0].why
+        session.run_action(lambda: session.apply_card(session.cards[0].set_choices(choices, False)))
+        assert "column vel_estimate as velocity in rev/s with /8" in session.cards[0].error
         choices[2] = ColumnChoice("velocity", "rev/s", "/8")
-        session.act(lambda: session.apply_card(session.cards[0].set_choices(choices, False)))
+        session.run_action(lambda: session.apply_card(session.cards[0].set_choices(choices, False)))
     finally:
         use_writer(before)
     np.testing.assert_allclose(session.state.loaded[0].recording.position, swing.position, atol=1e-6)
@@ -442,7 +445,7 @@ def asked(session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     """A session with `swing.csv`, which lies in the working directory as well."""
     monkeypatch.chdir(tmp_path)
     source = write_source(record_pendulum("swing", 1, 10.0), tmp_path)
-    session.act(lambda: session.load([source]))
+    session.run_action(lambda: session.load([source]))
     return session
 
 
@@ -457,7 +460,7 @@ def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_bac
     session = Session(tmp_path / "session", workers)
 
     def load(name: str, seed: int) -> None:
-        session.act(lambda: session.load([write_source(record_pendulum(name, seed, 4.0), tmp_path)]))
+        session.run_action(lambda: session.load([write_source(record_pendulum(name, seed, 4.0), tmp_path)]))
 
     def wait() -> None:
         assert session.job is not None and session.job.over.wait(PATIENCE)
@@ -465,14 +468,14 @@ def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_bac
     load("swing", 1)
     assert session.state.failure_reason == FITTING and not session.is_busy()
     load("check", 2)  # ends the first fit
-    assert session.state.ladder == ()
+    assert session.state.steps == ()
     wait()
     assert not session.state.failure_reason and len(session.state.train) == 2
     both = session.state
     load("third", 3)
     session.cancel()
     assert session.state is both and session.job is None
-    session.act(session.undo)
+    session.run_action(session.undo)
     wait()
     assert len(session.state.train) == 1 and session.notice == ""
     session.end()
@@ -481,9 +484,9 @@ def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_bac
 @pytest.mark.slow
 def test_what_is_asked_for_gives_what_the_command_line_gives(asked):
     for start in (lambda: diagnose.start(asked, ASKED), lambda: add_stage.start(asked, "stribeck")):
-        asked.act(start)
+        asked.run_action(start)
         assert asked.notice == ""
-    base = asked.state.ladder[0].model.estimates["gravity"]
+    base = asked.state.steps[0].model.estimates["gravity"]
     assert (base.value, base.std) == (2.01, 0.0)  # from the first rung on
     found = asked.state.diagnosis
     assert found is not None and {one.effect for one in found.candidates} == {"stribeck", "quadratic_drag"}
@@ -497,7 +500,7 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(aske
     before = asked.state
 
     def choose(choices: SearchChoices) -> None:
-        asked.act(lambda: diagnose.choose_search(asked, choices))
+        asked.run_action(lambda: diagnose.choose_search(asked, choices))
 
     choose(SearchChoices(only="stribeck"))
     assert asked.state.fit is before.fit
@@ -513,7 +516,7 @@ def test_the_ladder_begins_anew_where_other_values_are_known_and_only_there(aske
 )
 def test_a_mistake_is_told_in_the_words_of_the_command_line(asked, field, wrong, run_refused):
     before = asked.state
-    asked.act(lambda: diagnose.choose_search(asked, SearchChoices(**{field: wrong})))
+    asked.run_action(lambda: diagnose.choose_search(asked, SearchChoices(**{field: wrong})))
     assert asked.state is before and asked.job is None
     mistake = asked.notice.partition(" Known: ")[0]  # the terminal shortens a long list
     assert mistake != "" and mistake in run_refused("diagnose", "swing.csv", f"--{field}={wrong}")

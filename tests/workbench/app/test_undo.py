@@ -18,15 +18,15 @@ def test_every_change_is_taken_back_in_turn(tmp_path):
         (lambda: session.remove("check.csv"), "remove check"),
     ):
         known.append((session.state, what))
-        session.act(do)
+        session.run_action(do)
         assert session.notice == "" and session.last_change == what
-        session.act(lambda: choose_search(session, session.state.asked))
+        session.run_action(lambda: choose_search(session, session.state.choices))
         assert session.last_change == what  # what changes nothing is no change
     for before, what in reversed(known):
         assert session.last_change == what
-        session.act(session.undo)
+        session.run_action(session.undo)
         assert session.state is before
-    session.act(session.undo)
+    session.run_action(session.undo)
     assert session.notice == "there is nothing to undo" and session.last_change == ""
 
 
@@ -35,14 +35,14 @@ def test_a_recording_that_was_removed_comes_back_though_another_took_its_name(tm
     contents = [write_source(record_pendulum("swing", seed, 4.0), tmp_path).file.read_bytes() for seed in (1, 2)]
     for content in contents:
         upload(session, "swing.csv", content)
-        session.act(lambda: session.remove("swing.csv"))
+        session.run_action(lambda: session.remove("swing.csv"))
         assert session.notice == ""
     upload(session, "swing.csv", b"time,position,torque\n0,0,0\n0.001,nan,0\n")  # which changes nothing
     assert session.notice.startswith("swing.csv: ")
     for content in contents[::-1]:
-        session.act(session.undo)
+        session.run_action(session.undo)
         (one,) = session.state.loaded
         assert one.source.file.read_bytes() == content
         assert session.last_change == "load swing"
-        session.act(session.undo)
+        session.run_action(session.undo)
     assert session.state.loaded == () and session.last_change == ""

@@ -86,16 +86,16 @@ def show_upload() -> Component:
     return html.Div(make_panel("Load recordings", upload, html.P(about, className="note"), unwrap), id="files")
 
 
-def make_navigation(here: Stage, trouble: str) -> list[Component]:
-    """Make the links to the stages; `here`: current stage, `trouble`: reason for a missing model, or empty."""
+def make_navigation(current: Stage, failure: str) -> list[Component]:
+    """Make the links to the stages; `current`: current stage, `failure`: reason for a missing model, or empty."""
 
     def link(stage: Stage) -> Component:
-        now = make_aria(current="page") if stage is here else {}
-        if stage.needs_model and trouble:
-            now |= {"title": capitalise(trouble), **make_aria(disabled="true")}
+        attributes = make_aria(current="page") if stage is current else {}
+        if stage.needs_model and failure:
+            attributes |= {"title": capitalise(failure), **make_aria(disabled="true")}
         else:
-            now["href"] = f"#{stage.id}"
-        return html.A(stage.title, id=f"to-{stage.id}", **now)
+            attributes["href"] = f"#{stage.id}"
+        return html.A(stage.title, id=f"to-{stage.id}", **attributes)
 
     return [link(stage) for stage in STAGES]
 
@@ -103,8 +103,8 @@ def make_navigation(here: Stage, trouble: str) -> list[Component]:
 def show(session: Session, stage: Stage) -> list[Component]:
     """Render a stage, or the reason for a missing model that it needs."""
     if stage.needs_model and session.state.failure_reason:
-        why = html.P(f"{capitalise(session.state.failure_reason)}.")
-        return [html.Section([why, html.A("Go to Data", href="#data")], className="panel empty")]
+        reason = html.P(f"{capitalise(session.state.failure_reason)}.")
+        return [html.Section([reason, html.A("Go to Data", href="#data")], className="panel empty")]
     return stage.show(session)
 
 
@@ -167,9 +167,9 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
     actions["back"] = lambda session, *_: session.undo()
     fields = State({"field": ALL}, "value"), State({"field": ALL, "of": ALL}, "value")
 
-    def act(session: Session, do: Callable[[], object]) -> int:
-        """Run an action by `Session.act`, and return the new version."""
-        session.act(do)
+    def run_action(session: Session, do: Callable[[], object]) -> int:
+        """Run an action by `Session.run_action`, and return the new version."""
+        session.run_action(do)
         if (job := session.job) is not None:
             job.over.wait(0.4)  # [s]: short jobs need no progress bar
         return session.version
@@ -186,7 +186,7 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
             session.cancel()
             return session.version
         form = collect_form(ctx.states_list)
-        return act(session, lambda: find("action", asked["do"], actions)(session, asked["of"], form))
+        return run_action(session, lambda: find("action", asked["do"], actions)(session, asked["of"], form))
 
     @app.callback(
         VERSION,
@@ -202,7 +202,7 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
             raise PreventUpdate
         session, files = sessions.find_session(id), list(zip(names, contents, strict=True))
         # None: the same file can be uploaded again
-        return act(session, lambda: session.load_uploads(files, bool(unwrap))), None
+        return run_action(session, lambda: session.load_uploads(files, bool(unwrap))), None
 
     @app.callback(
         VERSION,
@@ -222,25 +222,27 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
                 or card.has_same_roles(asked := card.fill_form(form))
             ):
                 raise PreventUpdate  # new controls trigger the callback, too
-            session.act(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
+            session.run_action(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
             return session.version
 
 
 def collect_form(groups: Sequence[Any]) -> dict[str, Any]:
     """Return the values of the page's controls by name, `field` or `field:k`."""
-    controls = [one for group in groups if isinstance(group, list) for one in group]
-    return {":".join(str(part) for part in one["id"].values()): one.get("value") for one in controls}
+    controls = [control for group in groups if isinstance(group, list) for control in group]
+    return {":".join(str(part) for part in control["id"].values()): control.get("value") for control in controls}
 
 
 def _connect_scripts(app: Dash) -> None:
     """Register the callbacks in assets/app.js."""
 
-    def in_the_page(function: str, output: Output, *given: Input | State) -> None:
-        app.clientside_callback(ClientsideFunction("app", function), output, *given)  # type: ignore[no-untyped-call]
+    def register_script(function: str, output: Output, *inputs: Input | State) -> None:
+        app.clientside_callback(ClientsideFunction("app", function), output, *inputs)  # type: ignore[no-untyped-call]
 
     text = {"kind": "fragment", "of": MATCH}
-    in_the_page("session", Output("session", "data"), Input("url", "pathname"))
+    register_script("session", Output("session", "data"), Input("url", "pathname"))
     plot, spec = ({"kind": kind, "of": MATCH} for kind in (PLOT, f"{PLOT}-{SPEC}"))
-    in_the_page("draw", Output(plot, "figure"), Input(spec, "data"))
-    in_the_page("fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id"))
-    in_the_page("reveal", Output("nav", "title"), Input("nav", "children"))
+    register_script("draw", Output(plot, "figure"), Input(spec, "data"))
+    register_script(
+        "fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id")
+    )
+    register_script("reveal", Output("nav", "title"), Input("nav", "children"))

@@ -78,15 +78,15 @@ def _guard(server: flask.Flask) -> None:
         return flask.Response("this request makes no sense", status=400, mimetype="text/plain")
 
     @server.before_request
-    def only_from_here() -> None:
+    def refuse_foreign_host() -> None:
         origin = f"http://{flask.request.host}"
         if urlsplit(origin).hostname not in NAMES or any(
-            one != origin for one in flask.request.headers.getlist("Origin")
+            sender != origin for sender in flask.request.headers.getlist("Origin")
         ):
             flask.abort(403)
 
     @server.after_request
-    def stay_here(response: flask.Response) -> flask.Response:
+    def set_security_headers(response: flask.Response) -> flask.Response:
         response.headers["Content-Security-Policy"] = POLICY
         response.headers["X-Content-Type-Options"] = "nosniff"
         response.headers["Referrer-Policy"] = "no-referrer"
@@ -126,7 +126,7 @@ class Server:
 
     def serve(self) -> None:
         """Serve requests until an interrupt."""
-        self.sessions.workers.warm()
+        self.sessions.workers.start_spare()
         Thread(target=pack_plotly, daemon=True).start()  # cached for the first report
         self._server.serve_forever()
 

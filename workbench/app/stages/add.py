@@ -26,23 +26,23 @@ def show(session: Session) -> list[Component]:
     state, busy = session.state, session.is_busy()
     offer = show_choice(state, busy, list_choices(state.body, tables=True))
     if state.robot is not None:
-        labels = ["base model" if step.added is None else f"+ {step.added}" for step in state.ladder]
-        errors = [step.errors["holdout"] for step in state.ladder]
+        labels = ["base model" if step.added is None else f"+ {step.added}" for step in state.steps]
+        errors = [step.errors["holdout"] for step in state.steps]
         table = tabulate_joints(errors, state.result.floors, state.model, labels)
         return [offer, make_panel("Torque errors on held-out data", *show_content([table, JOINT_LEGEND], "joints"))]
     section = make_errors(state.report_data)
-    shape = describe_table(state.ladder[-1])
+    shape = describe_table(state.steps[-1])
     fall = make_panel(section.title, *([html.P(shape)] if shape else []), *show_section(section))
     return [offer, fall] if state.suggested_additions or not state.added else [fall, offer]
 
 
-def show_choice(state: Work, busy: bool, known: Mapping[str, str]) -> Component:
+def show_choice(state: Work, busy: bool, effects: Mapping[str, str]) -> Component:
     """Render buttons for the selected effects and a list of all others."""
-    others = {id: label for id, label in known.items() if id not in state.model.effects}
-    kept = f"beyond {' '.join(state.model.effects)}"  # another model empties the list's choice
-    more: dict[str, Any] = {"placeholder": "choose", "persistence": kept, "persistence_type": "session"}
+    addable = {id: label for id, label in effects.items() if id not in state.model.effects}
+    key = f"beyond {' '.join(state.model.effects)}"  # another model empties the list's choice
+    options: dict[str, Any] = {"placeholder": "choose", "persistence": key, "persistence_type": "session"}
     library = label_control(
-        "Any effect of the library, or a table", dcc.Dropdown(others, None, id={"field": "any"}, **more)
+        "Any effect of the library, or a table", dcc.Dropdown(addable, None, id={"field": "any"}, **options)
     )
     any_of_them = html.Div([library, make_button("Add it", "add-any", disabled=busy)], className="fields wide")
     return make_panel("Add an effect", show_suggestions(state, busy), any_of_them)
@@ -61,12 +61,12 @@ def start(session: Session, id: str | None) -> None:
     kind = find_kind(id, state.body)
     if kind.id in state.model.effects:
         raise InputError(f"{name_effect(id)} is in the model already")
-    task = partial(fit_effect, state.model, id, state.train, state.holdout, state.asked.limits)
+    task = partial(fit_effect, state.model, id, state.train, state.holdout, state.choices.limits)
 
     def keep(found: tuple[Addition, Identification | None]) -> None:
         session.change(f"add {name_effect(id)}", state.add_step(*found))
 
-    session.work(f"Adding {name_effect(id)}", task, keep)
+    session.run_task(f"Adding {name_effect(id)}", task, keep)
 
 
 STAGE = Stage(

@@ -25,7 +25,7 @@ from workbench.app.parts import (
 from workbench.app.session import Session
 from workbench.app.state import LoadedRecording, State
 from workbench.app.uploads import STUDY
-from workbench.figure import Figure, line, make_stacked_layout, thin
+from workbench.figure import Figure, make_line, make_stacked_layout, select_samples
 from workbench.narrator.notes import describe_note
 from workbench.robot import describe_held
 
@@ -58,7 +58,7 @@ def _show_robot(state: State, body: Body) -> Component:
     """Render the robot, its held joints and its errors."""
     texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
-        *(text for text in (describe_held(body), *state.doubts_about_recordings, state.failure_reason) if text),
+        *(text for text in (describe_held(body), *state.moving_held_joints, state.failure_reason) if text),
         "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
         "(joints) and what other columns mean",
     ]
@@ -68,16 +68,16 @@ def _show_robot(state: State, body: Body) -> Component:
 def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure]:
     """Plot the position and torque of the k-th recording over time, one figure for each joint."""
     figures, height = [], 340 if len(recording.joints) == 1 else 260
-    for n, (joint, series_of_joint) in enumerate(zip(recording.names, recording.joints, strict=True)):
+    for n, (joint, joint_data) in enumerate(zip(recording.names, recording.joints, strict=True)):
         title, units = f"{joint}, {recording.name}" if joint else recording.name, body.units(joint, recording.units)
         data, (angle, torque) = [], (units.unit("rad"), units.unit("N m"))
-        for series, label, color, unit, where in (
-            (series_of_joint.position, "position", "--final", angle, "y"),
-            (series_of_joint.torque, "torque", "--train", torque, "y2"),
+        for series, label, color, unit, axis in (
+            (joint_data.position, "position", "--final", angle, "y"),
+            (joint_data.torque, "torque", "--train", torque, "y2"),
         ):
-            kept = thin(series)
+            indices = select_samples(series)
             data.append(
-                line(series_of_joint.time[kept], series[kept], label, color, unit, yaxis=where, showlegend=False)
+                make_line(joint_data.time[indices], series[indices], label, color, unit, yaxis=axis, showlegend=False)
             )
         layout = make_stacked_layout(f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]")
         layout["margin"] = {"t": 40}
@@ -91,18 +91,18 @@ def show_recordings(state: State) -> Component:
     rows = [_show_row(item, recording) for item, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
     note = [] if any(item.held_out for item in state.loaded) else [html.P(split, className="note")]
-    how = html.Span("how these are read and used, for the command line and to load again with them", className="note")
-    save = html.Div([make_save_button(f"Save {STUDY}", "study"), how], className="row")
+    text = html.Span("how these are read and used, for the command line and to load again with them", className="note")
+    save = html.Div([make_save_button(f"Save {STUDY}", "study"), text], className="row")
     return make_panel("Recordings", make_table(HEADERS, rows, "Recordings"), *note, save, className="recordings")
 
 
-def _show_row(one: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
+def _show_row(loaded: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
     """Render a recording's row with its buttons."""
     label = recording.name
-    columns = make_button("Columns", "columns", one.id, className="link", **make_aria(label=f"Columns of {label}"))
+    columns = make_button("Columns", "columns", loaded.id, className="link", **make_aria(label=f"Columns of {label}"))
     roles = [
-        make_button(role, role, one.id, className="", **make_aria(pressed=is_so, label=f"{role} {label}"))
-        for role, is_so in (("fit", str(not one.held_out).lower()), ("check", str(one.held_out).lower()))
+        make_button(role, role, loaded.id, className="", **make_aria(pressed=is_so, label=f"{role} {label}"))
+        for role, is_so in (("fit", str(not loaded.held_out).lower()), ("check", str(loaded.held_out).lower()))
     ]
     return (
         [
@@ -116,7 +116,7 @@ def _show_row(one: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
         format_number(float(np.ptp(recording.position, axis=0).max()) / (2 * np.pi), 2),
         format_number(float(np.abs(recording.torque).max()), 2),
         html.Div(roles, className="views", role="group"),
-        make_button("Remove", "remove", one.id, **make_aria(label=f"Remove {label}")),
+        make_button("Remove", "remove", loaded.id, **make_aria(label=f"Remove {label}")),
     )
 
 

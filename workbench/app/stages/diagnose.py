@@ -29,7 +29,7 @@ def show(session: Session) -> list[Component]:
             "Every effect of the library is tried, of an arm at every joint. An effect is missing if it lowers "
             "the errors on held-out data, in torque and, of a pendulum, in free-running simulation."
         ),
-        show_choices(state, is_open=state.asked != NO_CHOICES or bool(session.notice)),
+        show_choices(state, is_open=state.choices != NO_CHOICES or bool(session.notice)),
         make_button(
             "Diagnose" if diagnosis is None else "Diagnose again", "diagnose", primary=diagnosis is None, disabled=busy
         ),
@@ -53,55 +53,56 @@ def show(session: Session) -> list[Component]:
 
 def show_choices(state: Work, is_open: bool) -> Component:
     """Render the fields for effects to look for and, for a pendulum, known values; invalid text stays."""
-    asked, library, has_limits = state.asked, list_choices(state.body), state.body.can_limit
+    choices, library, has_limits = state.choices, list_choices(state.body), state.body.can_limit
 
-    def several(label: str, id: str, empty: str) -> Component:
-        control = dcc.Dropdown(
-            library, parse_effects(getattr(asked, id)), id={"field": f"ask-{id}"}, multi=True, placeholder=empty, **KEPT
-        )
-        return label_control(label, control)
+    def make_list(label: str, id: str, empty: str) -> Component:
+        effects, field = parse_effects(getattr(choices, id)), {"field": f"ask-{id}"}
+        return label_control(label, dcc.Dropdown(library, effects, id=field, multi=True, placeholder=empty, **KEPT))
 
-    def text(label: str, id: str, example: str, note: str) -> Component:
-        control = dcc.Input(getattr(asked, id), type="text", id={"field": f"ask-{id}"}, placeholder=example, **KEPT)
+    def make_field(label: str, id: str, example: str, note: str) -> Component:
+        control = dcc.Input(getattr(choices, id), type="text", id={"field": f"ask-{id}"}, placeholder=example, **KEPT)
         return label_control(label, control, note)
 
     parameters = ", ".join(column.name for term in state.base_terms for column in term.columns)
+    names = f"of {parameters}, and those of effects: ID or ID.NAME"
     effects = "one of the two may be left out; cogging.order=10:14"
-    looked = [several("Look only for", "only", "every effect"), several("Do not look for", "without", "none")]
-    known = [
-        text("Values that are known", "fix", "gravity=2.01", f"of {parameters}, and those of effects: ID or ID.NAME"),
-        text("Bounds of others", "bound", "viscous=0:0.5", effects),
+    searched = [make_list("Look only for", "only", "every effect"), make_list("Do not look for", "without", "none")]
+    limits = [
+        make_field("Values that are known", "fix", "gravity=2.01", names),
+        make_field("Bounds of others", "bound", "viscous=0:0.5", effects),
     ]
-    summary = html.Summary(f"Choose what to look for{', and say what is known' if has_limits else ''}")
+    summary = html.Summary(f"Choose what to look for{', and print what is known' if has_limits else ''}")
     groups = [
-        html.Div(looked, className="fields asked"),
-        html.Div(known, className="fields asked", hidden=not has_limits),
+        html.Div(searched, className="fields asked"),
+        html.Div(limits, className="fields asked", hidden=not has_limits),
     ]
     return html.Details([summary, *groups], open=is_open)
 
 
-def choose_search(session: Session, asked: SearchChoices) -> None:
+def choose_search(session: Session, choices: SearchChoices) -> None:
     """Set the options of the search; raises ValueError if they are invalid."""
-    asked.check(session.state.base_terms)
-    if asked != (state := session.state).asked:  # other known values need new fits
-        change = replace(state, asked=asked) if asked.limits == state.asked.limits else state.restart(asked=asked)
+    choices.check(session.state.base_terms)
+    if choices != (state := session.state).choices:  # other known values need new fits
+        change = replace(state, choices=choices)
+        if choices.limits != state.choices.limits:
+            change = state.restart(choices=choices)
         session.change("choose what is looked for", change)
 
 
-def start(session: Session, asked: SearchChoices) -> None:
+def start(session: Session, choices: SearchChoices) -> None:
     """Diagnose the last model in the background, after the fit of the base model if needed."""
-    choose_search(session, asked)
+    choose_search(session, choices)
     state = session.state
 
     def keep(found: Diagnosis, fitted: Work = state) -> None:
         session.change("diagnose", fitted.add_diagnosis(found))
 
     if state.needs_fit:
-        task: Task = partial(fit_and_diagnose, state.make_fit_task(), asked.effects, asked.limits)
-        session.work("Diagnosing", task, lambda both: keep(both[1], state.with_fit(both[0])))
+        task: Task = partial(fit_and_diagnose, state.make_fit_task(), choices.effects, choices.limits)
+        session.run_task("Diagnosing", task, lambda results: keep(results[1], state.with_fit(results[0])))
     else:
-        task = partial(diagnose, state.train, state.holdout, state.model.terms, **asked.effects, **asked.limits)
-        session.work("Diagnosing", task, keep)
+        task = partial(diagnose, state.train, state.holdout, state.model.terms, **choices.effects, **choices.limits)
+        session.run_task("Diagnosing", task, keep)
 
 
 STAGE = Stage(

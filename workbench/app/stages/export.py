@@ -41,7 +41,7 @@ def show_downloads(state: State) -> Component:
     """Render a save button with a description for each file."""
     saved = {
         "report": (REPORT, "one file to share: story, plots and tables; it needs no network and prints"),
-        "model": (MODEL, "terms and parameters of the ladder's last model, for the command line and Python"),
+        "model": (MODEL, "terms and parameters of the last model, for the command line and Python"),
         "study": (STUDY, f"how the recordings are read and used: load them with it and {MODEL} to go on another day"),
     }
     if state.diagnosis is not None:
@@ -49,7 +49,7 @@ def show_downloads(state: State) -> Component:
     if state.diagnosis is not None and state.diagnosis.suggestion is not None and state.diagnosis.suggestion.signal:
         saved["experiment"] = EXPERIMENT, "torque of the next experiment over time, for your controller or for record"
     buttons = {id: make_save_button(file, id, primary=id == "report") for id, (file, _) in saved.items()}
-    rows = [html.Li([buttons[id], html.Span(what)]) for id, (_, what) in saved.items()]
+    rows = [html.Li([buttons[id], html.Span(text)]) for id, (_, text) in saved.items()]
     return make_panel("Save", html.Ul(rows, className="downloads"))
 
 

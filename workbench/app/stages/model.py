@@ -46,8 +46,8 @@ def _show_schemes(state: State) -> list[Component]:
 def show_comparison(session: Session) -> list[Component]:
     """Render the residuals of the base and the last model; for a pendulum also measured and modelled motion."""
     state = session.state
-    shown = [make_panel(section.title, *show_section(section)) for section in _make_sections(state)]
-    return [*shown, _show_gallery(state)] if state.robot is None else shown
+    panels = [make_panel(section.title, *show_section(section)) for section in _make_sections(state)]
+    return [*panels, _show_gallery(state)] if state.robot is None else panels
 
 
 @lru_cache(maxsize=4)  # slow to draw
@@ -59,9 +59,9 @@ def _make_sections(state: State) -> tuple[Section, ...]:
 def _show_gallery(state: State) -> Component:
     """Render pictures of the residual of each effect, in the order of the diagnosis, if one was made."""
     names = list_choices()
-    found = [candidate.effect for candidate in state.diagnosis.candidates] if state.diagnosis is not None else []
+    effects = [candidate.effect for candidate in state.diagnosis.candidates] if state.diagnosis is not None else []
     rows = []
-    for id in sorted(names, key=lambda id: found.index(id) if id in found else len(found)):
+    for id in sorted(names, key=lambda id: effects.index(id) if id in effects else len(effects)):
         if (GALLERY / f"{id}.svg").is_file():
             leaves = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
             note = html.P(find_description(id).signature, className="note")
