@@ -15,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from estimators.online.recursion import Recursion, expand_triangle
+from estimators.schemes.identifiability import ONE_SIZE_RESIDUAL
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics.compiled import Machine, SymbolicStep
 from pendulum_env.physics.symbols import make_symbols
@@ -30,9 +31,14 @@ GUESS_VARIANCE = 60.0  # variance relative to white errors before the clusters s
 class ClusterCovariance:
     """Sums over clusters for (B, S) regressions with P parameters each."""
 
-    def __init__(self, batch: tuple[int, int], parameters: int, period: float, forgetting: float) -> None:
-        """Create the sums for a period between equations [s] and the forgetting factor of the recursion."""
-        self._forgetting = forgetting
+    def __init__(
+        self, batch: tuple[int, int], parameters: int, period: float, forgetting: float, direction: int | None = None
+    ) -> None:
+        """Create the sums for a period between equations [s] and the forgetting factor of the recursion.
+
+        `direction` is the index of the parameter whose torque is the sign of the velocity; None without such a test.
+        """
+        self._forgetting, self._direction = forgetting, direction
         self._max_length = MAX_MEMORY_SHARE / (1.0 - forgetting) if forgetting < 1 else np.inf
         self._min_length = max(2, round(min(CLUSTER_TIME / period, self._max_length)))
         self._clusters = np.zeros((MAX_CLUSTERS, *batch, parameters, parameters + 1))  # A and b
@@ -97,7 +103,7 @@ class ClusterCovariance:
 
     def make_covariance(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], tuple[Array, Array]]:
         """Make a function that computes present P and covariance at any time; `compute_P` computes the present P."""
-        state = squares.squares, squares.count, squares.prior
+        state = squares.theta, squares.squares, squares.count, squares.prior, self._direction
         return functools.partial(_compute_covariances, compute_P, self._scores, self._n_clusters, *state)
 
 
@@ -113,20 +119,29 @@ def _add_products(size: int) -> SymbolicStep:
 
 
 def _compute_covariances(
-    compute_P: Callable[[], Array], scores: Array, n_clusters: Index, squares: Array, count: Array, prior: float
+    compute_P: Callable[[], Array],
+    scores: Array,
+    n_clusters: Index,
+    theta: Array,
+    squares: Array,
+    count: Array,
+    prior: float,
+    direction: int | None,
 ) -> tuple[Array, Array]:
     """Compute P and covariance of estimates (B, S, P, P).
 
     The covariance comes from the scores if clusters outnumber parameters by `min_extra_clusters`; else from white
-    errors.
+    errors. It is infinite if the torque depends on the direction of motion alone.
 
     Args:
         compute_P: returns the covariance for unit noise.
         scores: sum of squared scores s s' over the clusters (B, S, P, P).
         n_clusters: number of clusters with equations (B, S).
+        theta: estimates (B, S, P).
         squares: sum of squared errors (B, S).
         count: number of equations (B, S).
         prior: P(0) on the diagonal.
+        direction: index of the parameter whose torque is the sign of the velocity; None without a test.
     """
     P = compute_P()
     parameters = P.shape[-1]
@@ -138,4 +153,20 @@ def _compute_covariances(
     # the second part is the variance of theta(0)
     robust = correction[..., None, None] * (P @ scores @ P) + (noise / prior)[..., None, None] * (P @ P)
     is_robust = n_clusters >= parameters + MIN_EXTRA_CLUSTERS
-    return P, np.where(is_robust[..., None, None], robust, guess)
+    covariance = np.where(is_robust[..., None, None], robust, guess)
+    if direction is not None:
+        follows = _follows_direction(np.asarray(np.linalg.inv(P), dtype=float), theta, squares, direction)
+        covariance = np.where(follows[..., None, None], np.diag(np.full(parameters, np.inf)), covariance)
+    return P, covariance
+
+
+def _follows_direction(J: Array, theta: Array, squares: Array, direction: int) -> Mask:
+    """Return whether the torque depends on the direction of motion alone (B, S).
+
+    Then zeros and a dry friction of the size of the torque solve all equations, too. With J = 1 / P, the equations have
+    y'y = squares + theta' J theta. The best multiple of column k alone explains (J theta)_k^2 / J_kk of it.
+    """
+    moments = np.einsum("...ij,...j", J, theta)
+    total = squares + np.einsum("...i,...i", theta, moments)
+    explained = moments[..., direction] ** 2 / J[..., direction, direction]
+    return np.asarray((total > 0) & (total - explained <= ONE_SIZE_RESIDUAL**2 * total))

@@ -72,8 +72,8 @@ class Estimates:
 
     @property
     def is_known(self) -> Mask:
-        """Return whether the data determine each parameter better than P(0) (B, S, P); else its std has no meaning."""
-        return np.einsum("bsii->bsi", self.P) < 0.5 * self.prior
+        """Return whether the data determine each parameter, better than P(0) (B, S, P); else its std has no meaning."""
+        return (np.einsum("bsii->bsi", self.P) < 0.5 * self.prior) & np.isfinite(self.std)
 
 
 class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metaclass,misc]  # for Gymnasium

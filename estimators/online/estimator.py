@@ -116,7 +116,10 @@ class OnlineEstimator:
             self._buffer = SampleBuffer() if smoothing is None else None
         self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._start_stream(smoothing or Smoothing.from_noise(noise, rate), known_noise)
-        self._clusters = ClusterCovariance(shape, parameters, 1.0 / rate / len(self._stream.joints), forgetting)
+        has_known = any(column.is_known for term in terms for column in term.columns)
+        direction = None if has_known or "coulomb" not in self.names else self.names.index("coulomb")
+        period = 1.0 / rate / len(self._stream.joints)
+        self._clusters = ClusterCovariance(shape, parameters, period, forgetting, direction)
         self._noise_bias = NoiseBias(shape, parameters, forgetting) if self._stream.joints == ("",) else None
         self._joint: JointFilters | None = None
         if joint is not None:

@@ -151,9 +151,10 @@ def apply_low_pass(series: Array, cutoff: float, period: float, order: int = 1) 
 def compute_decay(cutoff: float, period: float) -> float:
     """Compute the decay a of F over a sample, see `apply_low_pass`; a cutoff above Nyquist raises a `ValueError`."""
     if not 0 < cutoff < np.pi / period:
+        unfiltered = [scheme.id for scheme in SCHEMES if not isinstance(scheme.operator, LowPass)]
         raise ValueError(
             f"a filter at {cutoff:g} rad/s needs samples at more than {cutoff / np.pi:.4g} Hz, these are at "
-            f"{1 / period:.4g} Hz: lower the cutoff or sample faster"
+            f"{1 / period:.4g} Hz: sample faster, or leave out the filtered schemes: schemes={unfiltered}"
         )
     return (2 - cutoff * period) / (2 + cutoff * period)
 

@@ -218,6 +218,17 @@ def test_what_cannot_be_told_is_not_said_to_be_known():
     assert (np.abs(now.theta[0] - truth) < 4 * std).all()
 
 
+@pytest.mark.parametrize("recursion", slow.but_first(list(RECURSIONS)))
+def test_torque_that_follows_the_direction_of_motion_determines_nothing(recursion):
+    """Zeros, and dry friction of the size of the torque, solve all equations until the torque has a second size."""
+    command = np.r_[np.full(1000, 4.0), 4.0 + 2.0 * np.sin(np.arange(1000) / 50.0)]
+    (run,) = simulate([(Plant(), Experiment(rate=500.0, seconds=4.0, torque_noise=0.02, seed=0))], [command])
+    estimates = feed(OnlineEstimator(500.0, recursion=recursion), run)
+    assert np.isinf(estimates[990].std).all() and not estimates[990].is_known.any()
+    assert np.isfinite(estimates[-1].std).all()
+    assert (np.abs(estimates[-1].theta[0] - TRUTH) < 4 * estimates[-1].std[0]).all()
+
+
 @pytest.mark.parametrize("memory", slow.but_first([{"forgetting": 0.997}, {}]), ids=str)
 def test_a_payload_picked_up_in_mid_run_is_tracked_by_who_forgets(memory):
     theta = feed(OnlineEstimator(500.0, batch=20, **memory), stick_and_slip(20, 14.0, change=7.0))[-1].theta
@@ -238,7 +249,7 @@ def test_stick_teaches_nothing(sticky):
     ("arguments", "text"),
     [
         ({"schemes": PAPER}, "hamiltonian borrows its inertia"),
-        ({"rate": 50.0}, "lower the cutoff or sample faster"),
+        ({"rate": 50.0}, r"schemes=\['dynamic', 'energy', 'hamiltonian'\]"),
         ({"forgetting": 1.1}, "forgetting is 1.1"),
         ({"prior": 0.0}, "give a positive number"),
         ({"terms": ()}, "nothing to estimate"),
