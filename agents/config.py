@@ -28,7 +28,7 @@ class Config:
         constraint: of the torque, "peak" or "rms"; "arm" for the motion of an arm.
         robot: URDF or MJCF file of the arm; the links of `PlanarArm-v0` by default.
         seed: of plants, noise, network and exploration.
-        steps: total number of decisions.
+        steps: total number of decisions, rounded up to whole rollouts of all pendulums, see `total`.
         pendulums: number of pendulums, or of motions of an arm, in a batch.
         batch: decisions in a step of the optimiser.
         learning_rate: initial value; it falls linearly to zero.
@@ -60,6 +60,12 @@ class Config:
     price_rate: Annotated[float, Meta(ge=0.0, le=1e6)] = 3e-5
     head_start: Annotated[int, Meta(ge=0, le=10**9)] = 50
     checkpoint: Annotated[int, Meta(ge=1, le=10**12)] = 200_000
+
+    @property
+    def total(self) -> int:
+        """Return the number of decisions of the training, in whole rollouts of all pendulums."""
+        decisions = self.pendulums * self.rollout
+        return -(-self.steps // decisions) * decisions
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Config:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from agents.observer import OBSERVATION_BOUND, Batch
 from pendulum_env._typing import Array
 from pendulum_env.lookup import find
+from pendulum_env.spaces import merge_seeds
 
 Bools = NDArray[np.bool_]
 TaskState = tuple[Batch, Array, dict[str, Any]]  # observations (B, N), information (B,) [nat], info
@@ -51,8 +52,8 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Batch, dict[str, Any]]:
-        """Begin episodes; of a list of seeds the first is used. Raises ValueError for an unknown option."""
-        super().reset(seed=seed[0] if isinstance(seed, list) else seed)
+        """Begin episodes; one generator, seeded by all seeds, draws them. Raises ValueError for an unknown option."""
+        super().reset(seed=merge_seeds(seed))
         for name in options or {}:
             find("option of reset", name, dict.fromkeys(self.options))
         return self._unpack_state(self._begin_episodes(options or {}))

@@ -95,7 +95,7 @@ def train(config: Config, progress: Progress | None = None, folder: Path | None 
         if (folder / CHECKPOINT).exists():
             model = _read_checkpoint(folder, config)
         model.tensorboard_log = str(folder / "tensorboard") if find_spec("tensorboard") else None
-    if (steps_left := config.steps - model.num_timesteps) > 0:
+    if (steps_left := config.total - model.num_timesteps) > 0:
         callback = _TrainingCallback(config, progress, folder)
         model.learn(steps_left, callback, tb_log_name="training", reset_num_timesteps=model.num_timesteps == 0)
     return export_network(model, config)
@@ -177,7 +177,7 @@ class _TrainingCallback(BaseCallback):
         self._gained = []
         self.logger.record("rollout/reward", mean)
         if self._progress is not None:
-            self._progress(f"{steps:,} decisions, reward {mean:.4f} each", min(1.0, steps / config.steps))
+            self._progress(f"{steps:,} decisions, reward {mean:.4f} each", steps / config.total)
         if self._folder is not None and (at_end or steps // config.checkpoint > self._kept // config.checkpoint):
             assert isinstance(self.model, PPO)
             self._kept = steps

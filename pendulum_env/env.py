@@ -55,7 +55,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         effects: Effects = (),
         theta: Mapping[str, float] | None = None,
         model: Model | str | Path | None = None,
-        rate: float = 1000.0,
+        rate: float | None = None,
         substeps: int = 1,
         max_torque: float = spaces.MAX_TORQUE,
         counts: int = COUNTS,
@@ -73,7 +73,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
                 `pendulum-ident effects` lists them.
             theta: parameters of the plant that differ from the paper's, by name.
             model: identified model, or its file, to simulate as the plant.
-            rate: samples and actions per second [Hz]; a replay has the rate of its recording.
+            rate: samples and actions per second [Hz], 1000 by default; a replay has the rate of its recording.
             substeps: integration steps per sample. The error is of second order in the step: 4e-6 rad RMS over 30 s of
                 the paper's excitation with steps of 1 ms.
             max_torque: bound of the action [N m].
@@ -91,10 +91,11 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
             DriveError: if the rig cannot be reached or is in use.
             ModuleNotFoundError: if a backend needs an extra that is not installed.
         """
+        has_plant = bool(effects) or any(value is not None for value in (theta, model, rate))
+        _check_arguments(backend, recording, config, has_plant)
+        rate = 1000.0 if rate is None else rate
         spaces.check_positive("a pendulum", rate=rate, substeps=substeps, max_torque=max_torque)
         self._renderer = Renderer(render_mode)
-        has_plant = bool(effects) or theta is not None or model is not None
-        _check_arguments(backend, recording, config, has_plant)
         sensor = Sensor(counts, torque_noise, find("velocity", velocity, spaces.VELOCITIES))
         files = [None if file is None else str(file) for file in (recording, config)]
         self._setup = Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files)
@@ -236,4 +237,4 @@ def _check_arguments(backend: str, recording: str | Path | None, config: str | P
     if backend != "dm1015b" and config is not None:
         raise ValueError(f"a configuration is for backend='dm1015b', not for '{backend}'")
     if backend in OWN_PLANT and has_plant:
-        raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta and model")
+        raise ValueError(f"{OWN_PLANT[backend]}: leave out effects, theta, model and rate")

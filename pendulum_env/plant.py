@@ -107,11 +107,10 @@ def hide(plant: Model, text: str) -> Model:
     for name in values_by_name:
         find(f"parameter of {id}", name, parameters)
     linear = {name: values_by_name.get(name, typical) for name, typical in parameters.items() if name not in nonlinear}
-    for name, value in linear.items():
-        if not abs(value) <= MAX_NUMBER:
-            raise ValueError(
-                f"{name} of {id} cannot be {value:g}: give a number from {-MAX_NUMBER:g} to {MAX_NUMBER:g}"
-            )
+    for column, (name, value) in zip(term.columns, linear.items(), strict=True):
+        low, high = max(column.least, -MAX_NUMBER), min(column.most, MAX_NUMBER)
+        if not low <= value <= high:
+            raise ValueError(f"{name} of {id} cannot be {value:g}: give a number from {low:g} to {high:g}")
     if term.fault:
         raise ValueError(f"{id} cannot be as '{text}' says: {term.fault}")
     return plant.add(term, np.array([*linear.values()]))

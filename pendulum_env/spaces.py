@@ -38,6 +38,14 @@ def check_positive(owner: str, **values: float) -> None:
             raise ValueError(f"{argument} of {owner} cannot be {value_text}: give a positive number")
 
 
+def merge_seeds(seed: int | list[int | None] | None) -> int | None:
+    """Return the seed of the one generator of a batch, which depends on all seeds of a list."""
+    if not isinstance(seed, list) or len(seed) == 1:
+        return seed[0] if isinstance(seed, list) else seed
+    entropy = [0 if value is None else value + 1 for value in seed]
+    return int(np.random.SeedSequence(entropy).generate_state(1)[0]) if any(entropy) else None
+
+
 def read_start(options: Mapping[str, Any], shape: tuple[int, ...]) -> list[Array]:
     """Read `position` [rad] and `velocity` [rad/s] of the given shape from the options of a reset; default 0."""
     start = []

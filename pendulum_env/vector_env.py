@@ -101,14 +101,14 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         """Begin an episode of all pendulums.
 
         Args:
-            seed: seed of the measurement noise of all pendulums; of a list, the first element is used.
+            seed: seed of the one generator of measurement noise of all pendulums, or a list of seeds.
             options: `position` [rad] and `velocity` [rad/s], scalars or (B,); `theta`, parameters by name for this and
                 later episodes, scalars or (B,).
 
         Raises:
             ValueError: if an option is unknown or impossible.
         """
-        super().reset(seed=seed[0] if isinstance(seed, list) else seed)
+        super().reset(seed=spaces.merge_seeds(seed))
         options = options or {}
         for name in options:
             find("option of reset", name, spaces.RESET_OPTIONS)

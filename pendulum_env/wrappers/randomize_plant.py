@@ -9,6 +9,7 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 
 from pendulum_env.physics import Model
 from pendulum_env.plant import PAPER, refuse_unnamed
+from pendulum_env.spaces import merge_seeds
 
 
 class Spread:
@@ -88,9 +89,8 @@ class RandomizePlantVector(VectorWrapper):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset all pendulums with new plants; the same seed draws the same plants."""
-        first_seed = seed[0] if isinstance(seed, list) else seed
-        if first_seed is not None:
-            self._rng = np.random.default_rng(first_seed)
+        if (merged := merge_seeds(seed)) is not None:
+            self._rng = np.random.default_rng(merged)
         options = {**(options or {}), "theta": self._spread.draw(self._rng, self.num_envs, options)}
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]  # lists are passed on
         self._time = np.asarray(info["time"])

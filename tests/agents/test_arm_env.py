@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agents import ARM_DESIGN, Network, load
-from agents.arm_env import TORQUE, plan_motion
+from agents.arm_env import TORQUE, ArmExcitationDesign, plan_motion
 from agents.config import Config
 from agents.training import make_task, train
 from benchmarks import six_joint
@@ -18,6 +18,13 @@ from pendulum_env.arms.env import PlanarArm
 from workbench.cli import main
 
 SMALL = {"constraint": "arm", "steps": 400, "pendulums": 8, "rollout": 10, "batch": 40, "epochs": 1, "checkpoint": 200}
+
+
+def test_an_environment_without_pictures_takes_no_render_mode():
+    env = gym.make(ARM_DESIGN, render_mode=None)
+    assert env.reset(seed=0)[0] in env.observation_space
+    with pytest.raises(ValueError, match="unknown render_mode 'human'"):
+        ArmExcitationDesign(render_mode="human")
 
 
 def test_the_reward_is_the_fall_of_the_standard_errors_and_an_episode_ends():

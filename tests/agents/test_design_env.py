@@ -41,6 +41,17 @@ def test_gymnasium_knows_it_by_its_conventions_without_torch():
     assert done.stdout.strip() == "(3, 20) False"
 
 
+def test_each_seed_of_a_list_matters():
+    env = ExcitationDesignVector(2)
+    seeds = ([5, 6], [5, 7], [5, None], 5, 5)
+    first, *others, last, again = [env.reset(seed=seed)[1]["plant"]["gravity"][0] for seed in seeds]
+    assert len({first, *others, last}) == 4 and last == again
+    assert (
+        ExcitationDesignVector(1).reset(seed=[5])[1]["plant"]["gravity"][0]
+        == (ExcitationDesignVector(1).reset(seed=5)[1]["plant"]["gravity"][0])
+    )
+
+
 def test_information_is_the_sum_of_outer_products_of_rows_that_are_fast_enough():
     """Rows are means of the laws under a window over the tick that rises and falls over a quarter of it."""
     count, steps = 3, 200

@@ -34,6 +34,13 @@ def test_training_repeats_itself_and_keeps_policies_on_the_way(tmp_path):
     assert (weights(other) != weights(first)).any()
 
 
+def test_progress_and_total_count_the_decisions_that_are_made():
+    config, shares, texts = Config.from_settings({**SMALL, "steps": 100}), [], []
+    train(config, lambda text, share: (texts.append(text), shares.append(share)))
+    assert config.total == 192 and texts[-1].startswith("192 decisions")
+    assert shares[0] == pytest.approx(0.5) and shares[-1] == 1.0
+
+
 def test_an_interrupted_training_goes_on_from_its_last_policy(tmp_path):
     def interrupt(text: str, share: float) -> None:
         if share > 0.5:

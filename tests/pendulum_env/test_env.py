@@ -177,6 +177,7 @@ def test_an_identified_model_can_be_the_plant(tmp_path):
         ({"velocity": "exact"}, ValueError, "unknown velocity"),
         ({"backend": "replay"}, ValueError, "needs a recording"),
         ({"backend": "replay", "recording": "r.csv", "effects": ["stribeck"]}, ValueError, "leave out effects"),
+        ({"backend": "replay", "recording": "r.csv", "rate": 500}, ValueError, "leave out .* rate"),
         ({"backend": "replay", "recording": "nowhere.csv"}, RecordingError, "there is no such file"),
         ({"render_mode": "ansi"}, ValueError, "unknown render_mode"),
     ],

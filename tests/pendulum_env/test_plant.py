@@ -37,6 +37,9 @@ def test_values_in_order_by_name_and_typical_agree():
         ("hard_stop:lower=0.5,upper=-0.5", "hard_stop cannot be as .* says: lower has to be below upper"),
         ("cogging:order=7,order_2=7", "its orders have to differ"),
         ("cogging:sin_2=0.1", "parameter of cogging 'sin_2'"),
+        ("stribeck=-1", r"stribeck of stribeck cannot be -1: give a number from 0 to"),
+        ("quadratic_drag=-.1", r"quadratic_drag of quadratic_drag cannot be -0\.1: give a number from 0 to"),
+        ("load_dependent_friction=0.9", "cannot be 0.9: give a number from 0 to 0.7"),
         ("stribeck=0.4,-1", "stribeck_velocity of stribeck cannot be -1: give a number from 0.01 to 10000"),
     ],
 )

@@ -28,8 +28,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "policies",
         metavar="POLICY",
         nargs="*",
-        help=f"{SHIPPED} (which ships), {', '.join(BASELINES)}; a file NAME.npz that `train` wrote, or "
-        "MODULE:CLASS, an own class with `predict` (all by default)",
+        help=f"{SHIPPED}: the shipped policy for --constraint; {', '.join(BASELINES)}; a file NAME.npz "
+        "that `train` wrote, or MODULE:CLASS, an own class with `predict` (all by default)",
     )
     parser.add_argument("--constraint", choices=CONSTRAINTS, default="peak", help="of the torque (default peak)")
     parser.add_argument(

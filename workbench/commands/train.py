@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=tuple(DEFAULTS),
         help="of a pendulum's torque: peak or rms; arm: the motion of an arm within its limits (default peak)",
     )
-    parser.add_argument("--robot", metavar="FILE", help="arm that is learnt on, URDF or MJCF, for --constraint arm")
+    parser.add_argument("--robot", metavar="FILE", help="arm to train on, URDF or MJCF, for --constraint arm")
     parser.add_argument(
         "--checkpoints",
         metavar="FOLDER",
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         has_checkpoint = folder is not None and (folder / training.CHECKPOINT).exists()
         raise Interrupted(f"run it again to go on from {folder}" if has_checkpoint else "nothing was kept") from None
     network.save(arguments.output)
-    terminal.print(f"{config.steps:,} decisions under the constraint {config.constraint}, seed {config.seed}")
+    terminal.print(f"{config.total:,} decisions under the constraint {config.constraint}, seed {config.seed}")
     if config.constraint != ARM:
         terminal.print(f"`pendulum-ident evaluate {arguments.output} --constraint {config.constraint}` compares it")
     else:
