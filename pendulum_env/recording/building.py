@@ -81,6 +81,8 @@ def build_recording(
     cleaning.align_topics(log, checks.BOUNDS.fewest)
     cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)
     cleaning.shift_restarted_runs(log)
+    if cleaning.has_repeated_times(log):
+        jitter.replace_late_stamps(log, unwrap_position())
     cleaning.drop_repeated_times(log)
     is_swing = not actuator.is_controller and not (np.abs(log.values["torque"]) > NO_TORQUE).any()
     if is_swing and np.ptp(log.values["position"]) > 0:

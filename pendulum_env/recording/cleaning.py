@@ -32,6 +32,7 @@ class CleaningSettings:
     moving_ratio: float = 3.0  # least ratio of a moving joint's step to the usual deviation from steady motion
     jump_ratio: float = 3.0  # least ratio of an impossible jump to the steps around it, and of unsteady travels
     repeated_step: float = 1e-6  # largest step of a repeated time, as share of the median step
+    least_moved: float = 0.5  # least share of moved rows among those that repeat a time, relative to other rows
     steady_tolerance: float = 0.25  # largest relative difference of equal steps
     lost_ratio: float = 1.5  # least ratio of steps across lost cells to steps between rows
     least_tilt: float = 0.2  # [rad], least angle from equilibrium of a joint that is held
@@ -192,6 +193,15 @@ def shift_restarted_runs(log: Log) -> None:
         log.values = {**log.values, "time": time + shift}
 
 
+def has_repeated_times(log: Log) -> bool:
+    """Return whether rows that repeat a time have new positions as often as other rows: they are no copies."""
+    steps, is_moved = np.diff(log.values["time"]), np.diff(log.values["position"]) != 0
+    is_repeat = steps <= CLEANING.repeated_step * np.median(steps)
+    if steps.min() < 0 or not is_repeat.any() or is_repeat.all():
+        return False
+    return bool(is_moved[is_repeat].mean() > CLEANING.least_moved * is_moved[~is_repeat].mean())
+
+
 def drop_repeated_times(log: Log) -> None:
     """Remove rows whose time repeats that of the previous row."""
     time = log.values["time"]
@@ -211,6 +221,11 @@ def drop_repeated_times(log: Log) -> None:
         raise RecordingError(
             f"most times stand in several rows with different positions, as at data row {log.rows[np.argmin(is_new)]} "
             "(header not counted): the rows are of several joints or topics, keep those of one"
+        )
+    if 2 * np.count_nonzero(is_new) < len(time) and has_repeated_times(log):
+        raise RecordingError(
+            f"{len(time)} rows with different positions have only {np.count_nonzero(is_new)} different times, as at "
+            f"data row {log.rows[np.argmin(is_new)]} (header not counted): write time with more decimals"
         )
     if not is_new.all():
         log.notes.append(note_rows(NoteKind.TIME_REPEATED, log.rows[~is_new]))

@@ -55,7 +55,8 @@ def find_unix_unit(time: Array) -> str | None:
     finite = time[np.isfinite(time)]
     if len(finite) < 2:
         return None
-    units = list_plausible_units(float(np.median(np.abs(np.diff(finite)))))
+    step = float(np.median(np.abs(np.diff(finite))) or np.ptp(finite) / (len(finite) - 1))  # 0 if rows repeat a time
+    units = list_plausible_units(step)
     return next((unit for unit in units if find_date(finite[0] * UNITS["time"][unit]) is not None), None)
 
 

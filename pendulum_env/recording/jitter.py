@@ -20,6 +20,7 @@ class JitterSettings:
     pause: float = 5.0  # [periods], least step between parts with separate clocks
     precision: float = 0.1  # [periods], standard error of the shift of the clock across a possible loss
     most_rows: int = 50  # most rows on either side in the mean of this shift
+    fewest_stamps: int = 100  # least number of steps between stamps that repeat: rounding moves a clock by 1 / n^2
     least_white: float = 1.0  # least mean square of successive differences over the variance: 2 if white, 0 if summed
     largest_spread: float = 0.5  # [periods], largest standard deviation of the stamps
     least_z_score: float = 4.0  # [standard errors], least distance of the share of jitter from `share_limit`
@@ -40,18 +41,24 @@ def replace_late_stamps(log: Log, position: Array) -> None:
     """Replace time stamps by a fitted uniform clock, if position (N,) shows uniform samples.
 
     Stamps jitter about a uniform clock if their deviations do not accumulate. If the samples jitter too, position
-    deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. Otherwise, time
-    is unchanged.
+    deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. Rounded stamps
+    and rows that arrive in bursts repeat times; they deviate by at most a step between different stamps. Otherwise,
+    time is unchanged.
     """
     time = log.values["time"]
     steps = np.diff(time)
-    median_step = float(np.median(steps))
+    median_step = float(np.median(steps[steps > 0]))
+    has_repeats = bool((steps == 0).any())
+    burst = float(np.median(np.diff(np.flatnonzero(steps)))) if has_repeats else 1.0  # [rows] of one stamp
     noise = 1.4826 * float(np.median(np.abs(steps - median_step))) / np.sqrt(2.0)
-    if noise <= max(log.resolution, 1e-3 * median_step):
+    if not has_repeats and noise <= max(log.resolution, 1e-3 * median_step):
+        return
+    if has_repeats and JITTER.fewest_stamps * median_step > time[-1] - time[0]:
         return
     width = int(np.clip(np.ceil(2.0 * (noise / (JITTER.precision * median_step)) ** 2), 1, JITTER.most_rows))
+    width = round(burst * np.ceil(JITTER.most_rows / burst)) if has_repeats else width  # whole bursts
     period = float(np.median(time[width:] - time[:-width])) / width
-    cuts = steps > JITTER.pause * period
+    cuts = steps > JITTER.pause * burst * period
     if "segment" in log.values:
         cuts |= np.diff(log.values["segment"]) != 0
     bounds = [0, *(np.flatnonzero(cuts) + 1).tolist(), len(time)]
@@ -59,23 +66,28 @@ def replace_late_stamps(log: Log, position: Array) -> None:
     if not parts:
         return
     fits = []
-    moves = np.diff(position)
+    moves, n_stamps = np.diff(position), np.count_nonzero(steps) + 1
     for row_steps, width_of_shift in product((np.ones_like(log.rows[1:]), np.diff(log.rows)), (0, width)):
-        counts = [
-            _count_periods(time[a:b], moves[a : b - 1], row_steps[a : b - 1], period, width_of_shift)
-            for a, b in pairwise(bounds)
-        ]
+        counts, n_lost = [], 0
+        for a, b in pairwise(bounds):
+            known = row_steps[a : b - 1]
+            counts.append(_count_periods(time[a:b], moves[a : b - 1], known, period, width_of_shift))
+            n_lost += int(counts[-1][-1] - known.sum())
         clock, step = _fit_clock(time, np.concatenate(counts), bounds)
-        fits.append((float(np.var(time - clock)), step, clock))
-    variance, step, clock = min(fits, key=lambda fit: fit[0])
+        penalty = 2 * n_lost * np.log(n_stamps)  # BIC: place and size of each loss
+        fits.append((float(n_stamps * np.log(np.var(time - clock)) + penalty), step, clock))
+    _, step, clock = min(fits, key=lambda fit: fit[0])
     delay = time - clock
+    variance = float(np.var(delay))
     successive = np.mean(np.concatenate([np.diff(delay[a:b]) for a, b in parts]) ** 2)
-    if successive < JITTER.least_white * variance or np.sqrt(variance) > JITTER.largest_spread * step:
+    is_white = successive >= JITTER.least_white * variance and np.sqrt(variance) <= JITTER.largest_spread * step
+    is_bounded = has_repeats and np.quantile(np.abs(delay), 1 - JITTER.quantile) <= max(median_step, step)
+    if not (is_white or is_bounded):
         return
     share, error = _estimate_jitter_share(delay, clock, step, position)
     if not share + JITTER.least_z_score * error < JITTER.share_limit:
         return
-    log.values = {**log.values, "time": clock - clock[0]}
+    log.values = {**log.values, "time": clock - clock[0] + time[0]}
     numbers = {"rate": Quantity(1 / step, unit="Hz"), "std": Quantity(1e3 * float(np.sqrt(variance)), unit="ms")}
     log.notes.append(Note(NoteKind.STAMPS_LATE, numbers=numbers))
 

@@ -143,6 +143,27 @@ def test_rows_left_out_for_a_repeated_stamp_keep_their_time() -> None:
     np.testing.assert_allclose(recording.position, run["position"][: len(recording.time)], rtol=0, atol=1e-4)
 
 
+@pytest.mark.parametrize(("decimals", "burst"), [(3, 1), (2, 1), (9, 5), (9, 16)])
+def test_samples_whose_stamps_repeat_are_read_on_the_uniform_clock(decimals: int, burst: int) -> None:
+    run = motion(1027, 10.0)
+    last = np.minimum(np.arange(len(run["time"])) // burst * burst + burst, len(run["time"])) - 1
+    recording = read_recording(run | {"time": 1.7e9 + np.round(run["time"][last] + 0.123456, decimals)})
+    assert recording.rate == pytest.approx(1027, rel=1e-4) and recording.starts == (0,)
+    np.testing.assert_array_equal(recording.position, run["position"])
+
+
+def test_bursts_in_nanoseconds_since_1970_are_recognised() -> None:
+    run = motion(500, 10.0)
+    stamps = 1_700_000_000_123_456_789 + (np.arange(5000) // 5) * 10_000_000
+    assert read_recording(run | {"time": stamps}).rate == pytest.approx(500, rel=1e-4)
+
+
+def test_few_different_times_in_many_rows_of_motion_are_refused() -> None:
+    run = motion(500, 10.0)
+    with pytest.raises(RecordingError, match=r"5000 rows .* only 11 different times"):
+        read_recording(run | {"time": np.round(run["time"])})
+
+
 def held(rate: float, phase: float = 0.0, log_rate: float = 500.0, shift: float = 0.0) -> dict[str, np.ndarray]:
     """20 s of a log whose encoder, of 2^16 counts, samples at another rate and holds its value; it rests in between."""
     time = np.arange(round(20 * log_rate)) / log_rate
