@@ -97,12 +97,12 @@ def make_environment(plan: Plan) -> gym.Env[Any, Any]:
             return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(plan.rig.path))
         except DriveError as error:
             raise InputError(str(error)) from None
+    plant = {"model": plan.plant, "rate": arguments.rate} if arguments.replay is None else {}
     return gym.make(
         PENDULUM,
         max_episode_steps=-1,
         backend=arguments.backend or "pymunk",
-        model=None if arguments.replay is not None else plan.plant,
-        rate=arguments.rate,
+        **plant,
         counts=arguments.counts,
         torque_noise=TORQUE_NOISE,
         max_torque=max(MAX_TORQUE, plan.command.amplitude),
