@@ -537,11 +537,16 @@ def choose_half_width(recording: Recording) -> float:
     Encoder noise must be below torque noise or negligible. If no half width meets both, the longest with enough windows
     is chosen, else the half width with the longest clear time. Short windows include samples near reversals, which show
     friction. Encoder noise falls with length^2.5.
+
+    In a free swing, the shortest windows in which encoder noise would be negligible may be much longer. Such windows
+    include reversals, see `cut`. They are taken if noise in the longest of the others is above `NEGLIGIBLE`, and are at
+    most half a period long.
     """
     widths, cut_at = _list_half_widths(recording), cache(partial(cut, recording))
     longest = cut_at(widths[-1])
     load_inertia = float(np.max(longest.samples.load.inertia))
-    inertia, noise_factor = load_inertia, 1.0  # [kg m^2], and factor on the torque noise by calibration
+    # [kg m^2], and factor on the torque noise by calibration
+    inertia, noise_factor = load_inertia + recording.known_inertia, 1.0
     for w in map(cut_at, reversed(widths)):  # long windows have less noise
         data = join_windows((w,))
         if len(w.centers) >= 40:
@@ -562,7 +567,19 @@ def choose_half_width(recording: Recording) -> float:
         return inertia * w.acceleration_noise <= max(0.7 * noise_factor * w.torque_noise, negligible)
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
+    noise = inertia * longest.acceleration_noise
+    if quiet is None and recording.known_inertia and noise > NEGLIGIBLE * longest.torque_scale:
+        half_width = min(widths[-1] * (noise / negligible) ** 0.4, 0.25 * find_period(longest))
+        if half_width > HALF_WIDTHS[-1]:
+            return half_width
     return quiet or next(filter(is_feasible, reversed(widths)), None) or max(widths, key=measure_clear_time)
+
+
+def find_period(w: Windows) -> float:
+    """Return the period of a swing [s], twice the median time between reversals; 0 with fewer than two reversals."""
+    instants = np.flatnonzero(w.moving)
+    reversals = instants[1:][np.diff(np.sign(w.samples.velocity[instants])) != 0]
+    return 2 * float(np.median(np.diff(reversals))) / w.recording.rate if len(reversals) > 1 else 0.0
 
 
 def join_windows(windows: Sequence[Windows], shared_columns: Mapping[str, TermColumns] | None = None) -> TorqueWindows:

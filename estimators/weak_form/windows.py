@@ -33,7 +33,7 @@ from estimators.signals.differentiation import (
     estimate_white_noise,
     find_near_reversals,
 )
-from estimators.signals.motion import LEAD_IN, SLOWEST, get_known_load, get_temperature
+from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, get_known_load, get_temperature
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.arms.body import LinkLoad
 from pendulum_env.physics import LOAD, Column, KnownLoad, Samples, Term
@@ -405,6 +405,9 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: flo
     Windows never overlap gaps, the lead-in of a segment, or instants with an open motor. Position and velocity are
     smoothed, acceleration is not. The torque noise includes that of the known load.
 
+    Windows of a free swing that are longer than `HALF_WIDTHS` include reversals, but are mostly in motion: without
+    torque, a joint that sticks stays at rest.
+
     Args:
         recording: recording, at least 0.1 s longer than a window.
         half_width: half width of a window [s], at least two samples.
@@ -412,13 +415,17 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: flo
         margin: least time between a window and the ends of its segment [s].
     """
     m = max(2, round(half_width * recording.rate))
-    smoothing = max(2, round(0.75 * m))
+    has_reversals = recording.known_inertia > 0 and half_width > HALF_WIDTHS[-1]
+    smoothing = max(2, round((0.3 if has_reversals else 0.75) * m))
     window, load = make_bump(m), get_known_load(recording)
     motion = differentiate_position(recording, window, smoothing)
     v = motion.velocity
-    moving = np.abs(v) > max(SLOWEST, 5 * motion.velocity_noise)
+    speed = np.sqrt(np.convolve(v**2, window, "same")) if has_reversals else np.abs(v)
+    moving = speed > max(SLOWEST, 5 * motion.velocity_noise)
     guard = m + 1 + smoothing // 3  # smoothing may shift a zero of the velocity
-    near_stick, is_excluded = find_near_reversals(v, moving, guard), np.zeros(len(v), dtype=bool)
+    mostly_moving = np.convolve(moving, window, "same") > 0.5
+    near_stick = ~mostly_moving if has_reversals else find_near_reversals(v, moving, guard)
+    is_excluded = np.zeros(len(v), dtype=bool)
     distance = math.ceil(margin * recording.rate)
     for begin, end in pairwise((*recording.starts, len(recording))):
         lead_in = max(distance, round(min(LEAD_IN * recording.rate, 0.1 * (end - begin))))
@@ -433,7 +440,6 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: flo
     is_clear = ~(near_stick | is_excluded)
     is_clear[: first + m] = is_clear[stop - m :] = False
     torque_noise = _compute_torque_noise(recording, load, window)
-    mostly_moving = np.convolve(moving, window, "same") > 0.5
     return Windows(
         recording=recording,
         samples=Samples(

@@ -51,6 +51,18 @@ def pushed(scale: float = 0.2) -> Recording:
     return Recording(run.time, run.position, run.torque, name="pushed")
 
 
+@once("benchmarks")
+def filmed(rate: float, drag: float = 0.0, seed: int = 0) -> list[Recording]:
+    """Three swings with a period of 1 s in a video, with angles to half a degree."""
+    plant = Plant(0.02, gravity=0.8, viscous=4e-3, coulomb=6e-3, effects={"quadratic_drag": {"drag": drag}})
+    runs = [
+        Experiment(rate, 25.0, start=(start, 0.0), counts=None, position_noise=8e-3, torque_noise=0.0, seed=seed + k)
+        for k, start in enumerate((2.6, 2.0, 1.4))
+    ]
+    films = simulate([(plant, run) for run in runs], [np.zeros(run.samples) for run in runs])
+    return [Recording(film.time, film.position, film.torque, name=f"film {k}") for k, film in enumerate(films)]
+
+
 def assert_recovered(model: Model, truth: dict[str, float], errors: float = 3.5) -> None:
     for name, value in truth.items():
         estimate = model.estimates[name]
@@ -148,6 +160,25 @@ def test_nothing_is_missing():
     assert found.selected == () and not found.unexplained and found.torque_unit == "rad/s^2"
     assert_recovered(found.model, RATIOS)
     assert not any(is_torque_needed(effects()[candidate.effect]) for candidate in found.candidates)
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0])
+def test_a_video_determines_gravity_and_friction(rate):
+    found = diagnose(filmed(rate))
+    assert found.selected == () and not found.unexplained
+    assert_recovered(found.model, {"gravity": 40.0, "viscous": 0.2}, 4.0)
+    dry = found.model.estimates["coulomb"]
+    assert abs(dry.value - 0.3) < 3.5 * dry.std
+    assert found.model.estimates["gravity"].std < 0.06 and dry.std < 0.12
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0])
+def test_a_video_shows_quadratic_drag(rate):
+    found = diagnose(filmed(rate, 4e-3))
+    assert found.selected == ("quadratic_drag",)
+    assert_recovered(found.model, {"gravity": 40.0})
+    drag = found.model.estimates["quadratic_drag"]
+    assert abs(drag.value - 0.2) < 3.5 * drag.std and drag.std < 0.08
 
 
 @pytest.mark.parametrize("name", ["viscous", "coulomb"])
