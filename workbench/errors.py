@@ -17,7 +17,7 @@ class Interrupted(KeyboardInterrupt):
 
 OPTIONS = {"fixed": "--fix", "bounds": "--bound"}  # options by the Python name of the argument, where they differ
 USER_ERRORS = (UserError, OSError, ModuleNotFoundError)  # ModuleNotFoundError: an extra is not installed
-LONGEST = 500  # largest length of a message [characters]
+LONGEST = 700  # largest length of a message [characters]
 
 
 def write_option(name: str, value: object) -> str:

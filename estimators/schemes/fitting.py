@@ -139,9 +139,11 @@ def fit_schemes(
     for scheme in schemes:
         data = stack_equations(segments, partial(compute_regressions, scheme), terms)
         if len(np.unique(data.clusters[data.usable])) < MIN_CLUSTERS:
+            reach = max(m.reach * m.period for group in segments for joints in group for m in joints)
             raise IdentificationError(
-                f"{names}: too little of the motion is clear of stick and reversals: record longer, faster or wider "
-                "motion, or at a higher rate"
+                f"{names}: too little of the motion is clear of stick and reversals: the filter for this noise and "
+                f"rate needs {reach:.2g} s on either side, and {data.usable.mean():.1%} of the samples have it. "
+                "Record with less noise, at a higher rate, or longer, wider or slower motion; `diagnose` needs less"
             )
         idle_joints = np.setdiff1d(data.joint, data.joint[data.usable])
         if len(idle_joints):

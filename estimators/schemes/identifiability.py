@@ -56,7 +56,8 @@ def find_undetermined(
     if not (doubts or is_free or is_known) and (size := _find_size_by_direction(held, velocity)) is not None:
         torque = Quantity(size, unit=units.unit(NEWTON_METRE))
         doubts.append(Finding(Kind.TORQUE_FOLLOWS_DIRECTION, {"torque": torque}, tuple(names)))
-    forwards = float(np.mean(velocity > 0))
+    moving = np.concatenate([m.velocity[m.moving] for m in measurements])  # clear samples are few if noise is large
+    forwards = float(np.mean(moving > 0))
     if not ONE_SIDED_SHARE < forwards < 1 - ONE_SIDED_SHARE:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
         withheld = tuple(name for name in constants if name in names)

@@ -271,14 +271,15 @@ def _refuse_missing(
     hints = []
     if suggested:
         reasons, texts, meanings = zip(*suggested.values(), strict=True)
-        example = format_setting("columns", {**expressions, **dict(zip(suggested, texts, strict=True))})
-        hints = [f"{', '.join(reasons)}, as in {example}{' and'.join(filter(None, meanings))}"]
+        names = {**expressions, **dict.fromkeys(missing, "NAME"), **dict(zip(suggested, texts, strict=True))}
+        example = format_setting("columns", names)
+        hints = [f"{' and '.join(reasons)}, as in {example}{' and'.join(filter(None, meanings))}"]
     if missing == ["reference"]:
         hints = [f"say which is the goal with {option}"]
     elif len(joints := _find_joints(headers)) > 1:
         robot = format_setting("robot", "ARM.urdf")
         hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
-    elif len(suggested) < len(missing):
+    elif not suggested:
         hints.append(f"name the columns {HEADER} (in s, rad, N m), or say which with {option}")
     if "time" in missing:
         hints.append("if the log has no times, add a column of them: the number of the row over the rate in Hz")
@@ -288,7 +289,8 @@ def _refuse_missing(
         if missing == ["torque"]:
             none = format_setting("columns", {**expressions, "torque": NONE})
         hints.append(f"{none} if nothing drives the joint{drive}")
-    raise ColumnError(f"no column for {', '.join(missing)} among {_list_headers(headers)}: {'; '.join(hints)}")
+    among = f"among {_list_headers(headers)}" if headers else "(the file has no columns)"
+    raise ColumnError(f"no column for {', '.join(missing)} {among}: {'; '.join(hints)}")
 
 
 def _suggest_column(quantity: str, headers: Sequence[str], unused: Sequence[str]) -> tuple[str, str, str] | None:
@@ -297,17 +299,20 @@ def _suggest_column(quantity: str, headers: Sequence[str], unused: Sequence[str]
     Returns the reason, the expression of the column, and the meaning of its gain.
     """
     readings = {header: read_words(header.strip()) for header in headers}
+    pairs = [h for h in headers if h.endswith("[0]") and f"{h[:-3]}[1]" in headers and f"{h[:-3]}[2]" not in headers]
+    unused = [header for header in unused if header not in pairs]
     raw = [h for h in headers if _is_raw(quantity, h) or (readings[h].is_raw and readings[h].quantity == quantity)]
     raw.sort(key=lambda header: bool(readings[header].label))  # `current_motor` before `current_in`
     if quantity == "torque":
         raw.sort(key=_find_header_raw_unit)  # currents first
     suggestions: list[tuple[str, list[str], str, str]] = [
         ("may count samples", [h for h in headers if normalise_name(h) in COUNTERS], "/RATE", " with their rate [Hz]"),
+        ("may be the time", pairs, "", ""),  # as Simulink saves signals
         ("has its unit", [header for header in unused if find_trailing_unit(UNITS[quantity], header)], "", ""),
         ("may be it", [h for h in unused if readings[h].quantity == quantity and not readings[h].is_raw], "", ""),
         ("needs a gain", raw, *(_write_gain(quantity, raw[0].strip()) if raw else ("", ""))),
     ]
-    for reason, matches, conversion, meaning in suggestions if quantity == "time" else suggestions[1:]:
+    for reason, matches, conversion, meaning in suggestions if quantity == "time" else suggestions[2:]:
         for header in matches:
             return f"{quote_value(header.strip(), LONGEST_HEADER)} {reason}", header.strip() + conversion, meaning
     return None
@@ -613,4 +618,4 @@ def find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
 def _list_headers(headers: Sequence[str]) -> str:
     names = [quote_value(header.strip(), LONGEST_HEADER) for header in headers]
     listed = [name for k, name in enumerate(names) if k < 3 or len(", ".join(names[: k + 1])) < LONGEST_LIST]
-    return ", ".join(listed + ["..."] * (len(listed) < len(names))) or "no columns at all"
+    return ", ".join(listed + ["..."] * (len(listed) < len(names))) or "none"

@@ -317,7 +317,7 @@ def describe_nearest_body(nearest: Nearest) -> str:
     return f"no body has these parameters: the nearest is {off}, in {nearest.farthest}"
 
 
-CORRECT_IT = "Correct it with --align (`FitData.from_recordings(recordings).with_timing()` in Python)."
+CORRECT_IT = "Correct it with --align (`align(recordings)` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
 ANSWERS = (
     "{begin} torque reacts to the motion ({gain:2} between samples). "
@@ -568,8 +568,8 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "explains it in these data."
     ),
     Kind.NEAR_REVERSALS: (
-        "The torque fits where the joint moves freely, but free-running simulation errs by {error:2}: something acts "
-        "near reversals or at rest."
+        "The torque fits where the joint moves freely, but free-running simulation of the fitted data errs by "
+        "{error:2}: something acts near reversals or at rest."
     ),
     Kind.CONTACT: (
         "A stop or a blow was met{by_joint} at {angle:3} ({recordings}, {time:3}): {torque:2} more than the model "

@@ -9,6 +9,7 @@ from estimators.findings import Finding, Kind
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identifiability import find_undetermined
 from estimators.schemes.identification import identify
+from estimators.schemes.six import GUARD_TIME
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects
 from pendulum_env.physics.limits import limit_term
@@ -31,6 +32,20 @@ def kinds(recording: Recording, *added: str) -> list[Kind]:
 def test_nothing_is_doubted_of_a_rich_recording(paper_run):
     assert kinds(paper_run) == []
     assert kinds(paper_run, "torque_offset", "stribeck") == []
+
+
+def test_a_coarse_swing_that_oscillates_has_both_directions():
+    """The few samples clear of reversals are all in one direction."""
+    time = np.arange(0, 8, 1 / 30)
+    noise = 8e-3 * np.random.default_rng(1).standard_normal(len(time))
+    swing = Recording(time=time, position=2.6 * np.exp(-time) * np.cos(6 * time) + noise, torque=np.zeros(len(time)))
+    clear = measure(swing).find_clear(GUARD_TIME)
+    assert len(set(np.sign(measure(swing).velocity[clear]))) == 1
+    assert Kind.ONE_DIRECTION not in kinds(swing)
+    with pytest.raises(
+        IdentificationError, match=rf"needs {measure(swing).reach / 30:.2g} s on either side.* higher rate"
+    ):
+        identify([swing], schemes="energy", fixed={"gravity": 1.0})
 
 
 def test_one_direction_hides_friction_behind_an_offset():

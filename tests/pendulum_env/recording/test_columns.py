@@ -127,6 +127,7 @@ CURRENTS = ["iq", "Current [A]", "/motor/iq_measured", "PWM"]
         ("t,q,tau", {"position": "Q"}, "no column is named 'Q', which is to be position, among 't', 'q', 'tau'"),
         ("t,q,tau", {"velocity": "q"}, "no column for position"),
         ("cpu_time,q,tau", {}, "'cpu_time' may be it, as in --columns time=cpu_time"),
+        ("a[0],a[1],tau", {}, "as in --columns 'time=a.0.,position=NAME'"),
         *((f"t,q,{name}", {}, "no column for torque.*needs a gain, as in --columns 'torque=") for name in CURRENTS),
         (
             HEADERS,
