@@ -24,7 +24,7 @@ from pendulum_env.arms.body import Body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.errors import UserError
 from pendulum_env.excitation import DEFAULT_SPEED
-from pendulum_env.lookup import find, refuse_unknown_arguments
+from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.policy import Policy, State
 
 SECONDS = (2.0, 10.0)  # [s], range of the random duration of an episode
@@ -131,12 +131,13 @@ class ArmExcitationDesign(Task):
 
     metadata = {"render_modes": []}  # noqa: RUF012  (Gymnasium's own interface)
 
-    def __init__(self, *, render_mode: None = None, **arguments: Any) -> None:
+    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         """Make the environment with the arguments of `ArmExcitationDesignVector`, without `num_envs`.
 
-        It has no pictures: `render_mode` is None.
+        Raises TypeError for a `render_mode` other than None; stable-baselines3 then leaves it out.
         """
-        find("render_mode", str(render_mode), {"None": None})
+        if render_mode is not None:
+            raise TypeError(f"render_mode is {render_mode!r}: leave it out, this environment draws no pictures")
         super().__init__(ArmExcitationDesignVector(1, **arguments))
 
 
