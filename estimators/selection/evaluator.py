@@ -248,18 +248,22 @@ class ModelEvaluator:
         friction are compared in free motion, so the penalty counts them alone.
         """
         by_torque = self.gain(after, before)
-        if by_torque.p_value <= self.criterion.p_value or not self._is_seen_at_rest(after, before):
+        if by_torque.p_value <= self.criterion.p_value or not self._adds_dry_friction(after, before):
             return by_torque
-        compared = sum(is_dry(kind()) for kind in self.library.values())
-        penalty = float(np.log(max(1, compared * self.count_compared_variants(after, before))))
-        by_motion = self.gain_in_motion(after, before, penalty)[0]
+        by_motion = self._gain_in_friction(after, before) if self.has_misfit(before) else by_torque
         return by_motion if by_motion.p_value <= self.criterion.p_value else by_torque
 
-    def _is_seen_at_rest(self, after: Terms, before: Terms) -> bool:
-        """Return whether free motion may show the added effects although windows of torque do not."""
+    def _adds_dry_friction(self, after: Terms, before: Terms) -> bool:
+        """Return whether dry friction alone is added: free motion may show it although windows of torque do not."""
         known = list_ids(before)
         added = [term for term in after if term.id not in known]
-        return bool(added) and all(map(is_dry, added)) and self.has_misfit(before)
+        return bool(added) and all(map(is_dry, added))
+
+    def _gain_in_friction(self, after: Terms, before: Terms) -> Gain:
+        """Return the gain in free motion of a model over another with less dry friction."""
+        compared = sum(is_dry(kind()) for kind in self.library.values())
+        penalty = float(np.log(max(1, compared * self.count_compared_variants(after, before))))
+        return self.gain_in_motion(after, before, penalty)[0]
 
     @memoized
     def has_misfit(self, terms: Terms) -> bool:
@@ -321,12 +325,17 @@ class ModelEvaluator:
     def make_coefficient_gates(self, after: Terms, before: Terms) -> list[Gate]:
         """Return the gate of the coefficients of added effects, see `make_coefficient_gate`.
 
-        Models with a link, and effects that only free motion shows, have no gate.
+        Models with a link, and effects that only free motion shows, have no gate. Dry friction that the torque of few
+        windows does not determine passes if free motion shows it.
         """
         if has_link(after) or not self.is_significant(after, before):
             return []
         fit = self.train.equations(after).fit(self.train.layout.clusters)
-        return [make_coefficient_gate(after, fit, list_ids(before), self.criterion.p_value)]
+        gate = make_coefficient_gate(after, fit, list_ids(before), self.criterion.p_value)
+        if not gate.passed and self._adds_dry_friction(after, before):
+            chance = self._gain_in_friction(after, before).p_value
+            gate = replace(gate, value=chance, passed=chance <= gate.limit)
+        return [gate]
 
     def explained_share(self, after: Terms, before: Terms, enough: float = np.inf) -> float:
         """Return the share of the residual torque, or of the error of free motion, that a larger model explains.
@@ -461,7 +470,9 @@ class ModelEvaluator:
         If only free motion shows the effects, torque errors may rise by `criterion.error_margin`.
         """
         terms = after.model.terms, before.model.terms
-        is_hidden_in_torque = self._is_seen_at_rest(*terms) and not self.is_significant(*terms)
+        is_hidden_in_torque = (
+            self._adds_dry_friction(*terms) and self.has_misfit(terms[1]) and not self.is_significant(*terms)
+        )
         margin = self.criterion.error_margin if is_hidden_in_torque else 0.0
         return make_confirmation_gates(after, before, self.train.motions, margin)
 

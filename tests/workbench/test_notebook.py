@@ -88,7 +88,7 @@ def test_every_estimate_is_shown_with_its_error_and_every_region(results):
     text = shown(results["identification"])
     for result in results["identification"].schemes.values():
         for estimate in result.model.estimates.values():
-            assert format_estimate(estimate.value, estimate.std) in text
+            assert estimate.text in text
     for name, estimate in results["diagnosis"].model.estimates.items():
         assert f"{name}{format_estimate(estimate.value, estimate.std)}{estimate.unit}" in shown(results["model"])
     told, text = results["estimates"]["energy"], shown(results["estimates"])
