@@ -47,6 +47,15 @@ def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, 
         assert abs(estimate.value - truth) < 3 * estimate.std < 1.5 * truth
 
 
+@pytest.mark.parametrize(("size", "speed", "seed"), but_first([(0.1, 0.3, 20), (0.1, 0.2, 10)]))
+def test_friction_that_few_windows_of_torque_show_is_determined_by_free_motion(size, speed, seed):
+    found = diagnose(*swept(size, speed, seed), only=[*FRICTION, "cogging", "quadratic_drag"])
+    assert found.selected == ("stribeck",) and not found.unexplained
+    for name, truth in (("stribeck", size), ("stribeck.stribeck_velocity", speed)):
+        estimate = found.model.estimates[name]
+        assert abs(estimate.value - truth) < 3 * estimate.std < 0.6 * truth
+
+
 def test_add_accepts_what_diagnose_finds_by_free_motion():
     fitted, held_out = swept(0.45, 0.08, 10)
     found = diagnose(fitted, held_out, only=FRICTION)
