@@ -40,7 +40,7 @@ class ChannelSettings:
     chance_gain: float = float(np.log(2 * REACH / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
     min_equations: int = 3  # least number of equations for each column
     stribeck_shares: tuple[float, ...] = (0.02, 0.1, 0.5)  # Stribeck velocities of friction columns, of the highest
-    torque_iterations: int = 4  # fits with columns of the torque, the first with those of the acting torque
+    torque_iterations: int = 3  # iterations of columns that depend on the fitted torque
     negligible: float = 0.1  # of a sample, accuracy of clocks and of the steps of simulators
     least_sampled: float = 0.25  # of a sample, apparent delay of torque that a controller sets twice a sample
     min_recordings: int = 4  # least number of recordings for a standard error from their scatter

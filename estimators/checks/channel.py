@@ -23,18 +23,21 @@ import numpy as np
 from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment, make_moved_torque
 from estimators.checks.channel_rows import (
     ANGLE_LAWS,
+    FRICTION_SLOPE,
+    MOTOR_FRICTION,
     NONLINEAR_GAIN,
-    LawsOfTorque,
+    LawsOfRows,
     make_channel_rows,
 )
 from estimators.checks.closed_loop import find_feedback, is_consistent
+from estimators.data.rows import BLOCK
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.least_squares import IdentificationError, project_out, solve_least_squares
 from estimators.selection.criterion import Criterion
-from estimators.selection.score import cross_validate_density, make_blocks
+from estimators.selection.score import Blocks, cross_validate_density
 from estimators.signals.channel import REACH, Channel
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
-from estimators.weak_form.torque_rows import PERTURBATION, TorqueRows
+from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.windows import Windows, scale_by_jumps
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
@@ -50,12 +53,14 @@ class ChannelFits:
     Attributes:
         rows: R rows of the torque.
         phi: weighted columns (R, P).
+        by_torque: derivatives of the columns by the torque (R, P), not weighted; None: none depends on it.
         is_sampled: whether torque is sampled instead of held.
         torques: cache of `torque` by law.
     """
 
     rows: TorqueRows
     phi: Array
+    by_torque: Array | None = None
     is_sampled: bool = False
     torques: dict[Term, Array] = field(default_factory=dict)
 
@@ -67,34 +72,34 @@ class ChannelFits:
             return None
         return cls(rows, phi * rows.data.weights[:, None]).with_columns_of_torque(of_torque)
 
-    def with_columns(self, columns: Array) -> ChannelFits:
-        """Return the fits with more columns (R, P)."""
-        return replace(self, phi=np.column_stack([self.phi, columns * self.rows.data.weights[:, None]]))
+    def with_columns(self, columns: Array, by_torque: Array | None = None) -> ChannelFits:
+        """Return the fits with more columns (R, P), and their derivatives by the torque (R, P)."""
+        phi = np.column_stack([self.phi, columns * self.rows.data.weights[:, None]])
+        if by_torque is not None:
+            before = np.zeros_like(self.phi) if self.by_torque is None else self.by_torque
+            return replace(self, phi=phi, by_torque=np.column_stack([before, by_torque]))
+        return replace(self, phi=phi)
 
-    def with_columns_of_torque(self, laws: LawsOfTorque) -> ChannelFits:
-        """Return the fits with columns that depend on the torque at a joint.
+    def with_motor_friction(self) -> ChannelFits:
+        """Return the fits with friction by the recorded torque of the motor, and its derivative by that torque."""
+        averages = self.rows.data.averages
+        laws = MOTOR_FRICTION[1], FRICTION_SLOPE
+        return self.with_columns(*(averages.column(law, averages.samples)[:, None] for law in laws))
 
-        They are averages over the windows, of the acting torque with the delay of the last fit. As columns of the
-        recorded torque would explain its errors, they are moved to the torque of this fit, to first order.
+    def with_columns_of_torque(self, laws: LawsOfRows) -> ChannelFits:
+        """Return the fits with columns that depend on the fitted torque, each on some rows.
+
+        The torque is that with the delay `start`, at the middle of each window. Each of `CHANNEL.torque_iterations`
+        replaces the columns by those of the last fit.
         """
-        fits, data, channel = self, self.rows.data, self.start
-        step, error = PERTURBATION * float(np.abs(data.torque()).max()), np.zeros(len(data.weights))
+        fits, data, torque = self, self.rows.data, self.torque(self.start)
         for _ in range(CHANNEL.torque_iterations if laws else 0):
-            parts = []
-            for at, law in laws:
-                rows, part = data.locate_rows(at), data.part(at)
-                (x,) = part.trace([channel])
-                torques = (replace(x, torque=x.memory[channel.id][0] + change) for change in (0.0, step))
-                column, moved = (part.averages.column(law, x) for x in torques)
-                parts.append((rows, (column - error[rows] * (moved - column) / (step * part.scale))[:, None]))
-            fits = self.with_columns(place_columns(len(error), parts))
-            channel = fits.refine(channel)
-            error = fits.residual(self.torque(channel)) / data.weights
+            fitted = (torque - fits.residual(torque)) / data.weights + data.torque() - data.net_torque()
+            x = replace(data.samples, torque=fitted)
+            series = ((rows, np.asarray(law.force(x) + law.dry(x) * np.sign(x.velocity))) for rows, law in laws)
+            columns = [(rows, column[rows, None]) for rows, column in series]
+            fits = self.with_columns(place_columns(len(fitted), columns))
         return fits
-
-    def refine(self, law: Channel) -> Channel:
-        """Return the law with the delay and lag other than zero that fit best."""
-        return refine_nonlinear(law, lambda variants: [self.residual(self.torque(own)) for own in variants])
 
     def with_jump_errors(self) -> ChannelFits:
         """Return the fits with weights for jumps of sampled torque: their time within a sample is unknown."""
@@ -175,20 +180,23 @@ class ChannelFits:
         """
         law, slopes = min(laws, key=self.compute_misfit), dict[str, Array]()
         if is_free:
-            law = self.refine(law)
+            law = refine_nonlinear(law, lambda variants: [self.residual(self.torque(own)) for own in variants])
             slopes = compute_nonlinear_slopes(law, lambda variants: [-self.torque(own) for own in variants])
         design = np.column_stack([self.phi, *slopes.values()])
         limits = np.full(design.shape[1], np.inf)
-        balance = Balance(design, self.torque(law), 0.0 * design, -limits, limits, np.ones(len(design)))
-        blocks = make_blocks(self.rows.layout)
-        moved, recording = np.unique(blocks.of_block[blocks.block], return_inverse=True)
+        by_torque = np.zeros_like(design)
+        if self.by_torque is not None:
+            by_torque[:, : self.by_torque.shape[1]] = self.by_torque
+        balance = Balance(design, self.torque(law), by_torque, -limits, limits, np.ones(len(design)))
+        block, _, of_block = self.rows.data.blocks(BLOCK)
+        moved, recording = np.unique(of_block[block], return_inverse=True)
         clusters = [self.rows.data.clusters] + [recording] * (len(moved) >= CHANNEL.min_recordings)
         fits = [balance.fit(labels) for labels in clusters]
         errors = np.max([fit.std for fit in fits], axis=0).tolist()
         stds = dict(zip(slopes, errors[self.phi.shape[1] :], strict=True))
         delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
-        density = cross_validate_density(balance, replace(blocks, recording=recording))
-        of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(blocks.block)
+        density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
+        of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(block)
         gain = float(fits[0].theta[0]), errors[0]
         return Alignment(law, delay_std, lag_std, gain=gain, density=np.stack([density, of_log]))
 

@@ -19,24 +19,25 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 
-LawsOfTorque = Sequence[tuple[str, Column]]  # columns that depend on the torque, with the name of their joint
+LawsOfRows = Sequence[tuple[slice, Column]]  # columns that depend on the torque, with their rows
 # share of samples driven by the motor, or braked by the load, above which gear losses and the torque constant cannot be
 # distinguished; a choice: only the other samples distinguish both
 MAX_DRIVEN_SHARE = 0.9
 # friction proportional to the weight of the joint, and to the known loads [per N m]
 OWN_FRICTION = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
 LOAD_FRICTION = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
-# friction by the torque of the motor, |tau| sgn q', and errors of its gain, tau^2 and tau^3, at all joints
-MOTOR_FRICTION = ("", Column("motor", "1", dry=lambda x: np.abs(x.torque), of_torque=True))
-NONLINEAR_GAIN: LawsOfTorque = [
+# friction by the torque of the motor, |tau| sgn q', and errors of its gain, tau^2 and tau^3, on all rows
+MOTOR_FRICTION = (slice(None), Column("motor", "1", dry=lambda x: np.abs(x.torque)))
+FRICTION_SLOPE = Column("slope", "1", dry=lambda x: np.sign(x.torque))  # its derivative by that torque
+NONLINEAR_GAIN: LawsOfRows = [
     MOTOR_FRICTION,
-    ("", Column("square", "1", force=lambda x: x.torque**2, of_torque=True)),
-    ("", Column("cube", "1", force=lambda x: x.torque**3, of_torque=True)),
+    (slice(None), Column("square", "1", force=lambda x: x.torque**2)),
+    (slice(None), Column("cube", "1", force=lambda x: x.torque**3)),
 ]
 ANGLE_LAWS = [Cogging(float(order)) for order in range(1, 49)]  # waves of the angle
 
 
-def make_channel_rows(recordings: Sequence[Recording], terms: Sequence[Term]) -> tuple[TorqueRows, Array, LawsOfTorque]:
+def make_channel_rows(recordings: Sequence[Recording], terms: Sequence[Term]) -> tuple[TorqueRows, Array, LawsOfRows]:
     """Make the rows of recordings, clear of the ends of segments under every delay up to `REACH`.
 
     Args:
@@ -57,12 +58,13 @@ def make_channel_rows(recordings: Sequence[Recording], terms: Sequence[Term]) ->
         data = replace(data, weights=TorqueRows(data).weights(arm_base(body)))
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
     parts = [(rows, part.columns([law])[0][0]) for rows, part in joints for law in _make_smooth_laws(part)]
-    of_torque = list[tuple[str, Column]]()
+    of_torque = list[tuple[slice, Column]]()
     for term in (term for term in terms if not term.fixed):
+        rows = data.locate_rows(term.at)
         if is_torque_dependent(term):
-            of_torque += [(term.at, column) for column in term.columns]
+            of_torque += [(rows, column) for column in term.columns]
         else:
-            parts.append((data.locate_rows(term.at), data.columns([term])[0][0]))
+            parts.append((rows, data.columns([term])[0][0]))
     for friction in (OWN_FRICTION, *list_load_friction(data)) if body.can_simulate else ():
         parts.append((slice(None), data.averages.column(friction, data.averages.samples)[:, None]))
     return TorqueRows(data), place_columns(len(data.weights), parts), of_torque

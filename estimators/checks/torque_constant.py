@@ -20,7 +20,6 @@ import numpy as np
 from estimators.checks.channel import ChannelFits
 from estimators.checks.channel_rows import (
     MAX_DRIVEN_SHARE,
-    MOTOR_FRICTION,
     compute_driven_share,
     is_brake,
     list_load_friction,
@@ -136,7 +135,7 @@ def _add_load_columns(fits: ChannelFits, data: TorqueWindows) -> ChannelFits:
     averages, is_driven = data.averages, compute_driven_share(data, data.torque()) > MAX_DRIVEN_SHARE
     columns = np.column_stack([averages.column(law, averages.samples) for law in (LOAD, *list_load_friction(data))])
     loaded = replace(fits, phi=np.column_stack([columns * data.weights[:, None], fits.phi]))
-    return loaded if is_driven or is_brake(data) else loaded.with_columns_of_torque([MOTOR_FRICTION])
+    return loaded if is_driven or is_brake(data) else loaded.with_motor_friction()
 
 
 def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
