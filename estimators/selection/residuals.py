@@ -230,6 +230,8 @@ def set_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
         if isinstance(term, Table) and not term.covers(x := part.data.part(term.at).samples):
             grid = [cast(Table, table) for table in make_grid(type(term), x, np.empty(0))]
             same_size = [table for table in grid if table.extent.pieces == term.extent.pieces]
-            term = (same_size or grid)[-1].without_known_functions([other for other in terms if other is not term])
+            nearest = sorted(grid, key=lambda table: -abs(len(table.columns) - len(term.columns)))
+            others = [other for other in terms if other is not term]
+            term = (same_size or nearest)[-1].without_known_functions(others) if grid else term
         terms_on_grid.append(term)
     return tuple(terms_on_grid)

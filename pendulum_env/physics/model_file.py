@@ -113,7 +113,10 @@ def read_estimates(data: ModelFile, units: Mapping[str, str]) -> dict[str, Estim
 
 def describe_terms(terms: Sequence[Term]) -> JSON:
     """Return the extents of tables and the limits of parameters, as in a model file."""
-    tables = {term.id: asdict(term.extent) for term in terms if isinstance(term, Table)}
+    extents = {term.id: asdict(term.extent) for term in terms if isinstance(term, Table)}
+    tables = {
+        id: {key: value for key, value in extent.items() if key != "merged" or value} for id, extent in extents.items()
+    }
     return {"tables": tables, "limits": write_limits(collect_limits(terms))}
 
 

@@ -63,7 +63,7 @@ def wait(job: Job) -> Any:
 
 
 def test_a_job_ends_with_its_result_or_with_a_sentence(workers):
-    workers.warm()
+    workers.start_spare()
     first = begin(functools.partial(count, 3), workers)
     assert wait(first) == 3 and first.description == "step 2"
     with pytest.raises(InputError, match="the data are too few"):
