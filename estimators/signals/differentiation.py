@@ -83,19 +83,18 @@ def correlate_averages(weights: Array, lag: int) -> float:
     return float(weights[lag:] @ weights[: len(weights) - lag]) / float(weights @ weights)
 
 
-def smooth_motion(recording: Recording, half_width: int) -> tuple[Array, Array]:
-    """Smooth the position over 2 half_width + 1 samples; return position [rad] and velocity [rad/s], (N,) each.
+def smooth_motion(recording: Recording, series: Array, half_width: int) -> tuple[Array, Array]:
+    """Smooth a series (N,) by local cubics over 2 half_width + 1 samples; return values and time derivative (N,).
 
-    The position is that of local quintics: near the sampling limit, cubics shrink its swing and bias the inertia. The
-    velocity is that of local cubics, which has less noise. The filters have no delay. Each segment of the recording is
-    smoothed alone, with a shorter filter if it is short.
+    The filter has no delay. Each segment of the recording is smoothed alone, with a shorter filter if it is short.
     """
     parts = []
     for first, stop in pairwise((*recording.starts, len(recording))):
-        segment = recording.position[first:stop]
+        segment = series[first:stop]
         length = min(2 * half_width + 1, len(segment) - 1 + len(segment) % 2)
-        slope = filter_savitzky_golay(segment, length, min(3, length - 1), 1, 1.0 / recording.rate)
-        parts.append((filter_savitzky_golay(segment, length, min(5, length - 1)), slope))
+        order = min(3, length - 1)
+        slope = filter_savitzky_golay(segment, length, order, 1, 1.0 / recording.rate)
+        parts.append((filter_savitzky_golay(segment, length, order), slope))
     smoothed, slopes = zip(*parts, strict=True)
     return np.concatenate(smoothed), np.concatenate(slopes)
 
@@ -126,7 +125,7 @@ def differentiate_position(recording: Recording, window: Array, half_width: int)
     Smoothing has `half_width` samples. `window` (K - 2,) are the weights of windows that average the acceleration.
     """
     period = 1.0 / recording.rate
-    q, v = smooth_motion(recording, half_width)
+    q, v = smooth_motion(recording, recording.position, half_width)
     a = np.zeros_like(q)
     a[1:-1] = np.diff(recording.position, 2) / period**2
     noise = estimate_encoder_noise(recording.position)

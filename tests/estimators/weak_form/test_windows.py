@@ -80,15 +80,6 @@ def test_equations_of_a_smooth_motion_with_friction_are_exact_to_the_order_of_th
     assert np.abs(error).max() < 2e-4 * np.abs(0.1 * equations.phi[:, 0]).max()
 
 
-def test_fast_swings_near_the_sampling_limit_do_not_bias_inertia():
-    """An angle smoothed by cubics over five samples loses part of a swing at 3 Hz: 2.3e-5 of the inertia at 50 Hz."""
-    exact, time = Experiment(rate=50, seconds=30, counts=None, torque_noise=0.0), np.arange(1500) / 50
-    (run,) = recorded(Plant(), exact, commands=[4 * np.sin(3.8 * time) + 2 * np.sin(6 * np.pi * time + 1)])
-    equations = prepare_windows([run]).equations(BASE)
-    theta = np.linalg.lstsq(equations.phi, equations.y, rcond=None)[0]
-    assert theta[0] == pytest.approx(TRUTH[0], rel=1e-5)
-
-
 NOISY = {
     "fine": Experiment(rate=1000, seconds=8, seed=1),
     "coarse": Experiment(rate=500, seconds=8, counts=16_384, seed=2),
