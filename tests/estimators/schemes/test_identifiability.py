@@ -38,7 +38,9 @@ def test_a_coarse_swing_that_oscillates_has_both_directions():
     """The few samples clear of reversals are all in one direction."""
     time = np.arange(0, 8, 1 / 30)
     noise = 8e-3 * np.random.default_rng(1).standard_normal(len(time))
-    swing = Recording(time=time, position=2.6 * np.exp(-time) * np.cos(6 * time) + noise, torque=np.zeros(len(time)))
+    swing = Recording(
+        time=time, position=2.6 * np.exp(-0.5 * time) * np.cos(6 * time) + noise, torque=np.zeros(len(time))
+    )
     clear = measure(swing).find_clear(GUARD_TIME)
     assert len(set(np.sign(measure(swing).velocity[clear]))) == 1
     assert Kind.ONE_DIRECTION not in kinds(swing)
