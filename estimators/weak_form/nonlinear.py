@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from estimators.regression.gauss_newton import LocalErrors, StopRule, gauss_newton
+from estimators.regression.gauss_newton import LocalErrors, StopRule, choose_least, gauss_newton
 from estimators.regression.least_squares import SOLVER
 from estimators.search_hints import find_hints
 from pendulum_env._typing import Array
@@ -121,7 +121,7 @@ def refine_nonlinear(
     if not sought:
         return term
     factor = np.array([parameter.low > 0 for parameter in sought])
-    known: dict[Term, Array] = {}  # residual of the last trial
+    known: dict[Term, Array] = {}  # residuals of the last batch
 
     def get_values(term: Term) -> tuple[Array, Array]:
         """Return the values of the sought parameters (S,), and the units of their steps (S,)."""
@@ -141,15 +141,13 @@ def refine_nonlinear(
     def choose_step(local: LocalErrors[T], steps: list[Array]) -> tuple[T, float]:
         values, unit = get_values(local.known)
         step = steps[0] / max(1.0, float(np.abs(steps[0]).max()) / NONLINEAR.leap)
-        for share in NONLINEAR.shares:  # the first that lowers the cost
-            moved = np.where(factor, values * np.exp(share * step), values + share * step * unit)
-            variant = set_values(local.known, sought, moved)
-            known.clear()
-            (known[variant],) = residuals([variant])
-            cost = float(known[variant] @ known[variant])
-            if cost < local.cost:
-                break
-        return variant, cost
+        variants = [
+            set_values(term, sought, np.where(factor, values * np.exp(share * step), values + share * step * unit))
+            for share in NONLINEAR.shares
+        ]
+        known.clear()
+        known.update(zip(variants, residuals(variants), strict=True))
+        return choose_least(variants, [float(known[term] @ known[term]) for term in variants])
 
     return gauss_newton(
         term, linearise, choose_step, StopRule(NONLINEAR.iterations, (NONLINEAR.damping,), by_offset=True, of_cost=gain)
