@@ -248,10 +248,15 @@ class ModelEvaluator:
         friction are compared in free motion, so the penalty counts them alone.
         """
         by_torque = self.gain(after, before)
-        if by_torque.p_value <= self.criterion.p_value or not self._adds_dry_friction(after, before):
+        if not self._is_hidden_in_torque(after, before):
             return by_torque
-        by_motion = self._gain_in_friction(after, before) if self.has_misfit(before) else by_torque
+        by_motion = self._gain_in_friction(after, before)
         return by_motion if by_motion.p_value <= self.criterion.p_value else by_torque
+
+    def _is_hidden_in_torque(self, after: Terms, before: Terms) -> bool:
+        """Return whether free motion alone may show the added terms: dry friction that gains little in torque."""
+        is_candidate = self._adds_dry_friction(after, before) and not self.is_significant(after, before)
+        return is_candidate and self.has_misfit(before)
 
     def _adds_dry_friction(self, after: Terms, before: Terms) -> bool:
         """Return whether dry friction alone is added: free motion may show it although windows of torque do not."""
@@ -470,10 +475,7 @@ class ModelEvaluator:
         If only free motion shows the effects, torque errors may rise by `criterion.error_margin`.
         """
         terms = after.model.terms, before.model.terms
-        is_hidden_in_torque = (
-            self._adds_dry_friction(*terms) and self.has_misfit(terms[1]) and not self.is_significant(*terms)
-        )
-        margin = self.criterion.error_margin if is_hidden_in_torque else 0.0
+        margin = self.criterion.error_margin if self._is_hidden_in_torque(*terms) else 0.0
         return make_confirmation_gates(after, before, self.train.motions, margin)
 
     def keeps_base(self, after: Terms, before: Terms) -> bool:
