@@ -37,12 +37,12 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """Return the result without parameters of links that the recordings do not determine, and no findings."""
-    *others, last = trial.found.steps
+    *others, last = trial.result.steps
     body, data = find_links(trial.setting.base), trial.evaluator.train.data
     samples = (concatenate_samples([w.samples for w in data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in samples), strict=True)
     model = last.model.mark_unknown(find_undetermined_links(last.model, *map(np.column_stack, motion)))
-    return replace(trial.found, steps=[*others, replace(last, model=model)]), ()
+    return replace(trial.result, steps=[*others, replace(last, model=model)]), ()
 
 
 ARM = Case(

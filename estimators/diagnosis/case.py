@@ -70,13 +70,13 @@ class Trial:
         case: functions of the case.
         data: treated recordings.
         setting: options.
-        found: result of the search.
+        result: of the search.
     """
 
     case: Case
     data: FitData
     setting: Setting
-    found: SearchResult
+    result: SearchResult
 
     @classmethod
     def search(cls, case: Case, data: FitData, setting: Setting) -> Trial:
@@ -86,7 +86,7 @@ class Trial:
     @property
     def evaluator(self) -> ModelEvaluator:
         """Evaluator of the search."""
-        return self.found.evaluator
+        return self.result.evaluator
 
     @cached_property
     def _refined(self) -> tuple[SearchResult, Sequence[Finding]]:
@@ -111,7 +111,7 @@ class Trial:
     @property
     def terms(self) -> Terms:
         """Terms of the final model with nonlinear parameters of the search; of the refit if that dropped terms."""
-        return (self.found if list_ids(self.found.terms) == list_ids(self.final.terms) else self.final).terms
+        return (self.result if list_ids(self.result.terms) == list_ids(self.final.terms) else self.final).terms
 
     def release_bounds(self, model: Model) -> Model:
         """Return a model refitted within bounds of the laws alone, if a parameter is at a body's bound; else it."""

@@ -29,9 +29,9 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         trial.release_bounds(diagnosis.model), trial.data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
     )
     if (cause := check_torque_sign(trial.evaluator)) is not None:
-        return replace(diagnosis, findings=(*remedies, *channel), forbidden=cause)
+        return replace(diagnosis, findings=(*remedies, *channel), no_experiment=cause)
     evaluator, model, regions, doubts = trial.final.evaluator, trial.model, diagnosis.unexplained, trial.doubts
-    table = trial.found.table.id if trial.found.table is not None and trial.found.table.id in TABLES else None
+    table = trial.result.table.id if trial.result.table is not None and trial.result.table.id in TABLES else None
     if regions and table is None:
         table = find_explaining_law(evaluator, model.terms, TABLES.values())
     table_finding = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
@@ -42,11 +42,11 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     if find_violations(model, evaluator.train.motions) or not model.has_known_inertia:
         questions = []  # motion cannot be predicted
     limits = trial.setting.limits.with_default_torque((trial.data.whole or trial.data).recordings)
-    suggestion, unanswerable, forbidden = suggest_experiment(evaluator, model, questions, limits, regions)
+    suggestion, unanswerable, no_experiment = suggest_experiment(evaluator, model, questions, limits, regions)
     if not model.has_known_inertia:
-        forbidden = Finding(Kind.INERTIA_UNKNOWN)
+        no_experiment = Finding(Kind.INERTIA_UNKNOWN)
     elif regions and not questions:
-        forbidden = find_holdout_structure(evaluator, trial.terms) or table_finding or Finding(Kind.NO_EFFECT_OPEN)
+        no_experiment = find_holdout_structure(evaluator, trial.terms) or table_finding or Finding(Kind.NO_EFFECT_OPEN)
     contacts = find_contacts(evaluator, trial.terms, model)
     return replace(
         diagnosis,
@@ -58,11 +58,11 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             *(Finding(Kind.TIED, effects=group) for group in diagnosis.ambiguous),
             *doubts,
             *find_caveats(evaluator, diagnosis.steps, trial.terms, detectable),
-            *([table_finding] if table_finding and table_finding != forbidden else []),
+            *([table_finding] if table_finding and table_finding != no_experiment else []),
         ),
         detectable=detectable,
         suggestion=suggestion,
-        forbidden=forbidden,
+        no_experiment=no_experiment,
         tables=() if table is None else (table,),
         inseparable=tuple((aim.instead, aim.effect) for aim in unanswerable if aim.instead),
     )
@@ -75,13 +75,13 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     joints = [region.at for region in regions if not region.held_out_recordings]
     tables_at_joints = ([table for table in evaluator.tables if table.at == joint] for joint in joints)
     tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evaluator, terms, kinds)) is not None)
-    forbidden = Finding(Kind.NO_EFFECT_OPEN) if residuals else None
+    no_experiment = Finding(Kind.NO_EFFECT_OPEN) if residuals else None
     if residuals and not joints:
-        forbidden = Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names)
+        no_experiment = Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names)
     elif diagnosis.ambiguous:
-        forbidden = Finding(Kind.TIED, effects=diagnosis.ambiguous[0])
+        no_experiment = Finding(Kind.TIED, effects=diagnosis.ambiguous[0])
     elif tables:
-        forbidden = Finding(Kind.TABLE_HELPS, effects=tables)
+        no_experiment = Finding(Kind.TABLE_HELPS, effects=tables)
     payloads = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
     explained = {*residuals, *(term.at for term in terms if term.has_impacts)}
     contacts = find_arm_contacts(
@@ -95,7 +95,12 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     )
     candidates = mark_met_stops(diagnosis.candidates, contacts)
     return replace(
-        diagnosis, candidates=candidates, findings=findings, forbidden=forbidden, tables=tables, left=residuals
+        diagnosis,
+        candidates=candidates,
+        findings=findings,
+        no_experiment=no_experiment,
+        tables=tables,
+        joint_residuals=residuals,
     )
 
 

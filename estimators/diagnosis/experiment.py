@@ -132,14 +132,14 @@ def suggest_experiment(
         return None, [], None
     _, unanswerable = _choose_experiment(evaluator, runs, unsettled)
     aims = [question.aim for question in unanswerable]
-    forbidden = [question.aim for question in unsettled if question.aim not in aims]
-    if not forbidden:
+    limited_aims = [question.aim for question in unsettled if question.aim not in aims]
+    if not limited_aims:
         return suggestion, aims, None
     units = model.units()
     numbers = limits.list_quantities(units)
     if place is not None:
         numbers["place"] = Quantity(place, unit=units.unit("rad"))
-    pairs = tuple((aim.effect, aim.instead) for aim in forbidden)
+    pairs = tuple((aim.effect, aim.instead) for aim in limited_aims)
     return suggestion, aims, Finding(Kind.BEYOND_LIMITS, numbers, pairs=pairs)
 
 

@@ -159,7 +159,7 @@ class Diagnosis(Shown):
             encoder [rad].
         findings: on data and model, the most important first.
         suggestion: experiment that decides most open questions; None without one.
-        forbidden: reason why no experiment decides a question or explains a residual; None without a reason.
+        no_experiment: reason why no experiment decides a question or explains a residual; None without a reason.
         tables: ids of tables that explain the residual: one, or one per joint.
         inseparable: pairs of ids that no experiment distinguishes.
         disagreements: recordings that disagree with the others; they are not fitted.
@@ -169,7 +169,7 @@ class Diagnosis(Shown):
         torque_unit: `N m`, or the unit of the log in its place, also in units of parameters.
         torque_constant: constant by which a current was converted; None if torque was logged, or it is unknown.
         data: data of the diagnosis, without excluded recordings; None if it was read from a file.
-        left: residual of joints of an arm that is not noise [N m], see `find_joint_residuals`.
+        joint_residuals: residual of joints of an arm that is not noise [N m], see `find_joint_residuals`.
         treatments: tried treatments of the recordings, in order; those of the preparation are in `data`.
         refit: refit to free-running motion over a horizon; None without a horizon.
         evaluator: fits and scores of the search; `evaluator.model(candidate.terms)` is a candidate. Not pickled.
@@ -182,7 +182,7 @@ class Diagnosis(Shown):
     floors: Mapping[str, float]
     findings: tuple[Finding, ...]
     suggestion: Suggestion | None = None
-    forbidden: Finding | None = None
+    no_experiment: Finding | None = None
     tables: tuple[str, ...] = ()
     inseparable: tuple[tuple[str, ...], ...] = ()
     disagreements: tuple[Disagreement, ...] = ()
@@ -191,7 +191,7 @@ class Diagnosis(Shown):
     torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
     data: FitData | None = field(default=None, compare=False, repr=False)
-    left: Mapping[str, float] = field(default_factory=dict)
+    joint_residuals: Mapping[str, float] = field(default_factory=dict)
     evaluator: ModelEvaluator | None = field(default=None, compare=False, repr=False)
     treatments: tuple[TriedTreatment, ...] = ()
     refit: HorizonRefit | None = None
@@ -248,7 +248,7 @@ class Diagnosis(Shown):
     @property
     def searched(self) -> bool:
         """Return whether effects were searched."""
-        return bool(self.candidates or self.left)
+        return bool(self.candidates or self.joint_residuals)
 
     @property
     def headline(self) -> str:
@@ -265,7 +265,7 @@ class Diagnosis(Shown):
         of a pendulum is "".
         """
         base = self.steps[0].model
-        unlisted = [] if self.forbidden is None or self.forbidden in self.findings else [self.forbidden]
+        unlisted = [] if self.no_experiment is None or self.no_experiment in self.findings else [self.no_experiment]
         return make_result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
             "schema": SCHEMA,
             "base": {
@@ -279,7 +279,7 @@ class Diagnosis(Shown):
             "unexplained": {
                 "present": bool(self.unexplained),
                 "where": "; ".join(region.kind for region in self.unexplained) or None,
-                "joints": dict(self.left),
+                "joints": dict(self.joint_residuals),
             },
             "noise_floor": make_floors_json(self.floors),
             "findings": [finding.json() for finding in (*self.findings, *unlisted)],
@@ -313,7 +313,7 @@ class Addition(Shown):
     doubt: Finding | None = None
 
     @property
-    def left(self) -> float:
+    def noise_ratio(self) -> float:
         """Held-out error over the noise floor, the largest of all joints."""
         error = self.after.errors["holdout"]
         return max(error.get_joint_error(at) / max(floor, 1e-300) for at, floor in self.floors.items())

@@ -45,9 +45,9 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     The result is unchanged if the sign of the logged torque is reversed.
     """
     if check_torque_sign(trial.evaluator) is not None:
-        return trial.found, ()
+        return trial.result, ()
     trial.setting.progress("refitting", 0.93)
-    result = refit_by_likelihood(trial.found)
+    result = refit_by_likelihood(trial.result)
     *others, last = result.steps
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
     doubts = find_undetermined(measured, last.model.terms, last.model.units())

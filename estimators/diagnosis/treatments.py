@@ -46,17 +46,17 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     torque as logged is kept if it leaves only noise with fewer assumptions.
     """
     treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
-    after, before = trial.found.steps[-1], best.found.steps[-1]
+    after, before = trial.result.steps[-1], best.result.steps[-1]
     if treatment.kind not in INPUTS:
         before = trial.evaluator.make_step(before.model)
     ratio = compute_held_out_cost(after) / max(compute_held_out_cost(before), 1e-300)
     counts = count_assumptions(trial), count_assumptions(best)
     is_kept = is_better(ratio, *counts, trial.evaluator.criterion.error_margin)
     if treatment.kind is Kind.IMPACTS_INCLUDED:  # only a stop explains the torque of a contact
-        is_kept = is_kept and has_stop(trial.found.terms)
-    is_undone = best.data.has_moved and any(term.lead or term.delay for term in best.found.terms)
+        is_kept = is_kept and has_stop(trial.result.terms)
+    is_undone = best.data.has_moved and any(term.lead or term.delay for term in best.result.terms)
     if is_undone and not trial.data.has_moved and counts[0] < counts[1]:
-        is_kept = is_kept or trial.evaluator.residuals.is_noise(trial.found.terms)
+        is_kept = is_kept or trial.evaluator.residuals.is_noise(trial.result.terms)
     return TriedTreatment(treatment, ratio, *counts, is_kept)
 
 
@@ -75,12 +75,12 @@ def count_assumptions(trial: Trial) -> int:
     """
     counted = (*WINDOWS, *GOALS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
     counted_treatments = [treatment for treatment in trial.data.treatments if treatment.kind in counted]
-    return len(trial.found.steps) - 1 + trial.data.has_moved + len(counted_treatments)
+    return len(trial.result.steps) - 1 + trial.data.has_moved + len(counted_treatments)
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
     """Return data with narrower windows, closer to reversals, if torque leaves only noise but motion does not."""
-    evaluator, found = trial.evaluator, trial.found
+    evaluator, found = trial.evaluator, trial.result
     if trial.data.has_treatment(Kind.NARROWER_WINDOWS):
         return None
     if not evaluator.residuals.is_noise_by_part(found.terms)[0] or not evaluator.is_misfit(found.steps[-1]):
@@ -93,7 +93,7 @@ def include_contacts(trial: Trial) -> FitData | None:
     """Add windows in contact with a stop, see `add_contacts` of `split`; None for few contacts."""
     if trial.data.has_treatment(Kind.IMPACTS_INCLUDED):
         return None
-    data = trial.data.with_contacts(trial.found.terms)
+    data = trial.data.with_contacts(trial.result.terms)
     return None if data is trial.data else data
 
 
@@ -109,7 +109,7 @@ def include_payload(trial: Trial) -> FitData | None:
     if not trial.unexplained or len(data.recordings) + len(data.holdout) < 2:
         return None
     parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
-    for payload, numbers in detect_payloads(parts, trial.found.terms):
+    for payload, numbers in detect_payloads(parts, trial.result.terms):
         names = tuple(data.all_recordings[k].name for k in numbers)
         finding = make_payload_finding(payload, find_links(trial.setting.base), names)
         data = data.with_changes(partial(add_payload, load=payload.load), numbers).with_treatment(finding)
@@ -133,7 +133,7 @@ def align_with_effects(trial: Trial) -> FitData | None:
     agrees.
     """
     known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
-    effects = [term for term in trial.found.terms if term.id not in known]
+    effects = [term for term in trial.result.terms if term.id not in known]
     if not effects or any(map(trial.data.has_treatment, (Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED))):
         return None
     if not (trial.data.has_moved or trial.data.has_unknown_timing or trial.unexplained):
@@ -147,7 +147,7 @@ def keep_logged_time(trial: Trial) -> FitData | None:
 
     None if this was done, if no torque was corrected, or if the correction leaves only noise without an effect.
     """
-    has_effects = len(trial.found.steps) > 1
+    has_effects = len(trial.result.steps) > 1
     if not trial.data.has_moved or trial.data.has_treatment(Kind.TIMED_AS_LOGGED):
         return None
     return trial.data.without_timing() if has_effects or trial.unexplained else None

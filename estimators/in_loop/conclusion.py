@@ -25,7 +25,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     Candidates that the refit dropped get the reason `LONG_STEPS`. An unexplained residual forbids a next experiment.
     """
     data = trial.data
-    dropped = list_ids(trial.found.terms) - list_ids(trial.final.terms)
+    dropped = list_ids(trial.result.terms) - list_ids(trial.final.terms)
     doubts = (data.doubt, find_speed_rate(diagnosis.model, data.recordings), find_torque_scale(data.recordings))
     return replace(
         diagnosis,
@@ -41,7 +41,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             ),
             *filter(None, doubts),
         ),
-        forbidden=Finding(Kind.CHECK_DRIVE) if diagnosis.unexplained else None,
+        no_experiment=Finding(Kind.CHECK_DRIVE) if diagnosis.unexplained else None,
     )
 
 

@@ -28,7 +28,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     """
     data, unseen = trial.data, refine_rows(trial.evaluator)[1]
     readings = [treatment for treatment in data.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
-    error = trial.found.steps[-1].errors["holdout"].total
+    error = trial.result.steps[-1].errors["holdout"].total
     if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
         return None
     gain = readings[0].numbers.get("gain")
@@ -48,7 +48,7 @@ def reread_goals(trial: Trial) -> FitData | None:
 
 def refit_state(trial: Trial, evaluator: ModelEvaluator) -> SearchState:
     """Return the state of a search that reached the model of a trial, refitted from its parameters to other data."""
-    first, last = trial.found.steps[0].model, trial.found.steps[-1].model
+    first, last = trial.result.steps[0].model, trial.result.steps[-1].model
     start = Point.from_parameters(last.terms, np.asarray(last.theta))
     rows = evaluator.train.rollouts
     assert isinstance(rows, RolloutRows)

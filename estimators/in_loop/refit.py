@@ -33,7 +33,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     also explain the share `LOOP.needed` of the squared error without it, in fitted and held-out data. For a link, the
     share is `LOOP.dominant` if the residual is not noise.
     """
-    result = refit(trial.found)
+    result = refit(trial.result)
     last = result.steps[-1]
     train, held_out = refine_rows(result.evaluator)
     evaluator, steps = replace(result.evaluator, train=train.data, holdout=held_out.data), result.steps

@@ -266,7 +266,7 @@ def test_a_release_is_suggested():
     run = record(plant, STILL, 20.0, 200.0, rng=0, release=0.2)
     assert not run.torque.any()
     narrow, wide = diagnose(run), diagnose(run, max_angle=3.0, max_speed=30.0)
-    assert narrow.suggestion is None and narrow.forbidden.pairs == (("spring", "gravity"),)
+    assert narrow.suggestion is None and narrow.no_experiment.pairs == (("spring", "gravity"),)
     suggested = wide.suggestion
     assert suggested is not None and suggested.signal is None and 0.2 < abs(suggested.release or 0.0) <= 3.0
     assert Suggestion.from_json(suggested.json()) == suggested

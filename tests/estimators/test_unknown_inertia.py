@@ -39,7 +39,7 @@ def run(request) -> Recording:
 def test_nothing_is_missing_and_nothing_is_simulated(run):
     found = diagnosed([run])
     assert not found.selected and not found.unexplained
-    assert found.suggestion is None and found.forbidden
+    assert found.suggestion is None and found.no_experiment
     assert found.model.estimates["inertia"].is_unknown
     assert all(np.isnan(own.position_rms) for own in found.steps[-1].errors.values())
     friction = found.model.estimates["coulomb"].value + 0.5 * found.model.estimates["viscous"].value

@@ -67,9 +67,10 @@ def _describe_stretch(region: Region) -> str:
 def describe_unexplained(diagnosis: Diagnosis, region: Region) -> str:
     """Describe the unexplained residual in a region; for an arm with its size and joint."""
     text = describe_region(region)
-    if region.at not in diagnosis.left:
+    if region.at not in diagnosis.joint_residuals:
         return text
-    residual = f"{diagnosis.left[region.at]:.2g} {diagnosis.model.units(region.at).unit(NEWTON_METRE)} at {region.at}"
+    unit = diagnosis.model.units(region.at).unit(NEWTON_METRE)
+    residual = f"{diagnosis.joint_residuals[region.at]:.2g} {unit} at {region.at}"
     return f"{residual}; {text}" if text else residual
 
 
@@ -190,8 +191,8 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         return contacts[0]
     if diagnosis.suggestion is not None:
         return describe_suggestion(diagnosis.suggestion, diagnosis.model.units())
-    if diagnosis.forbidden is not None:
-        return describe(diagnosis.forbidden)
+    if diagnosis.no_experiment is not None:
+        return describe(diagnosis.no_experiment)
     if diagnosis.inseparable:
         return f"No torque would tell {' from '.join(diagnosis.inseparable[0])}."
     if any(finding.kind is Kind.SMALL_EFFECT for finding in diagnosis.findings):
@@ -210,7 +211,7 @@ def list_advice(diagnosis: Diagnosis) -> list[str]:
         texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
     texts += [describe(finding) for finding in diagnosis.findings]
     texts += [describe_next_step(diagnosis)] if diagnosis.suggestion is not None else []
-    texts += [describe(diagnosis.forbidden)] if diagnosis.forbidden is not None else []
+    texts += [describe(diagnosis.no_experiment)] if diagnosis.no_experiment is not None else []
     return list(dict.fromkeys(texts))
 
 
@@ -306,7 +307,7 @@ def write_diagnosis(diagnosis: Diagnosis) -> JSON:
     for entry, candidate in zip(data["candidates"], diagnosis.candidates, strict=True):
         entry["reason"] = describe_reason(candidate)
     data["advice"] = list_advice(diagnosis)
-    data["forbidden"] = None if diagnosis.forbidden is None else describe(diagnosis.forbidden)
+    data["forbidden"] = None if diagnosis.no_experiment is None else describe(diagnosis.no_experiment)
     for entry, alignment in zip(data["alignments"], diagnosis.alignments, strict=True):
         entry["text"] = None if alignment.finding is None else describe(alignment.finding)
     for entry, region in zip(data["regions"], diagnosis.unexplained, strict=True):

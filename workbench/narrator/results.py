@@ -132,9 +132,10 @@ def narrate_addition(addition: Addition) -> list[Part]:
     sentences = [narration.describe_addition(addition)]
     if addition.objection is None and (table := narration.describe_table(addition.after)) is not None:
         sentences.append(table)
-    if addition.left > Criterion.misfit:
+    if addition.noise_ratio > Criterion.misfit:
         sentences.append(
-            f"The residual is {addition.left:.1f} times the noise floor: another effect is missing. Run `diagnose`."
+            f"The residual is {addition.noise_ratio:.1f} times the noise floor: another effect is missing. "
+            "Run `diagnose`."
         )
     if addition.doubt is not None:
         sentences.append(f"warning: {describe(addition.doubt)}")

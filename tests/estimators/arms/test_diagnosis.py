@@ -62,7 +62,7 @@ def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
     assert not FitData((late,), terms=arm_base(body)).with_timing().has_moved
     found = diagnose(late, (), arm_base(body), only=["load_dependent_friction", "cogging"])
     rubs = {f"load_dependent_friction@{joint}" for joint in ("shoulder", "elbow")}
-    assert set(found.selected) == rubs and not found.left
+    assert set(found.selected) == rubs and not found.joint_residuals
     assert found.alignments[0].delay == pytest.approx(1 / plain.rate, abs=1.5e-4)
     for name in rubs:
         assert found.model.estimates[name].value == pytest.approx(share, abs=0.02)
@@ -82,7 +82,7 @@ def test_a_payload_in_some_recordings_is_identified_and_the_arm_is_found_without
     assert abs(mass.value - 0.3) < 4 * mass.std < 0.01 and abs(place.value + 0.15) < 4 * place.std < 0.01
     for joint in body.joints:
         assert payload.numbers[f"{joint}.after"].value < 0.1 * payload.numbers[f"{joint}.before"].value
-    assert found.selected == () and not found.left and found.forbidden is None
+    assert found.selected == () and not found.joint_residuals and found.no_experiment is None
     for name, value in zip(body.names, body.values, strict=True):
         estimate = found.model.estimates[name]
         assert abs(estimate.value - value) < max(4 * estimate.std, 1e-3), name
@@ -94,10 +94,10 @@ def test_recordings_that_agree_or_differ_in_friction_show_no_payload(body, frict
     found = diagnose(record_arm(seed=0), record_arm(other, seed=1), arm_base(body), library=SOME)
     assert found.treatments == found.findings == () and found.selected == ()
     if friction == TwoLink.viscous:
-        assert not found.left and found.forbidden is None
+        assert not found.joint_residuals and found.no_experiment is None
     else:
-        assert set(found.left) == set(body.joints)
-        assert found.forbidden == Finding(Kind.FIT_HELD_OUT, recordings=("run 1",))
+        assert set(found.joint_residuals) == set(body.joints)
+        assert found.no_experiment == Finding(Kind.FIT_HELD_OUT, recordings=("run 1",))
         assert all(region.held_out_recordings == ("run 1",) for region in found.unexplained)
 
 
@@ -110,7 +110,7 @@ def test_a_payload_of_an_arm_of_six_joints_is_identified_beside_an_effect(six, i
     fitted, unseen = ([empty], [full]) if is_held_out else ([empty, full], [])
     found = diagnose(fitted, unseen, arm_base(six), library=SOME)
     payload = next(own for own in found.findings if own.kind is Kind.PAYLOAD)
-    assert payload.recordings == ("full",) and found.selected == ("cogging@elbow",) and not found.left
+    assert payload.recordings == ("full",) and found.selected == ("cogging@elbow",) and not found.joint_residuals
     assert payload.numbers["mass"].value == pytest.approx(2.4, rel=0.01)
     assert [payload.numbers[axis].value for axis in "xyz"] == pytest.approx(load.center, abs=1e-3)
 
@@ -125,7 +125,7 @@ def test_different_payloads_are_identified_each_and_warmer_friction_is_none(six)
     assert masses == {("run 2",): pytest.approx(2.6, rel=0.01), ("run 3",): pytest.approx(1.2, rel=0.01)}
     warm = replace(six_joint.simulate(2, seconds=8.0, rubs=[0.7] * 6), name="warm")
     found = diagnose(runs[:1], warm, arm_base(six), library=SOME)
-    assert found.left and not found.treatments
+    assert found.joint_residuals and not found.treatments
 
 
 def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
@@ -150,7 +150,7 @@ def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelv
         assert own.unit == "%/K"
         assert own.value == pytest.approx(100 * share, abs=4 * own.std) and own.std < 0.1 * abs(own.value)
     unmeasured = diagnose(replace(recording, temperature=None), (), arm_base(six), library=some)
-    assert unmeasured.selected == () and "elbow" in unmeasured.left
+    assert unmeasured.selected == () and "elbow" in unmeasured.joint_residuals
 
 
 def test_noise_of_an_encoder_that_is_not_white_is_left_unexplained(body):
@@ -159,15 +159,15 @@ def test_noise_of_an_encoder_that_is_not_white_is_left_unexplained(body):
     noisy = replace(run, position=run.position + 4e-3 * wander / wander.std())
     base = arm_base(body)
     plain, found = (diagnose(recording, (), base, library={"stribeck": Stribeck}) for recording in (run, noisy))
-    assert plain.left == {} and plain.findings == found.findings == ()
-    assert found.selected == () and found.left
+    assert plain.joint_residuals == {} and plain.findings == found.findings == ()
+    assert found.selected == () and found.joint_residuals
 
 
 def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_path):
     recording = six_joint.simulate(6, Hidden("cable", 2, share=0.6), seconds=12.0)
     found = diagnose(recording, (), arm_base(six), library={"stribeck": Stribeck})
-    assert found.selected == () and "elbow" in found.left
-    assert found.tables == ("torque_by_angle@elbow",) and found.forbidden == Finding(
+    assert found.selected == () and "elbow" in found.joint_residuals
+    assert found.tables == ("torque_by_angle@elbow",) and found.no_experiment == Finding(
         Kind.TABLE_HELPS, effects=found.tables
     )
     assert [one.axis for one in found.unexplained if one.at == "elbow"] == ["position"]

@@ -161,7 +161,7 @@ def test_a_cable_is_a_torque_by_angle_where_gravity_is_known_to_be_none(seed, se
     found = diagnose(runs[:1], runs[1:], fixed={"gravity": 0.0})
     assert found.selected == () and found.tables == ("torque_by_angle",)
     assert found.model.estimates["gravity"].value == 0
-    assert Finding(Kind.TABLE_HELPS, effects=("torque_by_angle",)) in (*found.findings, found.forbidden)
+    assert Finding(Kind.TABLE_HELPS, effects=("torque_by_angle",)) in (*found.findings, found.no_experiment)
 
 
 def test_a_known_value_is_kept_to_the_last_digit_so_that_it_violates_no_bound():

@@ -138,7 +138,7 @@ def test_limits_that_leave_no_experiment_are_said(limits, given):
     recording, _ = first("a spring at small angles")
     found = diagnosed([recording], **limits)
     assert found.suggestion is None and found.inseparable == ()
-    assert found.forbidden.kind is Kind.BEYOND_LIMITS and found.forbidden.pairs == (("spring", "gravity"),)
-    assert {name: found.forbidden.numbers[name].value for name in given} == given
-    assert limits or found.forbidden.numbers.keys() == {"torque"}  # unless asked, it stays within what was recorded
+    assert found.no_experiment.kind is Kind.BEYOND_LIMITS and found.no_experiment.pairs == (("spring", "gravity"),)
+    assert {name: found.no_experiment.numbers[name].value for name in given} == given
+    assert limits or found.no_experiment.numbers.keys() == {"torque"}  # unless asked, it stays within what was recorded
     assert first("a spring at small angles")[1].forbidden is None

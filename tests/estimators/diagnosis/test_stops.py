@@ -175,7 +175,11 @@ def test_a_joint_of_an_arm_that_stands_on_its_stop_is_a_contact(tmp_path, goal, 
     base = arm_base(read_body(tmp_path / "arm.urdf"))
     found = diagnose(two_links(2, goal, limits), (), base, only=["hard_stop", "spring"])
     contacts = [own for own in found.findings if own.kind is Kind.CONTACT]
-    assert found.selected == () and not found.left and [own.joints for own in contacts] == [("elbow",)] * bool(limits)
+    assert (
+        found.selected == ()
+        and not found.joint_residuals
+        and [own.joints for own in contacts] == [("elbow",)] * bool(limits)
+    )
     reasons = {own.effect: own.reason.kind for own in found.candidates}
     assert reasons["hard_stop@shoulder"] is Kind.NOT_TESTED
     assert reasons["hard_stop@elbow"] is (Kind.ONLY_CONTACTS if limits else Kind.NOT_TESTED)

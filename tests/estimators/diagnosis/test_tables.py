@@ -56,7 +56,7 @@ def kept(hidden: str, table: str) -> Addition:
 def test_a_diagnosis_names_the_table_that_keeps_a_law_without_a_name_and_none_where_nothing_is_hidden(hidden):
     found, named = diagnosed(hidden), () if hidden == "nothing" else (hidden,)
     assert found.tables == named and not found.selected
-    assert not named or (found.json()["table"] == hidden and found.forbidden.effects == (hidden,))
+    assert not named or (found.json()["table"] == hidden and found.no_experiment.effects == (hidden,))
 
 
 @pytest.mark.slow
@@ -79,7 +79,7 @@ def test_a_motor_gain_that_falls_with_the_speed_is_unexplained_and_given_no_name
 def test_a_table_takes_the_held_out_error_to_the_noise(hidden):
     added = kept(hidden, hidden)
     assert added.objection is None
-    assert added.left < 1.4
+    assert added.noise_ratio < 1.4
     before, after = (step.errors["holdout"] for step in (added.before, added.after))
     assert after.position_rms < 0.25 * before.position_rms
 
@@ -95,7 +95,7 @@ def test_where_nothing_is_hidden_a_table_does_not_earn_its_place(hidden):
     ("hidden", "wrong"), [("friction_by_angle", "friction_by_speed"), ("friction_by_speed", "torque_by_angle")]
 )
 def test_a_table_of_another_quantity_leaves_more(hidden, wrong):
-    assert kept(hidden, wrong).left > 2 * kept(hidden, hidden).left
+    assert kept(hidden, wrong).noise_ratio > 2 * kept(hidden, hidden).noise_ratio
 
 
 def test_the_band_of_a_table_holds_the_law():

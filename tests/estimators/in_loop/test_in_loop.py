@@ -397,7 +397,7 @@ def test_what_is_known_of_viscous_friction_stays_beside_back_emf(rubbed):
 
 def test_an_effect_is_added_without_objection_only_where_it_hides(pressed, plain):
     right, wrong = (add(MODEL, "load_dependent_friction", own[:2], own[2:]) for own in (pressed, plain))
-    assert right.objection is None and right.left < 3 and wrong.objection is not None
+    assert right.objection is None and right.noise_ratio < 3 and wrong.objection is not None
 
 
 def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
