@@ -136,6 +136,7 @@ class Experiment:
     gains: tuple[float, float] = (12.0, 1.2)  # N m/rad, N m s/rad of the closed loop
     torque_limit: float = 8.0  # N m of the closed loop
     control: str = "pd"  # of the closed loop: pd, by the error's rate; servo, by the joint's speed; or speed, with PI
+    goal_hold: int = 1  # samples for which the closed loop holds its reference
 
     def __post_init__(self) -> None:
         _require(self.excitation, EXCITATIONS, "excitation")
@@ -498,7 +499,8 @@ class _Run:
         rng, noise = (np.random.default_rng([experiment.seed, stream]) for stream in (0, 1))
         self.samples = np.zeros(n, _SAMPLE).view(np.recarray)
         if closed:
-            self.samples.reference = reference = CLOSED_LOOP[excitation](rng, time, experiment.scale)
+            reference = CLOSED_LOOP[excitation](rng, time, experiment.scale)
+            self.samples.reference = reference = reference[np.arange(n) // experiment.goal_hold * experiment.goal_hold]
             self.samples.goal = np.gradient(reference) * rate if experiment.control == "speed" else reference
         else:
             self.samples.command = OPEN_LOOP[excitation](rng, time, experiment.scale) if command is None else command
