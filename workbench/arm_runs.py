@@ -23,7 +23,12 @@ from workbench.terminal import Terminal
 
 
 def record_arm(
-    arguments: argparse.Namespace, seconds: float, samples: int, rng: np.random.Generator, terminal: Terminal
+    arguments: argparse.Namespace,
+    seconds: float,
+    rate: float,
+    samples: int,
+    rng: np.random.Generator,
+    terminal: Terminal,
 ) -> None:
     """Design a motion, simulate the arm that follows it, and write and print the recording."""
     for option, allowed in (("excitation", (LEARNT,)), ("backend", ("pymunk", "mujoco"))):
@@ -33,7 +38,7 @@ def record_arm(
         raise InputError(f"--policy goes with --excitation {LEARNT} only")
     body = make_robot(arguments).body()
     report_held(body, [], terminal)
-    arm = _make_arm(arguments, body)
+    arm = _make_arm(arguments, body, rate)
     limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
     with terminal.progress("choosing the motion"):
         if arguments.excitation == LEARNT:
@@ -65,14 +70,14 @@ def record_arm(
     report_files([arguments.output], terminal)
 
 
-def _make_arm(arguments: argparse.Namespace, body: Body) -> SimulatedArm:
+def _make_arm(arguments: argparse.Namespace, body: Body, rate: float) -> SimulatedArm:
     """Create the arm in pymunk if all joints turn in one vertical plane, else or on request in MuJoCo."""
-    sensors = {"rate": arguments.rate, "counts": arguments.counts, "torque_noise": TORQUE_NOISE}
+    sensors = {"rate": rate, "counts": arguments.counts, "torque_noise": TORQUE_NOISE}
     sensors |= {"effects": arguments.effects, "max_torque": LARGEST_TORQUE}
     if arguments.backend != "mujoco":
         try:
             links = find_planar_links(body)
-            steps = max(1, round(1000.0 / arguments.rate))  # simulate at 1000 Hz or more
+            steps = max(1, round(1000.0 / rate))  # simulate at 1000 Hz or more
             # the controller gets exact velocities
             return PlanarArm(links, joints=body.joints, substeps=steps, velocity="ideal", **sensors)
         except BodyError:

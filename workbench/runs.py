@@ -20,6 +20,7 @@ from workbench.errors import InputError
 from workbench.options import make_plant
 
 SECONDS = 30.0  # default length of a recording [s]
+RATE = 1000.0  # default sample rate [Hz]
 SUGGESTED = "suggested"  # excitation suggested by a diagnosis
 LEARNT = "rl"  # excitation by a policy in closed loop
 
@@ -46,10 +47,13 @@ class Plan:
         for backend, option in (("dm1015b", "config"), ("replay", "replay")):
             if (arguments.backend == backend) != (getattr(arguments, option) is not None):
                 raise InputError(f"--backend {backend} and --{option} FILE belong together: give both or neither")
-        if arguments.replay is not None and arguments.effects:
-            raise InputError("--effect does not go with a replay: it plays the plant that was recorded")
+        if arguments.replay is not None or arguments.config is not None:
+            source = "a replay" if arguments.config is None else "a rig"
+            for option, value in (("effect", arguments.effects), ("theta", arguments.theta), ("rate", arguments.rate)):
+                if value not in (None, []):
+                    raise InputError(f"--{option} does not go with {source}, which has its own plant and rate")
         rig = _load_config(arguments)
-        rate = arguments.rate if rig is None else rig.rate
+        rate = arguments.rate or RATE if rig is None else rig.rate
         command, seconds, release = _choose_experiment(arguments, rng, rate)
         if release is not None and arguments.backend not in (None, "simulated"):
             raise InputError("a free swing is simulated as a whole: leave out --backend")
@@ -104,8 +108,6 @@ def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
     """Load the configuration of the rig, None without `--config`; raises as `Plan.from_arguments`."""
     if arguments.config is None:
         return None
-    if arguments.effects or arguments.theta is not None:
-        raise InputError("--effect and --theta do not go with a rig: it has the plant that it has")
     if not arguments.output.lower().endswith(".csv"):
         raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
     return config.load(arguments.config)

@@ -103,7 +103,9 @@ def is_consistent(
 def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
     """Estimate the slope of torque innovations over position innovations of every `stride`-th sample [N m/rad].
 
-    None if the slope is not significantly negative or the recording is too short.
+    None if the slope is not significantly negative, or the recording is too short. An error of a time stamp changes
+    torque and position by their rates: the covariance of the innovations must be significantly negative without a part
+    in proportion to the product of the predicted changes.
     """
     pieces = [slice(a, b, stride) for a, b in pairwise((*recording.starts, len(recording)))]
     pieces = [piece for piece in pieces if piece.stop - piece.start > 2 * FEEDBACK.past * stride]
@@ -114,13 +116,18 @@ def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
         for series in (recording.position, recording.torque)
     )  # (R, FEEDBACK.past + 1) each: past and present
     past = np.column_stack([position[:, :-1], torque[:, :-1], np.ones(len(torque))])
-    innovation, answer = (now - past @ solve_least_squares(past, now) for now in (position[:, -1], torque[:, -1]))
+    predicted = [past @ solve_least_squares(past, series[:, -1]) for series in (position, torque)]
+    innovation, answer = position[:, -1] - predicted[0], torque[:, -1] - predicted[1]
+    changes = (predicted[0] - position[:, -2]) * (predicted[1] - torque[:, -2])
     limits = [FEEDBACK.outlier_limit * 1.4826 * float(np.median(np.abs(series))) for series in (innovation, answer)]
     calm = (np.abs(innovation) < limits[0]) & (np.abs(answer) < limits[1])
-    innovation, answer = innovation[calm], answer[calm]
+    innovation, answer, changes = innovation[calm], answer[calm], changes[calm]
     if len(innovation) < FEEDBACK.parts or not (innovation.any() and answer.any()):
         return None
     parts = np.arange(len(innovation)) * FEEDBACK.parts // len(innovation)
-    fit = solve(Equations(innovation[:, None], answer), np.ones(len(innovation)), parts)
-    gain, std = float(fit.theta[0]), float(fit.std[0])
-    return gain if gain < -max(FEEDBACK.correlation * answer.std() / innovation.std(), FEEDBACK.z_limit * std) else None
+    weights = np.ones(len(answer))
+    slope = solve(Equations(innovation[:, None], answer), weights, parts)
+    covariance = solve(Equations(np.column_stack([weights, changes]), innovation * answer), weights, parts)
+    if any(fit.theta[0] >= -FEEDBACK.z_limit * fit.std[0] for fit in (slope, covariance)):
+        return None
+    return gain if (gain := float(slope.theta[0])) < -FEEDBACK.correlation * answer.std() / innovation.std() else None

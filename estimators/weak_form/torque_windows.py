@@ -620,7 +620,7 @@ def prepare_windows(
     if (usable := len(data.weights)) < fewest:
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(
-            f"{names}: only {usable} stretches of motion are clear of stick and reversals, at least {fewest} are "
-            "needed: record longer, faster or wider motion"
+            f"{names}: only {usable} stretches of motion are clear of stick, at least {fewest} are needed: record "
+            "longer, faster or wider motion"
         )
     return data

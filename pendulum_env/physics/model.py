@@ -223,8 +223,9 @@ class Model(Mapping[str, Estimate], Shown):
         return {name: self.estimates[name] for name in term.parameter_names}
 
     def mark_biased(self) -> Self:
-        """Return the model with all estimates marked as biased by a missing effect."""
-        return replace(self, estimates={name: replace(e, is_biased=True) for name, e in self.estimates.items()})
+        """Return the model with all estimates marked as biased by a missing effect; known values are no estimates."""
+        estimates = {name: replace(e, is_biased=e.std > 0 or e.at_bound) for name, e in self.estimates.items()}
+        return replace(self, estimates=estimates)
 
     def mark_unknown(self, names: Container[str]) -> Self:
         """Return the model with some parameters marked as unknown, because the data do not determine them."""

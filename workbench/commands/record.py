@@ -17,7 +17,7 @@ from workbench.arm_runs import record_arm
 from workbench.errors import InputError
 from workbench.outputs import check_outputs, report_files
 from workbench.rollouts import describe_recording, record_rig, simulate
-from workbench.runs import LEARNT, SECONDS, SUGGESTED, Plan
+from workbench.runs import LEARNT, RATE, SECONDS, SUGGESTED, Plan
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # largest number of samples, some minutes of simulation
@@ -43,8 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rate",
         type=options.convert_number(BOUNDS.slowest, 1e5),
-        default=1000.0,
-        help="samples per second (default 1000)",
+        help=f"samples per second (default {RATE:g}, or those of the rig or the replay)",
     )
     options.declare(parser, "--seed")
     group = parser.add_argument_group("excitation")
@@ -118,8 +117,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         raise InputError(f"{arguments.output}: the name should end in {', '.join(WRITERS)}")
     rng = np.random.default_rng(arguments.seed)
     if arguments.robot is not None:
-        seconds = arguments.seconds or SECONDS
-        record_arm(arguments, seconds, _count_samples(seconds, arguments.rate), rng, terminal)
+        seconds, rate = arguments.seconds or SECONDS, arguments.rate or RATE
+        record_arm(arguments, seconds, rate, _count_samples(seconds, rate), rng, terminal)
         return
     plan = Plan.from_arguments(arguments, rng)
     samples = _count_samples(plan.seconds, plan.rate)

@@ -523,8 +523,8 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "something was changed, or an effect shows there only."
     ),
     Kind.FEW_STRETCHES: (
-        "Only {count.value:g} stretches of motion are clear of stick and reversals, and many effects would not show. "
-        "Record longer, faster or wider motion."
+        "Only {count.value:g} stretches of motion are clear of stick, and many effects would not show. Record longer, "
+        "faster or wider motion."
     ),
     Kind.FILTER_SLOWED: (
         "At {rate.value:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate.value:.4g} rad/s."

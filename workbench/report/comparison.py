@@ -37,8 +37,8 @@ def make_comparison(case: ReportData) -> Section:
         runs += [Part(f"Torque, {name}", [drawn]), Part(f"Position in free run, {name}", [position])]
     held_out = "Held-out data. " * (not case.data.is_comparison)
     about = (
-        f"{held_out}Torque is averaged over short windows that stay clear of stick and of reversals; gaps are where "
-        "the joint stuck or turned. Each simulation of the position starts from the measured state and then runs "
+        f"{held_out}Torque is averaged over short windows clear of stick; gaps are where the joint stuck or turned. "
+        "Each simulation of the position starts from the measured state and then runs "
         f"freely for {case.data.horizon or HORIZON:g} s on the recorded torque alone."
     )
     other_runs = [Part(f"Other recordings, {len(order) - 1} of {len(usable) - 1}", runs[2:], brief=False)]

@@ -11,8 +11,9 @@ from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Kind
-from pendulum_env.physics import BASE
-from pendulum_env.recording import Recording
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import BASE, simulate
+from pendulum_env.recording import Recording, read_recording
 from tests.cases import recorded
 
 PLANNED = ("two_tone", "multisine", "prbs", "steps", "filtered_noise")
@@ -43,6 +44,20 @@ def test_recordings_of_one_controller_are_one_finding():
 @pytest.mark.parametrize("excitation", PLANNED)
 def test_planned_torque_answers_nothing(excitation):
     assert find_feedback([run(excitation)]) == []
+
+
+@pytest.mark.parametrize(("rate", "decimals", "delay"), [(200, 3, 0.1), (300, 3, 0.1), (500, 3, 0.3), (100, 2, 0.3)])
+def test_rounded_stamps_of_uneven_samples_are_no_feedback(rate, decimals, delay):
+    """Errors of the stamps shift torque and position of a row together, as a controller would."""
+    count, steps, rng = 15 * rate, 20, np.random.default_rng(1)
+    time = np.arange(count * steps) / (rate * steps)
+    torque = np.repeat(excitation("multisine", 1, 15).signal(time[::steps]), steps)
+    motion = simulate(BASE, np.array([0.0895, 2.01, 0.3638, 0.9163]), 1 / (rate * steps), torque, 0.0, 0.0)
+    late = np.clip(np.abs(rng.normal(0.0, delay, count)), 0.0, 0.95)  # of a period
+    rows = np.arange(count) * steps + (late * steps).astype(int)
+    position = motion.position[rows, 0]
+    log = {"time": np.round(time[rows], decimals), "position": position, "torque": torque[rows]}
+    assert find_feedback([read_recording(log)]) == []
 
 
 @pytest.mark.parametrize(("share", "floors", "consistent"), [(0.1, 9.0, False), (0.3, 9.0, True), (0.1, 1.0, True)])

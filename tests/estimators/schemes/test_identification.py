@@ -123,6 +123,9 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
         models = [found[name].windows, alone.model, *(scheme.model for scheme in found[name].values())]
         estimates = [estimate for model in models for estimate in model.estimates.values()]
         assert {estimate.is_biased for estimate in estimates} == {name == "lacking"}
+    fixed = identify(runs["lacking"], fixed={"inertia": plants["lacking"].estimates["inertia"].value})
+    for scheme in fixed.values():  # a known value is no estimate
+        assert {id for id, estimate in scheme.model.estimates.items() if not estimate.is_biased} == {"inertia"}
 
 
 def test_torque_that_was_asked_of_an_open_motor_did_not_act():

@@ -167,7 +167,7 @@ def test_a_velocity_that_was_computed_from_the_position_changes_nothing(coarse, 
 
 def test_a_recording_that_rests_is_refused_with_what_to_do():
     time = np.arange(2000) / 500
-    with pytest.raises(IdentificationError, match=r"resting: only 0 stretches .* clear of stick .* record longer"):
+    with pytest.raises(IdentificationError, match=r"resting: only 0 stretches .* clear of stick.* record longer"):
         prepare_windows([Recording(time, np.zeros(2000), 0.3 * np.sin(time), name="resting")])
 
 
