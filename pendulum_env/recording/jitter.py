@@ -1,7 +1,9 @@
 """Replace late time stamps of uniform samples, and resample an encoder that is slower than its log."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +21,7 @@ class JitterSettings:
 
     pause: float = 5.0  # [periods], least step between parts with separate clocks
     precision: float = 0.1  # [periods], standard error of the shift of the clock across a possible loss
-    most_rows: int = 50  # most rows on either side in the mean of this shift
+    most_stamps: int = 50  # most stamps on either side in the mean of this shift
     fewest_stamps: int = 100  # least number of steps between stamps that repeat: rounding moves a clock by 1 / n^2
     least_white: float = 1.0  # least mean square of successive differences over the variance: 2 if white, 0 if summed
     largest_spread: float = 0.5  # [periods], largest standard deviation of the stamps
@@ -35,98 +37,146 @@ class JitterSettings:
 JITTER = JitterSettings()
 WEIGHTS = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # interpolation by the cubic through two samples on either side
 SPAN = 4  # rows on either side for velocity, more than for `WEIGHTS`
+NEGLIGIBLE = 1e-3  # deviation of a stamp that counts as none [periods]
+
+Parts = Sequence[tuple[int, int]]  # first and end of each part
 
 
 def replace_late_stamps(log: Log, position: Array) -> None:
     """Replace time stamps by a fitted uniform clock, if position (N,) shows uniform samples.
 
     Stamps jitter about a uniform clock if their deviations do not accumulate. If the samples jitter too, position
-    deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. Rounded stamps
-    and rows that arrive in bursts repeat times; they deviate by at most a step between different stamps. Otherwise,
-    time is unchanged.
+    deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. If rows repeat a
+    time, because it is rounded or rows arrive in bursts, it is that of the last of these rows; it may then deviate by
+    up to a step between different stamps in any way. Otherwise, time is unchanged.
     """
     time = log.values["time"]
-    steps = np.diff(time)
-    median_step = float(np.median(steps[steps > 0]))
-    has_repeats = bool((steps == 0).any())
-    burst = float(np.median(np.diff(np.flatnonzero(steps)))) if has_repeats else 1.0  # [rows] of one stamp
-    noise = 1.4826 * float(np.median(np.abs(steps - median_step))) / np.sqrt(2.0)
-    if not has_repeats and noise <= max(log.resolution, 1e-3 * median_step):
+    last = np.flatnonzero(np.diff(time, append=np.inf) > 0)  # (M,), last row of each stamp
+    stamps, steps, n_rows, has_repeats = time[last], np.diff(time[last]), np.diff(last), len(last) < len(time)
+    if has_repeats and len(stamps) <= JITTER.fewest_stamps:
         return
-    if has_repeats and JITTER.fewest_stamps * median_step > time[-1] - time[0]:
+    median_step = float(np.median(steps))
+    period = median_step / float(np.median(n_rows))
+    errors = np.abs(steps - n_rows * period)
+    if not has_repeats and 1.4826 * np.median(errors) / np.sqrt(2.0) <= max(log.resolution, NEGLIGIBLE * period):
         return
-    width = int(np.clip(np.ceil(2.0 * (noise / (JITTER.precision * median_step)) ** 2), 1, JITTER.most_rows))
-    width = round(burst * np.ceil(JITTER.most_rows / burst)) if has_repeats else width  # whole bursts
-    period = float(np.median(time[width:] - time[:-width])) / width
-    cuts = steps > JITTER.pause * burst * period
+    noise = np.sqrt(np.mean(np.minimum(errors, period) ** 2) / 2.0)
+    width = int(np.clip(np.ceil(2.0 * (noise / (JITTER.precision * period)) ** 2), 1, JITTER.most_stamps))
+    period = float(np.median(stamps[width:] - stamps[:-width]) / np.median(last[width:] - last[:-width]))
+    cuts = steps > JITTER.pause * median_step
     if "segment" in log.values:
-        cuts |= np.diff(log.values["segment"]) != 0
-    bounds = [0, *(np.flatnonzero(cuts) + 1).tolist(), len(time)]
-    parts = [(a, b) for a, b in pairwise(bounds) if b - a > 2 * SPAN]
-    if not parts:
+        cuts |= np.diff(log.values["segment"][last]) != 0
+    bounds = pairwise([0, *(np.flatnonzero(cuts) + 1).tolist(), len(stamps)])
+    parts = [(a, max(a + 1, b - has_repeats)) for a, b in bounds]  # the last stamp of a part may lack rows
+    if not any(b - a > 2 * SPAN for a, b in parts):
         return
-    fits = []
-    moves, n_stamps = np.diff(position), np.count_nonzero(steps) + 1
-    for row_steps, width_of_shift in product((np.ones_like(log.rows[1:]), np.diff(log.rows)), (0, width)):
-        counts, n_lost = [], 0
-        for a, b in pairwise(bounds):
-            known = row_steps[a : b - 1]
-            counts.append(_count_periods(time[a:b], moves[a : b - 1], known, period, width_of_shift))
-            n_lost += int(counts[-1][-1] - known.sum())
-        clock, step = _fit_clock(time, np.concatenate(counts), bounds)
-        penalty = 2 * n_lost * np.log(n_stamps)  # BIC: place and size of each loss
-        fits.append((float(n_stamps * np.log(np.var(time - clock)) + penalty), step, clock))
-    _, step, clock = min(fits, key=lambda fit: fit[0])
-    delay = time - clock
-    variance = float(np.var(delay))
-    successive = np.mean(np.concatenate([np.diff(delay[a:b]) for a, b in parts]) ** 2)
-    is_white = successive >= JITTER.least_white * variance and np.sqrt(variance) <= JITTER.largest_spread * step
-    is_bounded = has_repeats and np.quantile(np.abs(delay), 1 - JITTER.quantile) <= max(median_step, step)
-    if not (is_white or is_bounded):
+    candidates = product((np.arange(len(time)), log.rows), (0, width))
+    fits = [
+        _fit_rows(stamps, last, position, numbers, period, shift_width, parts) for numbers, shift_width in candidates
+    ]
+    fit = min(fits, key=lambda fit: fit.score)
+    successive = np.mean(np.concatenate([np.diff(delay) for delay in fit.delays if len(delay) > 2 * SPAN]) ** 2)
+    is_white = successive >= JITTER.least_white * fit.std**2 and fit.std <= JITTER.largest_spread * fit.period
+    largest_delay = np.quantile(np.abs(np.concatenate(fit.delays)), 1 - JITTER.quantile)
+    if not (is_white or (has_repeats and largest_delay <= median_step)):
         return
-    share, error = _estimate_jitter_share(delay, clock, step, position)
+    clock = np.repeat(fit.offsets, np.diff([0, *(last[:-1][cuts] + 1).tolist(), len(time)])) + fit.period * fit.counts
+    share, error = _estimate_jitter_share(time - clock, clock, fit.period, position)
     if not share + JITTER.least_z_score * error < JITTER.share_limit:
         return
     log.values = {**log.values, "time": clock - clock[0] + time[0]}
-    numbers = {"rate": Quantity(1 / step, unit="Hz"), "std": Quantity(1e3 * float(np.sqrt(variance)), unit="ms")}
-    log.notes.append(Note(NoteKind.STAMPS_LATE, numbers=numbers))
+    deviation = Quantity(1e3 * float(np.std(time - clock)), unit="ms")
+    log.notes.append(
+        Note(NoteKind.STAMPS_LATE, numbers={"rate": Quantity(1 / fit.period, unit="Hz"), "std": deviation})
+    )
 
 
-def _count_periods(time: Array, moves: Array, row_steps: Index, period: float, width: int) -> Index:
-    """Count the periods (N,) from the first to each time (N,) of a part.
+class ClockFit(NamedTuple):
+    """Uniform clock of N rows, fitted to M time stamps.
 
-    `row_steps` (N - 1,) holds the periods between rows without lost rows. With `width` above 0, lost rows are searched:
-    after a long step, the mean deviation of the clock over `width` rows increases by a period or more. Larger steps are
-    tried first. The loss is assigned to the step with the largest excess of motion `moves` (N - 1,) over its
-    neighbours.
+    Attributes:
+        score: BIC, with the place and the size of each loss as parameters.
+        period: sample time [s].
+        offsets: time of count 0 in each part [s].
+        counts: periods from the first row to each row (N,).
+        delays: stamps less the clock, of each part [s].
     """
-    counts = row_steps.copy()
-    if width and len(time) > 2:
-        sums = np.append(0.0, np.cumsum(time - period * np.append(0, np.cumsum(counts))))
-        rows = np.arange(1, len(time))
-        first, end = np.maximum(rows - width, 0), np.minimum(rows + width, len(time))
-        shifts = (sums[end] - sums[rows]) / (end - rows) - (sums[rows] - sums[first]) / (rows - first)
-        steps = np.diff(time)
-        places = np.flatnonzero((steps > CLEANING.long_step * period) & (shifts > 0.5 * period))
-        around = np.pad(moves, 1, mode="edge")
-        excess = (moves - 0.5 * (around[:-2] + around[2:])) * np.sign(around[:-2] + around[2:])
-        for k in places[np.argsort(-steps[places], kind="stable")]:
-            a, b = first[k], end[k]
-            deviation = time[a:b] - period * np.append(0, np.cumsum(counts[a : b - 1]))
-            shift = deviation[k + 1 - a :].mean() - deviation[: k + 1 - a].mean()
-            n_lost = max(0, round(float(shift) / period))
-            near = slice(max(0, k - width // 2), k + 1 + width // 2)
-            counts[near.start + int(np.argmax(np.where(counts[near] > 1, -np.inf, excess[near])))] += n_lost
+
+    score: float
+    period: float
+    offsets: list[float]
+    counts: Index
+    delays: list[Array]
+
+    @property
+    def std(self) -> float:
+        """Return the root mean square of the delays [s]."""
+        return float(np.sqrt(np.mean(np.concatenate(self.delays) ** 2)))
+
+
+def _fit_rows(
+    stamps: Array, last: Index, position: Array, numbers: Index, period: float, width: int, parts: Parts
+) -> ClockFit:
+    """Fit a uniform clock to stamps (M,), with the losses of `_count_periods`, which explains the arguments."""
+    counts = _count_periods(stamps, last, position, numbers, period, width, parts)
+    period, offsets = _fit_clock(stamps, counts[last], parts)
+    delays = [stamps[a:b] - x - period * counts[last[a:b]] for (a, b), x in zip(parts, offsets, strict=True)]
+    n_lost = int(np.ptp(counts) - np.ptp(numbers))
+    fit = ClockFit(0.0, period, offsets, counts, delays)
+    misfit = len(stamps) * float(np.log(fit.std**2 + (NEGLIGIBLE * period) ** 2))
+    return fit._replace(score=misfit + 2 * n_lost * float(np.log(len(stamps))))
+
+
+def _count_periods(
+    stamps: Array, last: Index, position: Array, numbers: Index, period: float, width: int, parts: Parts
+) -> Index:
+    """Count the periods (N,) up to each row, with lost rows.
+
+    Row numbers (N,) count the periods without lost rows. With `width` above 0, lost rows are searched: after a step
+    that is long for its rows, the mean deviation of the clock over `width` stamps increases by a period or more. Larger
+    steps are tried first. The loss is assigned to the row step with the largest excess of motion over its neighbours.
+
+    Args:
+        stamps: different time stamps (M,) [s].
+        last: last row of each (M,).
+        position: position (N,) [rad].
+        numbers: row numbers (N,).
+        period: sample time [s].
+        width: number of stamps on either side in a mean deviation; 0 finds no losses.
+        parts: first and end of the stamps of each part with its own clock.
+    """
+    counts = np.diff(numbers)
+    around = np.pad(np.diff(position), 1, mode="edge")
+    usual = 0.5 * (around[:-2] + around[2:])  # motion in a row step without losses
+    excess = (np.diff(position) - usual) * np.sign(usual)
+    for begin, stop in parts if width else ():
+        own_last = last[begin:stop]
+        deviation = stamps[begin:stop] - period * numbers[own_last]
+        sums = np.append(0.0, np.cumsum(deviation - deviation[0]))
+        places = np.arange(1, stop - begin)
+        first, end = np.maximum(places - width, 0), np.minimum(places + width, stop - begin)
+        shifts = (sums[end] - sums[places]) / (end - places) - (sums[places] - sums[first]) / (places - first)
+        late = np.diff(deviation) / period  # periods beyond the rows of each step
+        long_steps = np.flatnonzero((late > CLEANING.long_step - 1.0) & (shifts > 0.5 * period))
+        for k in long_steps[np.argsort(-late[long_steps], kind="stable")]:
+            rows, stamp = own_last[first[k] : end[k]], k + 1 - first[k]
+            counted = np.append(0, np.cumsum(counts[rows[0] : rows[-1]]))[rows - rows[0]]
+            remaining = stamps[begin + first[k] : begin + end[k]] - period * counted
+            n_lost = max(0, round(float(remaining[stamp:].mean() - remaining[:stamp].mean()) / period))
+            # the row after a burst, too: its last row may be lost
+            end_row = own_last[min(k + 1 + width // 2, len(own_last) - 1)] + (len(last) < len(position))
+            near = slice(own_last[max(0, k - width // 2)], end_row)
+            step = near.start + int(np.argmax(excess[near]))
+            counts[step] += n_lost
+            excess[step] -= n_lost * abs(usual[step])
     return np.append(0, np.cumsum(counts))
 
 
-def _fit_clock(time: Array, counts: Index, bounds: list[int]) -> tuple[Array, float]:
-    """Fit time (N,) [s] by counts (N,) of a period and an offset per part; return fit (N,) [s] and period [s]."""
-    lengths = np.diff(bounds)
-    means = [np.repeat([values[a:b].mean() for a, b in pairwise(bounds)], lengths) for values in (time, counts)]
-    centred = counts - means[1]
-    period = float(centred @ (time - means[0]) / (centred @ centred))
-    return means[0] + period * centred, period
+def _fit_clock(time: Array, counts: Index, parts: Parts) -> tuple[float, list[float]]:
+    """Fit time (N,) [s] by counts (N,) of a period and an offset per part; return period and offsets [s]."""
+    centred, centred_time = (np.concatenate([x[a:b] - x[a:b].mean() for a, b in parts]) for x in (counts, time))
+    period = float(centred @ centred_time / (centred @ centred))
+    return period, [float(np.mean(time[a:b] - period * counts[a:b])) for a, b in parts]
 
 
 def _estimate_jitter_share(delay: Array, clock: Array, period: float, position: Array) -> tuple[float, float]:
@@ -229,15 +279,15 @@ def _find_encoder_clock(time: Array, position: Array, runs: Index, row: float) -
     stamps, run = time[rows], runs[rows]
     spacing = np.concatenate([np.diff(chain, prepend=chain[0]) for chain in chains])
     counts = np.cumsum(np.where(spacing < mean + 1, 1, np.round(spacing / mean))).astype(np.intp)  # values may repeat
-    ends = np.cumsum([0, *map(len, chains)]).tolist()
-    _, period = _fit_clock(stamps, counts, ends)
-    for (a, b), (_, end) in pairwise(pairwise(ends)):  # aligns the counts of chains to one clock
+    chain_parts = list(pairwise(np.cumsum([0, *map(len, chains)]).tolist()))
+    period, _ = _fit_clock(stamps, counts, chain_parts)
+    for (a, b), (_, end) in pairwise(chain_parts):  # aligns the counts of chains to one clock
         offset = np.mean(stamps[b:end] - period * counts[b:end]) - np.mean(stamps[a:b] - period * counts[a:b])
         counts[b:end] += round(float(offset) / period)
-    parts = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(stamps)]
-    _, period = _fit_clock(stamps, counts, parts)
+    parts = list(pairwise([0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(stamps)]))
+    period, _ = _fit_clock(stamps, counts, parts)
     delay = stamps - period * counts
-    phases = {int(run[a]): float(np.quantile(delay[a:b], JITTER.quantile)) for a, b in pairwise(parts)}
+    phases = {int(run[a]): float(np.quantile(delay[a:b], JITTER.quantile)) for a, b in parts}
     delay -= np.array([phases[number] for number in run])
     explained = np.mean((delay > -JITTER.early_tolerance * row) & (delay < (1 + JITTER.early_tolerance) * row))
     return (period, phases) if explained >= JITTER.explained_share and period <= STEPS[1] else None

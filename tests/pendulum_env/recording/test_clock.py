@@ -152,6 +152,16 @@ def test_samples_whose_stamps_repeat_are_read_on_the_uniform_clock(decimals: int
     np.testing.assert_array_equal(recording.position, run["position"])
 
 
+@pytest.mark.parametrize(("rate", "burst"), [(500, 2), (500, 16), (1027, 5), (1027, 16)])
+def test_rows_lost_inside_bursts_keep_their_time(rate: int, burst: int) -> None:
+    run, lost = motion(rate, 10.0), np.array([1001, 3007, 3700])
+    last = np.minimum(np.arange(len(run["time"])) // burst * burst + burst, len(run["time"])) - 1
+    log = {name: np.delete(v, lost) for name, v in (run | {"time": run["time"][last]}).items()}
+    recording = read_recording(log)
+    assert recording.rate == pytest.approx(rate, rel=1e-5) and recording.starts == (0,)
+    np.testing.assert_allclose(recording.position, run["position"], rtol=0, atol=0.01 * 5 / rate)  # of a row's motion
+
+
 def test_bursts_in_nanoseconds_since_1970_are_recognised() -> None:
     run = motion(500, 10.0)
     stamps = 1_700_000_000_123_456_789 + (np.arange(5000) // 5) * 10_000_000
