@@ -102,6 +102,15 @@ def refuse_too_few(time: Array) -> None:
         )
 
 
+def refuse_implausible(recording: Recording, origin: Origin) -> None:
+    """Refuse a recording that is too short, or whose reference, load torque or velocity contradicts its motion."""
+    refuse_too_short(recording, origin)
+    refuse_foreign_reference(recording, origin)
+    refuse_doubled_torque(recording, origin)
+    if recording.velocity is not None:
+        refuse_foreign_velocity(recording, origin)
+
+
 def refuse_too_short(recording: Recording, origin: Origin) -> None:
     """Refuse too low sample rates and too short recordings; suggest another unit of time."""
     period, duration = 1 / recording.rate, recording.duration

@@ -55,6 +55,8 @@ class Log:
         start: first time in the log [s].
         resolution: last decimal place of printed time, or spacing of float32 [s]; 0 if unknown.
         rounding: rounding error of float64 at these times [s].
+        turns: turn at which position and reference may be wrapped [rad], see `find_turns`.
+        unwraps: whether jumps of a turn are undone.
     """
 
     values: dict[str, Array]
@@ -63,9 +65,17 @@ class Log:
     start: float = 0.0
     resolution: float = 0.0
     rounding: float = 0.0
+    turns: Mapping[str, float] = field(default_factory=dict)
+    unwraps: bool = False
 
     def __post_init__(self) -> None:
         self.rows: Index = np.arange(1, len(self.values["time"]) + 1)
+
+    @property
+    def position(self) -> Array:
+        """Return the position (N,) [rad], without jumps of a turn if these are undone."""
+        position = self.values["position"]
+        return np.unwrap(position, period=self.turns["position"]) if self.unwraps else position
 
     def keep_rows(self, is_kept: Mask) -> None:
         """Keep the samples of a mask (N,)."""
@@ -232,14 +242,14 @@ def drop_repeated_times(log: Log) -> None:
         log.keep_rows(is_new)
 
 
-def drop_initial_hold(log: Log, position: Array) -> None:
+def drop_initial_hold(log: Log) -> None:
     """Remove the samples of a free swing before its release, with the joint at rest away from equilibrium.
 
-    After the release, position (N,) moves by a t^2 / 2: the time of the release follows from the times of the
+    After the release, position moves by a t^2 / 2: the time of the release follows from the times of the
     displacements d and 9 d. It moves by tan(e) (cosh(w t) - 1) if it falls from an angle e from upright. The median of
     position is the equilibrium.
     """
-    time = log.values["time"] - log.values["time"][0]
+    time, position = log.values["time"] - log.values["time"][0], log.position
     span, tilt = float(np.ptp(position)), float(position[0] - np.median(position))
     travel = np.abs(position - np.median(position[: max(3, len(position) // 500)])) / span
     if np.cos(tilt) > np.cos(CLEANING.least_tilt):
@@ -261,12 +271,13 @@ def start_from_zero(log: Log) -> None:
     log.values = {**log.values, "time": time - time[0]}
 
 
-def drop_spoilt_positions(log: Log, position: Array) -> None:
-    """Remove rows with an impossible position (N,), given unwrapped.
+def drop_spoilt_positions(log: Log) -> None:
+    """Remove rows with an impossible position.
 
     Glitches are single samples far from both neighbours. Stale values repeat the last one, and are followed by an
     impossible jump or by a jump to the position of steady motion.
     """
+    position = log.position
     typical_bend = estimate_bend(position)
     is_kept = np.ones(len(position), dtype=np.bool_)
     for kind, samples in (
@@ -296,22 +307,22 @@ def find_turns(values: Mapping[str, Array], columns: Mapping[str, FileColumn]) -
     return turns
 
 
-def unwrap_positions(log: Log, turns: Mapping[str, float], is_angle: bool) -> int:
+def unwrap_positions(log: Log, is_angle: bool) -> int:
     """Undo jumps of a turn in position, and in a reference that `is_angle`; return the number of jumps.
 
     Raises RecordingError if an encoder before a gear may be on another turn after a gap.
     """
-    position, turn = log.values["position"], turns["position"]
+    position, turn = log.values["position"], log.turns["position"]
     jumps = int(np.count_nonzero(np.abs(np.diff(position)) > turn / 2))
     if jumps and turn < TURN and len(log.starts) > 1:
         raise RecordingError(
             f"position wraps at {turn:.4g} rad, a turn of its encoder, and the log has a gap at data row "
             f"{log.rows[log.starts[1]]} (header not counted), after which the turn is unknown: make a file of each part"
         )
-    unwrapped = np.unwrap(position, period=turn)
-    log.values = {**log.values, "position": unwrapped}
+    log.values = {**log.values, "position": log.position}
     if "reference" in log.values and is_angle:
-        log.values["reference"] = _unwrap_reference(log.values["reference"], unwrapped, turns["reference"], jumps)
+        references, turn_of_reference = log.values["reference"], log.turns["reference"]
+        log.values["reference"] = _unwrap_reference(references, log.values["position"], turn_of_reference, jumps)
     if jumps:
         numbers = {"count": Quantity(jumps), "turn": Quantity(turn, unit="rad")}
         log.notes.append(Note(NoteKind.UNWRAPPED, ("position",), numbers))

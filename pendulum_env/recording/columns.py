@@ -186,47 +186,35 @@ def find_columns(
     """
     expressions = {quantity: text.strip() for quantity, text in (named_columns or {}).items()}
     omitted = {q for q in (*OPTIONAL, "torque") if expressions.get(q) == NONE and NONE not in headers}
-    parsed = {q: parse_column(q, text, headers) for q, text in expressions.items() if q not in omitted}
-    used = {column.index for column in parsed.values()}
-    found = {quantity: _find_candidates(quantity, headers, used) for quantity in ALIASES if quantity not in omitted}
-    torque_column = parsed.get("torque")
-    if not found.get("position") and "position" not in parsed and len(_find_joints(headers)) < 2:
-        found["position"] = _find_positions(headers, torque_column, {*used, *text_columns})
-    positions = [parsed["position"]] if "position" in parsed else _prefer_measured(found.get("position", []))
-    if len(positions) > 1 and torque_column:
-        positions = _select_joint(read_words(torque_column.header).label, positions) or positions
+    columns = {q: parse_column(q, text, headers) for q, text in expressions.items() if q not in omitted}
+    used = {column.index for column in columns.values()}
+    positions, torque = [columns["position"]] if "position" in columns else [], columns.get("torque")
+    if not positions:
+        matches = _find_positions(headers, torque, used, text_columns)
+        positions = _prefer_measured(matches)
+        if len(positions) > 1 and torque:
+            positions = _select_joint(read_words(torque.header).label, positions) or positions
+        columns |= _choose_column("position", positions, matches, expressions, text_columns)
     label = read_words(positions[0].header).label if len(positions) == 1 else None
-    columns = {}
-    for quantity, matches in found.items():
-        if quantity in parsed:
-            columns[quantity] = parsed[quantity]
-            continue
+    for quantity in (q for q in ALIASES if q not in columns and q not in omitted and q != "position"):
+        matches = _find_candidates(quantity, headers, used)
         if quantity == "time":
-            matches = matches or _find_clocks(headers, date_columns, used)
+            matches = _drop_fractions(matches or _find_clocks(headers, date_columns, used), headers)
         elif label is not None and not matches:
             matches = _select_joint(label, _find_by_words(quantity, headers, {*used, *text_columns}))
         candidates = _prefer_measured([c for c in matches if c.index not in text_columns] or matches)
-        if quantity == "position":
-            candidates = positions
-        elif quantity == "time" and len(candidates) > 1:
-            fractions = {fraction.index for column in candidates if (fraction := _find_fraction(column, headers))}
-            candidates = matches = [column for column in candidates if column.index not in fractions]
+        if quantity == "time" and len(candidates) > 1:
             candidates = (len(positions) == 1 and _match_path(positions[0], candidates)) or candidates
         elif len(candidates) > 1 and label is not None:
             of_joint = _select_joint(label, candidates)
-            if quantity == "velocity":  # which may be missing
-                candidates = of_joint if len(of_joint) == 1 else []
-            else:
-                candidates = of_joint or candidates
+            is_missing = quantity == "velocity" and len(of_joint) != 1
+            candidates = [] if is_missing else of_joint or candidates
         if quantity in FIRST_MATCHING:
             candidates = candidates[:1]
         if quantity == "torque" and output is not None:
-            output_column = _find_output(output, headers)
-            candidates = [] if output_column is None else [parse_column(quantity, output_column, headers)]
-        _refuse_ambiguous(quantity, candidates, expressions)
-        if candidates:
-            others = tuple(c.header for c in matches if c not in candidates and c.index not in text_columns)
-            columns[quantity] = replace(candidates[0], other_candidates=others)
+            expression = _find_output(output, headers)
+            candidates = [] if expression is None else [parse_column(quantity, expression, headers)]
+        columns |= _choose_column(quantity, candidates, matches, expressions, text_columns)
     if "torque" not in {*columns, *omitted} and "load_torque" in columns and output is None:
         if not any(_is_raw("torque", header) for header in headers):  # without a motor
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
@@ -237,7 +225,7 @@ def find_columns(
     is_swing = columns.keys().isdisjoint(DRIVEN_ONLY) and not any(can_be_torque(unused[k], k) for k in unused)
     if missing and not (missing == ["torque"] and is_swing):
         _refuse_missing(missing, headers, list(unused.values()), expressions, "reference" in columns)
-    return _complete_columns(columns, headers)
+    return _complete_columns({quantity: columns[quantity] for quantity in ALIASES if quantity in columns}, headers)
 
 
 def _complete_columns(columns: dict[str, FileColumn], headers: Sequence[str]) -> dict[str, FileColumn]:
@@ -252,14 +240,22 @@ def _complete_columns(columns: dict[str, FileColumn], headers: Sequence[str]) ->
     return columns
 
 
-def _refuse_ambiguous(quantity: str, candidates: Sequence[FileColumn], expressions: Mapping[str, str]) -> None:
-    """Refuse a file with several candidates for a quantity."""
+def _choose_column(
+    quantity: str,
+    candidates: Sequence[FileColumn],
+    matches: Sequence[FileColumn],
+    expressions: Mapping[str, str],
+    text_columns: Collection[int],
+) -> dict[str, FileColumn]:
+    """Return the column of a quantity, which names its other matches; empty without one. Refuse several candidates."""
     if len(candidates) > 1:
         names = " and ".join(quote_value(c.header.strip(), LONGEST_HEADER) for c in candidates[:3])
         raise ColumnError(
             f"columns {names} could {'both' if len(candidates) == 2 else 'all'} be {quantity}: "
             f"say which with {format_setting('columns', {**expressions, quantity: 'NAME'})}"
         )
+    others = tuple(c.header for c in matches if c not in candidates and c.index not in text_columns)
+    return {quantity: replace(candidates[0], other_candidates=others)} if candidates else {}
 
 
 def _refuse_missing(
@@ -375,14 +371,28 @@ def add_si_unit(quantity: str, header: str) -> str:
     return f"{header}:{SI[quantity]}" if reads_as_unit else header
 
 
-def _find_positions(headers: Sequence[str], torque: FileColumn | None, excluded: Collection[int]) -> list[FileColumn]:
-    """Find positions of joints by labels that torques or currents have, too; without those by numbers alone."""
+def _find_positions(
+    headers: Sequence[str], torque: FileColumn | None, used: set[int], text_columns: Collection[int]
+) -> list[FileColumn]:
+    """Find columns of position by their names, else of joints by labels that torques or currents have, too.
+
+    Without any such label, joints are those with numbers alone.
+    """
+    positions = _find_candidates("position", headers, used)
+    if positions or len(_find_joints(headers)) > 1:
+        return positions
     readings = [read_words(header.strip()) for header in ([torque.header] if torque else headers)]
     labels = {reading.label for reading in readings if reading.quantity == "torque"}
-    positions = _find_by_words("position", headers, excluded)
-    of_joints = [column for column in positions if read_words(column.header).label in labels]
-    numbered = [c for c in positions if all(word.isdecimal() for word in read_words(c.header).label)]
+    by_words = _find_by_words("position", headers, {*used, *text_columns})
+    of_joints = [column for column in by_words if read_words(column.header).label in labels]
+    numbered = [c for c in by_words if all(word.isdecimal() for word in read_words(c.header).label)]
     return of_joints or ([] if labels else numbered)
+
+
+def _drop_fractions(columns: Sequence[FileColumn], headers: Sequence[str]) -> list[FileColumn]:
+    """Drop the columns of time with the fraction of the seconds in another of them."""
+    fractions = {fraction.index for column in columns if (fraction := _find_fraction(column, headers))}
+    return [column for column in columns if column.index not in fractions]
 
 
 def _find_clocks(headers: Sequence[str], date_columns: Collection[int], used: Collection[int]) -> list[FileColumn]:

@@ -42,15 +42,15 @@ NEGLIGIBLE = 1e-3  # deviation of a stamp that counts as none [periods]
 Parts = Sequence[tuple[int, int]]  # first and end of each part
 
 
-def replace_late_stamps(log: Log, position: Array) -> None:
-    """Replace time stamps by a fitted uniform clock, if position (N,) shows uniform samples.
+def replace_late_stamps(log: Log) -> None:
+    """Replace time stamps by a fitted uniform clock, if position shows uniform samples.
 
     Stamps jitter about a uniform clock if their deviations do not accumulate. If the samples jitter too, position
     deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. If rows repeat a
     time, because it is rounded or rows arrive in bursts, it is that of the last of these rows; it may then deviate by
     up to a step between different stamps in any way. Otherwise, time is unchanged.
     """
-    time = log.values["time"]
+    time, position = log.values["time"], log.position
     last = np.flatnonzero(np.diff(time, append=np.inf) > 0)  # (M,), last row of each stamp
     stamps, steps, n_rows, has_repeats = time[last], np.diff(time[last]), np.diff(last), len(last) < len(time)
     if has_repeats and len(stamps) <= JITTER.fewest_stamps:
@@ -201,7 +201,7 @@ def _estimate_jitter_share(delay: Array, clock: Array, period: float, position: 
     return share, float(np.std(deviation - share * jitter)) / np.sqrt(power)
 
 
-def resample_slow_encoder(log: Log, position: Array) -> None:
+def resample_slow_encoder(log: Log) -> None:
     """Resample a log to the clock of an encoder that is slower than the log and repeats values.
 
     Position is sampled at the times of this clock. Torque with the same clock is sampled too, other torque is averaged.
@@ -214,7 +214,7 @@ def resample_slow_encoder(log: Log, position: Array) -> None:
     segment = log.values.get("segment", np.zeros_like(time))
     runs = np.cumsum(np.diff(segment, prepend=segment[0]) != 0)  # labels may recur
     row = float(np.median(np.diff(time)))
-    clock = _find_encoder_clock(time, position, runs, row)
+    clock = _find_encoder_clock(time, log.position, runs, row)
     if clock is None:
         return
     period, phases = clock

@@ -39,12 +39,12 @@ SAMPLING = SamplingSettings()
 PIECES = 8  # of a period, by which torque is summed up
 
 
-def cut_at_gaps(log: Log, position: Array) -> None:
+def cut_at_gaps(log: Log) -> None:
     """Start a segment after each gap of time, and at each change of the column `segment`."""
     segments = log.values.get("segment")
     segment_starts = set() if segments is None else set((np.flatnonzero(np.diff(segments)) + 1).tolist())
     log.values = {quantity: column for quantity, column in log.values.items() if quantity != "segment"}
-    time = log.values["time"]
+    time, position = log.values["time"], log.position
     steps = np.diff(time)
     median_step = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
