@@ -67,9 +67,11 @@ def predict_rows(torque: Array, theta: Array, position: Array, velocity: Array) 
         Rows (T, B, C, P) in nominal units, and a mask (T, B, C) of those above `MIN_SPEED`.
     """
     shape = torque.shape
-    each = [np.repeat(values, shape[-1], axis=-1) for values in (theta.T, position, velocity)]
+    repeated = [np.repeat(values, shape[-1], axis=-1) for values in (theta.T, position, velocity)]
     # of second order, so an action changes little with finer steps
-    motion = simulate(BASE, each[0], TICK, torque.reshape(len(torque), -1), each[1], each[2], longest_step=5e-3)
+    motion = simulate(
+        BASE, repeated[0], TICK, torque.reshape(len(torque), -1), repeated[1], repeated[2], longest_step=5e-3
+    )
     speed = np.abs(motion.velocity)
     usable = (speed[1:] >= MIN_SPEED) & (speed[:-1] >= MIN_SPEED) & (motion.velocity[1:] * motion.velocity[:-1] > 0)
     return (compute_regressor_rows(motion, TICK) * NOMINAL).reshape(*shape, -1), usable.reshape(shape)

@@ -51,8 +51,8 @@ class PolicyComparison:
         """List problems of policies that make their figures meaningless, one sentence each."""
         notes = []
         for name, outcome in self.outcomes.items():
-            if still := int(np.sum(outcome.speed == 0)):
-                plants = "" if still == len(outcome.speed) else f" on {still} of {len(outcome.speed)} plants"
+            if n_still := int(np.sum(outcome.speed == 0)):
+                plants = "" if n_still == len(outcome.speed) else f" on {n_still} of {len(outcome.speed)} plants"
                 notes.append(f"{name} never moves the joint{plants}: nothing can be estimated there")
             if (largest := float(outcome.action.max())) > MAX_ACTION:
                 notes.append(f"{name} asks for up to {largest:.1f} times the peak torque: actions are shares of it")
@@ -134,8 +134,8 @@ def compare_policies(
         (500, 2, 4)
     """
     policies = policies or {}
-    if reserved := [name for name in policies if name in baselines]:
-        raise UserError(f"a policy and a baseline are both called {reserved[0]}: rename the policy")
+    if shared_names := [name for name in policies if name in baselines]:
+        raise UserError(f"a policy and a baseline are both called {shared_names[0]}: rename the policy")
     if plants < 1:
         raise UserError(f"plants is {plants}: give 1 or more")
     contenders = make_baselines(baselines, constraint)
@@ -150,12 +150,12 @@ def compare_policies(
         for part, size in enumerate(sizes)
     ]
     work: Callable[..., Iterable[Outcome]] = map if executor is None else executor.map
-    done: list[Outcome] = []
+    outcomes_so_far: list[Outcome] = []
     names, count = [*contenders], len(sizes)
     for outcome in work(operator.call, jobs):
-        done.append(outcome)
-        progress(names[(len(done) - 1) // count], len(done) / len(jobs))
-    outcomes = {name: Outcome.join(done[k * count : (k + 1) * count]) for k, name in enumerate(names)}
+        outcomes_so_far.append(outcome)
+        progress(names[(len(outcomes_so_far) - 1) // count], len(outcomes_so_far) / len(jobs))
+    outcomes = {name: Outcome.join(outcomes_so_far[k * count : (k + 1) * count]) for k, name in enumerate(names)}
     settings: dict[str, object] = {"constraint": constraint, "plants": plants, "seed": seed, "scheme": scheme}
     settings |= {"effects": [*setting["effects"]], "spread": spread}
     return PolicyComparison(outcomes, settings)

@@ -106,8 +106,8 @@ def evaluate_policy(
         action_peak = np.maximum(action_peak, np.abs(action[:, 0]))
         observation, _, _, _, info = env.step(action)
         for j in range(n_samples):
-            now = np.full(plants, (k * n_samples + j + 1) / RATE)
-            estimates = estimator.take(now, info["positions"][:, j], info["torques"][:, j])
+            time_now = np.full(plants, (k * n_samples + j + 1) / RATE)
+            estimates = estimator.take(time_now, info["positions"][:, j], info["torques"][:, j])
             row = estimates.regressor * NOMINAL
             information += row[:, :, None] * row[:, None, :]
         errors[k] = estimates.theta[:, 0] / truth - 1.0

@@ -47,15 +47,15 @@ class Inputs:
     def read_more(self, names: Sequence[str], arguments: argparse.Namespace, terminal: Terminal) -> list[Recording]:
         """Read further recordings or studies in the log format of the model."""
         sources = [source for name in names for source in read_source_names(name, arguments)]
-        formatted = [apply_log_format(source, self.model.log_format, arguments.model) for source in sources]
-        return read_all(formatted, terminal, self.read)
+        formatted_sources = [apply_log_format(source, self.model.log_format, arguments.model) for source in sources]
+        return read_all(formatted_sources, terminal, self.read)
 
     def convert(self, terminal: Terminal, align: bool) -> FitData:
         """Convert torque to the unit of the model, and report its timing."""
         if not self.body.can_simulate:
             return self.calibrate(terminal, align)
-        converted = convert_to_model_unit(self.model, [*self.recordings, *self.holdout])
-        return report_timing(FitData(converted), align, terminal)
+        recordings = convert_to_model_unit(self.model, [*self.recordings, *self.holdout])
+        return report_timing(FitData(recordings), align, terminal)
 
     def calibrate(
         self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None

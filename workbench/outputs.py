@@ -70,6 +70,6 @@ def write_page(path: str | None, terminal: Terminal, page: str, *results: Any) -
 
 def report_files(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
     """Print the names of the files that were written."""
-    written = [str(path) for path in paths if path is not None]
-    if written:
-        terminal.print(f"\nwrote {join_words(written)}")
+    names = [str(path) for path in paths if path is not None]
+    if names:
+        terminal.print(f"\nwrote {join_words(names)}")

@@ -49,10 +49,10 @@ class RobotFile:
         """Return a copy that holds joints without columns in the sources, unless `joints` is set."""
         if self.joints is not None or not sources:
             return self
-        every = find_movable_joints(self.file, bolted=True)
-        logged = [find_logged_joints(source.file, every, source.columns) for source in sources]
-        moving = tuple(joint for joint in every if all(joint in joints for joints in logged))
-        return replace(self, joints=moving) if moving and moving != every else self
+        all_joints = find_movable_joints(self.file, bolted=True)
+        logged = [find_logged_joints(source.file, all_joints, source.columns) for source in sources]
+        moving = tuple(joint for joint in all_joints if all(joint in joints for joints in logged))
+        return replace(self, joints=moving) if moving and moving != all_joints else self
 
     def read(self, source: Source) -> ArmRecording:
         """Read a recording of the robot; raises RecordingError as `read_arm_source`."""

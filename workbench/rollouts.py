@@ -97,7 +97,7 @@ def make_environment(plan: Plan) -> gym.Env[Any, Any]:
             return gym.make(PENDULUM, max_episode_steps=-1, backend="dm1015b", config=str(plan.rig.path))
         except DriveError as error:
             raise InputError(str(error)) from None
-    plant = {"model": plan.plant, "rate": plan.rate} if arguments.replay is None else {}
+    plant: dict[str, Any] = {"model": plan.plant, "rate": plan.rate} if arguments.replay is None else {}
     return gym.make(
         PENDULUM,
         max_episode_steps=-1,

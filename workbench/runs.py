@@ -65,8 +65,8 @@ class Plan:
         rig, amplitude = self.rig, self.command.amplitude
         if rig is None or amplitude <= rig.max_torque:
             return ""
-        until = "limits.torque" if rig.checked else "until `hardware check` has passed"
-        return f"torque is cut at {rig.max_torque:g} N m ({until}), {amplitude:g} were asked for"
+        limit_text = "limits.torque" if rig.checked else "until `hardware check` has passed"
+        return f"torque is cut at {rig.max_torque:g} N m ({limit_text}), {amplitude:g} were asked for"
 
 
 def _choose_experiment(

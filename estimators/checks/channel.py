@@ -180,8 +180,8 @@ class ChannelFits:
         """
         law, slopes = min(laws, key=self.compute_misfit), dict[str, Array]()
         if is_free:
-            law = refine_nonlinear(law, lambda variants: [self.residual(self.torque(own)) for own in variants])
-            slopes = compute_nonlinear_slopes(law, lambda variants: [-self.torque(own) for own in variants])
+            law = refine_nonlinear(law, lambda variants: [self.residual(self.torque(variant)) for variant in variants])
+            slopes = compute_nonlinear_slopes(law, lambda variants: [-self.torque(variant) for variant in variants])
         design = np.column_stack([self.phi, *slopes.values()])
         limits = np.full(design.shape[1], np.inf)
         by_torque = np.zeros_like(design)
@@ -214,10 +214,12 @@ class ChannelFits:
         half = 0.5 * self.period * (time > 0)  # a filter of the log delays slow torque by its lag less half a sample
         lag = self.fit([self.law(0.0, share * time + half) for share in (0.5, 1.0, 1.5)])
         if time > 0:
-            both = self.fit([self.law(share * time, (1 - share) * time + half) for share in (0.25, 0.5, 0.75)])
-            is_both = both.delay > 0 and both.lag > self.period and both.is_supported(in_time)
-            if is_both and both.beats(delay) and both.beats(lag):
-                return both
+            delay_and_lag = self.fit([self.law(share * time, (1 - share) * time + half) for share in (0.25, 0.5, 0.75)])
+            is_both = (
+                delay_and_lag.delay > 0 and delay_and_lag.lag > self.period and delay_and_lag.is_supported(in_time)
+            )
+            if is_both and delay_and_lag.beats(delay) and delay_and_lag.beats(lag):
+                return delay_and_lag
         is_filter = lag.predicts_better(delay) and lag.is_supported(in_time) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
         return law if law.beats(other) or not other.is_supported(in_time) else replace(law, rival=other.channel)
@@ -287,14 +289,14 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
         law = _choose_hold(fits)
         return law if not law.is_found or fits.is_consistent(recordings, law) else NO_ALIGNMENT
     candidates = fits, fits.with_drift(), fits.with_columns_of_torque(NONLINEAR_GAIN)
-    fits = min(candidates, key=lambda own: own.delay_fit.delay_std)
+    fits = min(candidates, key=lambda candidate: candidate.delay_fit.delay_std)
     if not (law := _choose_hold(fits)).is_found:
         return law
     if not (law.is_late or fits.keeps_inertia(law)):
         return NO_ALIGNMENT
     if find_feedback(recordings):
         finer = fits.with_angle_columns()
-        with_angle, without = (own.fit([law.channel], is_free=False) for own in (finer, fits))
+        with_angle, without = (candidate.fit([law.channel], is_free=False) for candidate in (finer, fits))
         fits, law = (finer, _choose_hold(finer)) if with_angle.beats(without) else (fits, law)
     return law if fits.is_consistent(recordings, law) else NO_ALIGNMENT
 
@@ -361,6 +363,6 @@ def align_each(recordings: Sequence[Recording], terms: Sequence[Term] = ()) -> l
         agree = [own.agrees(law) for own in own_laws]
         is_shared = law.is_found if law is joint else law.is_late and joint.agrees(law)
         if is_shared and 2 * sum(agree) > len(agree):
-            return [law if alike or own.acts_late else own for own, alike in zip(own_laws, agree, strict=True)]
+            return [law if agrees or own.acts_late else own for own, agrees in zip(own_laws, agree, strict=True)]
     laws = [joint if own.acts_late else own for own in own_laws]
     return laws if any(law.is_found for law in laws) else [joint] * len(laws)

@@ -95,8 +95,8 @@ def _check_completeness(
     )
     if not numbers:
         return [], results
-    marked = {id: replace(result, model=result.model.mark_biased()) for id, result in results.items()}
-    return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], marked
+    biased_results = {id: replace(result, model=result.model.mark_biased()) for id, result in results.items()}
+    return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], biased_results
 
 
 def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:

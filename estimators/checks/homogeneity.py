@@ -163,8 +163,8 @@ class RecordingFit:
         significant = np.flatnonzero(large & (np.abs(gap) > self.z_limit * std))
         order = sorted(significant, key=lambda j: -abs(gap[j]) / std[j])
         sizes = zip(self.columns, self.estimates.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
-        found = [Difference(column.name, self.units.unit(column.unit), *numbers) for column, *numbers in sizes]
-        return tuple(found[j] for j in order)
+        differences = [Difference(column.name, self.units.unit(column.unit), *numbers) for column, *numbers in sizes]
+        return tuple(differences[j] for j in order)
 
     def classify_difference(self, other: ComparedParameters) -> tuple[Kind, dict[str, Quantity]]:
         """Return the kind of difference, and the factor if one factor of all parameters explains it.

@@ -142,14 +142,16 @@ class FitData:
         data are returned.
         """
         excluded, count = {outlier.recording for outlier in outliers}, len(self.recordings)
-        kept = [k for k in range(count) if k + 1 not in excluded]
-        if len(kept) == count:
+        remaining_numbers = [k for k in range(count) if k + 1 not in excluded]
+        if len(remaining_numbers) == count:
             return self
-        alignments = [self.alignments[k] for k in (*kept, *range(count, len(self.alignments))) if self.alignments]
-        names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in kept)
+        alignments = [
+            self.alignments[k] for k in (*remaining_numbers, *range(count, len(self.alignments))) if self.alignments
+        ]
+        names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in remaining_numbers)
         return self.with_treatment(
             Finding(Kind.RECORDINGS_EXCLUDED, recordings=names),
-            recordings=tuple(self.recordings[k] for k in kept),
+            recordings=tuple(self.recordings[k] for k in remaining_numbers),
             alignments=tuple(alignments),
             excluded=tuple(outliers),
             whole=self,
@@ -162,8 +164,8 @@ class FitData:
 
     def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
         """Return the data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
-        every = enumerate(self.all_recordings)
-        changed = tuple(change(recording) if k in numbers else recording for k, recording in every)
+        numbered = enumerate(self.all_recordings)
+        changed = tuple(change(recording) if k in numbers else recording for k, recording in numbered)
         untimed = None if self.untimed is None else self.untimed.with_changes(change, numbers)
         count = len(self.recordings)
         return replace(self, recordings=changed[:count], holdout=changed[count:], untimed=untimed)

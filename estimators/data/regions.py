@@ -27,8 +27,8 @@ def find_regions_at(
     """
     of_joint, least = residual[data.locate_rows(at)], data.data.compute_negligible_residual(at)
     floor = data.floors[at] if floor is None else floor
-    found = find_regions(data.data.part(at).samples, of_joint, floor, axes, most, data.units(at))
-    return [replace(region, at=at) for region in found if abs(region.residual) > least]
+    regions = find_regions(data.data.part(at).samples, of_joint, floor, axes, most, data.units(at))
+    return [replace(region, at=at) for region in regions if abs(region.residual) > least]
 
 
 def find_failures(

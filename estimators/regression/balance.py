@@ -253,10 +253,12 @@ class Balance:
         parts = [_condense_linear_rows(self[fold == k]) for k in range(count)]
         names = ["phi", "y", "by_torque", "weights"]
         names += ["response", "perturbations"] if self.perturbations is not None else []
-        joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        condensed_arrays: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
+        }
         shares = [np.broadcast_to(part.torque_share, part.y.shape) for part in parts]
         of_part = np.repeat(np.arange(count), [len(part.y) for part in parts])
-        return replace(self, **joined, torque_share=np.concatenate(shares), unfiltered=None), of_part
+        return replace(self, **condensed_arrays, torque_share=np.concatenate(shares), unfiltered=None), of_part
 
     def fits_tangent(self, theta: Array, rows: Mask, square: float) -> bool:
         """Return whether the squared weighted error of some rows (R,) at parameters (P,) is close to `square`.
@@ -337,11 +339,11 @@ class Balance:
             step = np.zeros(len(local.known))
             step[free] = steps[0]
             for share in SOLVER.shares:
-                found = local.known + share * step
-                cost = float(np.sum((w * self.error(found)) ** 2))
+                trial = local.known + share * step
+                cost = float(np.sum((w * self.error(trial)) ** 2))
                 if cost < local.cost:
                     break
-            return found, cost
+            return trial, cost
 
         return gauss_newton(theta, linearise, choose_step, StopRule(SOLVER.iterations, of_cost=SOLVER.enough))
 
@@ -383,8 +385,10 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
     if balance.perturbations is not None:
         added["response"] = added["perturbations"] = np.tile(balance.perturbations.max(axis=0), (len(triangle), 1))
     others = replace(others, torque_share=np.broadcast_to(others.torque_share, others.y.shape), unfiltered=None)
-    joined: dict[str, Any] = {name: np.concatenate([getattr(others, name), values]) for name, values in added.items()}
-    return replace(others, **joined)
+    joined_arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(others, name), values]) for name, values in added.items()
+    }
+    return replace(others, **joined_arrays)
 
 
 def _condense_linear_rows(balance: Balance) -> Balance:

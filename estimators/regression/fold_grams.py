@@ -47,11 +47,11 @@ class FoldGrams:
         grams = np.array([cell_rows.T @ cell_rows for cell_rows in np.split(rows[order], ends[1:-1])])
         return cls(near, entry, order, ends, rows, grams.reshape(entries, folds, *grams.shape[1:]))
 
-    def with_term(self, part: Columns, here: slice) -> Array:
-        """Return Gram matrices (E, K, P + p + 1, P + p + 1) with a term of p columns, on the rows `here` of a joint."""
-        first, last, _ = here.indices(len(self.order))
-        rows, columns = self._extend(part, here)
-        sorted_rows, size = self.order[here] - first, rows.shape[1]
+    def with_term(self, part: Columns, joint_rows: slice) -> Array:
+        """Return Gram matrices (E, K, P + p + 1, P + p + 1) with a term of p columns, on the rows of a joint."""
+        first, last, _ = joint_rows.indices(len(self.order))
+        rows, columns = self._extend(part, joint_rows)
+        sorted_rows, size = self.order[joint_rows] - first, rows.shape[1]
         rows, columns = rows[sorted_rows], columns[sorted_rows]
         grams = np.zeros((*self.grams.shape[:2], *2 * (size + columns.shape[1],)))
         grams[:, :, :size, :size] = self.grams
@@ -66,35 +66,35 @@ class FoldGrams:
                 cells[k, :size, :size] = row_cell.T @ row_cell
         return grams
 
-    def with_variants(self, parts: Sequence[Columns], weights: Array, here: slice) -> Array:
+    def with_variants(self, parts: Sequence[Columns], weights: Array, joint_rows: slice) -> Array:
         """Return Gram matrices (V, P + p + 1, P + p + 1) of all rows with each of V variants of a term.
 
         Args:
-            parts: p columns of each variant, on the rows `here`.
+            parts: p columns of each variant, on the rows of a joint.
             weights: weight of the equations of each entry (E,).
-            here: rows of the joint of the variants.
+            joint_rows: rows of the joint of the variants.
         """
-        square, row_weight = weights**2, weights[self.entry[here], None]
+        square, row_weight = weights**2, weights[self.entry[joint_rows], None]
         size, new_size = self.rows.shape[1], self.rows.shape[1] + parts[0].linear.shape[1]
         grams = np.empty((len(parts), new_size, new_size))
         if any(part.fixed.any() for part in parts):  # changes all errors in the rows of the joint
-            elsewhere = np.delete(np.arange(len(weights)), np.unique(self.entry[here]))
+            elsewhere = np.delete(np.arange(len(weights)), np.unique(self.entry[joint_rows]))
             others = np.einsum("e,ekij->ij", square[elsewhere], self.grams[elsewhere])
             for gram, part in zip(grams, parts, strict=True):
-                rows = row_weight * np.column_stack(self._extend(part, here))
+                rows = row_weight * np.column_stack(self._extend(part, joint_rows))
                 gram[:] = rows.T @ rows
                 gram[:size, :size] += others
             return grams
-        columns = (row_weight * self.near.scale[here, None]) * np.stack([part.linear for part in parts])
+        columns = (row_weight * self.near.scale[joint_rows, None]) * np.stack([part.linear for part in parts])
         grams[:, :size, :size] = np.einsum("e,ekij->ij", square, self.grams)
-        grams[:, :size, size:] = (row_weight * self.rows[here]).T @ columns
+        grams[:, :size, size:] = (row_weight * self.rows[joint_rows]).T @ columns
         grams[:, size:, :size] = np.swapaxes(grams[:, :size, size:], 1, 2)
         grams[:, size:, size:] = np.swapaxes(columns, 1, 2) @ columns
         return grams
 
-    def _extend(self, part: Columns, here: slice) -> tuple[Array, Array]:
+    def _extend(self, part: Columns, joint_rows: slice) -> tuple[Array, Array]:
         """Return the rows of a joint (r, P + 1), changed by fixed columns of a term, and the term's columns (r, p)."""
-        rows, scale = self.rows[here], self.near.scale[here]
+        rows, scale = self.rows[joint_rows], self.near.scale[joint_rows]
         if not part.fixed.any():
             return rows, scale[:, None] * part.linear
         ratio = 1.0 / (np.maximum(1.0 - scale * part.fixed_slope, LEAST_SLOPE) * part.torque_share)[:, None]
@@ -132,9 +132,9 @@ def compute_squared_errors(grams: Array, least: Array, most: Array) -> Array:
     Parameters with equal bounds are known; their part moves to the left-hand side.
     """
     is_free = least < most
-    given = np.eye(len(least) + 1)[:, np.append(True, is_free)]
-    given[1:, 0] = np.where(is_free, 0.0, -least)
-    grams, least, most = given.T @ grams @ given, least[is_free], most[is_free]
+    substitution = np.eye(len(least) + 1)[:, np.append(True, is_free)]
+    substitution[1:, 0] = np.where(is_free, 0.0, -least)
+    grams, least, most = substitution.T @ grams @ substitution, least[is_free], most[is_free]
     scale = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 1e-300))  # (V, P + 1)
     grams = grams / (scale[:, :, None] * scale[:, None, :])
     normal, target = grams[:, 1:, 1:] + RIDGE * np.eye(grams.shape[1] - 1), grams[:, 1:, :1]

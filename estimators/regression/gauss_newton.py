@@ -52,12 +52,12 @@ class LocalErrors(Generic[Known]):
         while free.any():
             step[:] = 0.0
             step[free] = solve_least_squares(rows[:, free], target)
-            out = np.zeros(len(size), dtype=bool)
+            leaves_bounds = np.zeros(len(size), dtype=bool)
             if self.at_least is not None and self.at_most is not None:
-                out = (self.at_least & (step < 0)) | (self.at_most & (step > 0))
-            if not out.any():
+                leaves_bounds = (self.at_least & (step < 0)) | (self.at_most & (step > 0))
+            if not leaves_bounds.any():
                 break
-            free &= ~out
+            free &= ~leaves_bounds
         return step
 
 

@@ -258,13 +258,13 @@ def compute_growth(segments: Segments, terms: Sequence[Term], theta: Array) -> A
     return np.asarray(np.abs(paths[:, 1] - paths[:, 0]).max(axis=0) / PERTURBATION)
 
 
-def select_segments(segments: Segments, which: Mask | Index) -> Segments:
+def select_segments(segments: Segments, selection: Mask | Index) -> Segments:
     """Return some of the segments, by a mask (B,) or their numbers."""
     return replace(
         segments,
-        first=segments.first[which],
-        torque=segments.torque[:, which],
-        position=segments.position[:, which],
-        velocity=segments.velocity[which],
-        hidden={id: tuple(value[..., which] for value in memory) for id, memory in segments.hidden.items()},
+        first=segments.first[selection],
+        torque=segments.torque[:, selection],
+        position=segments.position[:, selection],
+        velocity=segments.velocity[selection],
+        hidden={id: tuple(value[..., selection] for value in memory) for id, memory in segments.hidden.items()},
     )

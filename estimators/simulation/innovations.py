@@ -109,8 +109,8 @@ def _linearise_motion(
     def compute_slope(name: str, perturbation: float) -> Array:
         value = getattr(x, name)
         displaced = (replace(x, **{name: value + change}) for change in (perturbation, -perturbation))
-        up, down = map(compute_acceleration, displaced)
-        values = broadcast((up - down) / (2 * perturbation))
+        raised, down = map(compute_acceleration, displaced)
+        values = broadcast((raised - down) / (2 * perturbation))
         return 0.5 * (values[1:] + values[:-1])
 
     rates = np.zeros((len(index) - 1, index.shape[1], 2, 2))

@@ -45,12 +45,12 @@ def build_recording(
         )
     unit = columns["torque"].result_unit if "torque" in columns else actuator.unit
     is_output = unit == OUTPUTS.get(actuator.output)
-    noted = [column for column in columns.values() if not (is_output and column.quantity == "torque")]
+    noted_columns = [column for column in columns.values() if not (is_output and column.quantity == "torque")]
     if "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # with a drive, computed below
         if not actuator.is_controller:
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named_columns else NoteKind.NO_TORQUE_COLUMN))
-    notes = [*(note for column in noted for note in column.notes), *notes]
+    notes = [*(note for column in noted_columns for note in column.notes), *notes]
     log = cleaning.Log(values, notes, turns=cleaning.find_turns(values, columns), unwraps=unwrap)
     _clean_rows(log, can_resample=can_resample, can_swing=not actuator.is_controller)
     turn = log.turns["position"]

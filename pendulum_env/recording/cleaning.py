@@ -368,8 +368,8 @@ def _find_glitches(q: Array, typical_bend: float) -> Index:
         return np.empty(0, dtype=np.intp)
     bends = np.abs(q[2:-2] - 0.5 * (q[1:-3] + q[3:-1]))
     k = np.flatnonzero(bends > CLEANING.glitch_ratio * typical_bend)
-    around = np.abs(np.diff([q[k], q[k + 1], q[k + 3], q[k + 4]], axis=0)).max(axis=0)  # without it
-    return k[bends[k] > CLEANING.glitch_ratio * around] + 2
+    neighbour_steps = np.abs(np.diff([q[k], q[k + 1], q[k + 3], q[k + 4]], axis=0)).max(axis=0)  # without it
+    return k[bends[k] > CLEANING.glitch_ratio * neighbour_steps] + 2
 
 
 def _find_cuts(log: Log) -> Mask:

@@ -627,5 +627,5 @@ def find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
 
 def _list_headers(headers: Sequence[str]) -> str:
     names = [quote_value(header.strip(), LONGEST_HEADER) for header in headers]
-    listed = [name for k, name in enumerate(names) if k < 3 or len(", ".join(names[: k + 1])) < LONGEST_LIST]
-    return ", ".join(listed + ["..."] * (len(listed) < len(names))) or "none"
+    shown_names = [name for k, name in enumerate(names) if k < 3 or len(", ".join(names[: k + 1])) < LONGEST_LIST]
+    return ", ".join(shown_names + ["..."] * (len(shown_names) < len(names))) or "none"

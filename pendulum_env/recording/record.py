@@ -210,8 +210,8 @@ class Recording(Shown):
     @property
     def series(self) -> dict[str, Array]:
         """Return the recorded series by quantity, (N,) each, or (N, n) for quantities of n joints."""
-        every = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
-        return {quantity: values for quantity, values in every.items() if values is not None}
+        values_by_quantity = {quantity: getattr(self, quantity) for quantity in QUANTITIES}
+        return {quantity: values for quantity, values in values_by_quantity.items() if values is not None}
 
     @property
     def powered(self) -> Array:

@@ -198,16 +198,16 @@ def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], median_step: float) 
 
     Position and velocity are interpolated by cubic splines, torque linearly.
     """
-    filled, places, count = [], [], 0
+    filled_parts, places, count = [], [], 0
     for part in parts:
         n_lost = _count_lost(part["time"], median_step)
         _refuse_too_many(float(n_lost.sum()), len(n_lost), median_step)
         places.append(part["time"][:-1][n_lost > 0] - parts[0]["time"][0])
-        filled.append(_insert_lost(part, n_lost) if n_lost.any() else part)
+        filled_parts.append(_insert_lost(part, n_lost) if n_lost.any() else part)
         count += int(n_lost.sum())
     if count:
         log.notes.append(_note_times(NoteKind.FILLED, np.concatenate(places), count))
-    return filled
+    return filled_parts
 
 
 def _count_lost(time: Array, median_step: float) -> Index:
@@ -220,8 +220,8 @@ def _count_lost(time: Array, median_step: float) -> Index:
 
 def _insert_lost(part: dict[str, Array], n_lost: Index) -> dict[str, Array]:
     recorded = np.append(0, np.cumsum(n_lost + 1))  # (N,), indices of the recorded samples
-    every = np.arange(recorded[-1] + 1)
-    filled = {name: np.interp(every, recorded, part[name]) for name in ("time", "torque")}
+    rows = np.arange(recorded[-1] + 1)
+    filled = {name: np.interp(rows, recorded, part[name]) for name in ("time", "torque")}
     sampled = _sample_at(filled["time"], part)
     for name, values in sampled.items():
         values[recorded] = part[name]
@@ -253,8 +253,8 @@ def _make_grid(start: float, period: float, count: int) -> Array:
 def _average_held(grid: Array, period: float, time: Array, torque: Array) -> Array:
     """Average torque (N,), held from times (N,) on, over each step of a grid (M,)."""
     ends = np.append(grid, grid[-1] + period)
-    until = np.append(time, max(time[-1], grid[-1]) + 2 * period)
-    impulse = np.interp(ends, until, np.append(0.0, np.cumsum(torque * np.diff(until))))  # [N m s]
+    ends_of_torque = np.append(time, max(time[-1], grid[-1]) + 2 * period)
+    impulse = np.interp(ends, ends_of_torque, np.append(0.0, np.cumsum(torque * np.diff(ends_of_torque))))  # [N m s]
     return np.diff(impulse) / np.diff(ends)
 
 

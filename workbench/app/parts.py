@@ -52,8 +52,8 @@ def make_graph(figure: Figure) -> Component:
     config: Any = {"displaylogo": False, "modeBarButtons": [BUTTONS]}
     style, id = {"height": figure.height}, {"kind": PLOT, "of": figure.id}
     spec = {"data": figure.data, "layout": figure.layout}
-    drawn = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
-    plot = html.Div(drawn, role="group", className="plot", style=style, **make_aria(label=figure.label))
+    graph = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
+    plot = html.Div(graph, role="group", className="plot", style=style, **make_aria(label=figure.label))
     return html.Figure([dcc.Store(id={"kind": f"{PLOT}-{SPEC}", "of": figure.id}, data=spec), plot])
 
 
@@ -71,12 +71,14 @@ def show_content(content: report.Content, id: str) -> list[Component]:
     """Render content of a report; `id`: prefix of its ids, unique on the page."""
     components: list[Component] = []
     for number, item in enumerate(content):
-        of, figures = f"{id}-{number}", list(list_figures([item]))
+        content_id, figures = f"{id}-{number}", list(list_figures([item]))
         if not figures:
-            text = dcc.Store(id={"kind": "markup", "of": of}, data=page.render_fragment([item]))
-            components.append(html.Div([text, html.Div(id={"kind": "fragment", "of": of}, className="fragment")]))
+            text = dcc.Store(id={"kind": "markup", "of": content_id}, data=page.render_fragment([item]))
+            components.append(
+                html.Div([text, html.Div(id={"kind": "fragment", "of": content_id}, className="fragment")])
+            )
         elif isinstance(item, report.Part):
-            inner = show_content(item.content, of)
+            inner = show_content(item.content, content_id)
             title = capitalise(item.title)
             components += [html.H3(title), *inner] if item.brief else [html.Details([html.Summary(title), *inner])]
         else:
@@ -117,9 +119,9 @@ def make_panel(title: str, *content: Component | str, className: str = "") -> Co
 
 def make_table(headers: Mapping[str, bool], rows: Sequence[Sequence[Any]], label: str) -> Component:
     """Make a scrollable table; `headers` maps each title to whether its column is numeric."""
-    of = ["number" if number else None for number in headers.values()]
-    head = html.Tr([html.Th(name, scope="col", className=kind) for name, kind in zip(headers, of, strict=True)])
-    body = [html.Tr([html.Td(x, className=kind) for x, kind in zip(row, of, strict=True)]) for row in rows]
+    classes = ["number" if number else None for number in headers.values()]
+    head = html.Tr([html.Th(name, scope="col", className=kind) for name, kind in zip(headers, classes, strict=True)])
+    body = [html.Tr([html.Td(x, className=kind) for x, kind in zip(row, classes, strict=True)]) for row in rows]
     return html.Div(
         html.Table([html.Thead(head), html.Tbody(body)]),
         className="scroll",

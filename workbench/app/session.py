@@ -263,16 +263,16 @@ class Session:
             return
         if card.loaded_id:
             earlier = self.state.find(card.loaded_id)
-            renamed = replace(loaded.recording, name=earlier.recording.name)
-            reread = replace(earlier, source=loaded.source, recording=renamed)
-            self.change("read columns anew", self.state.swap_recording(earlier, reread))
+            recording = replace(loaded.recording, name=earlier.recording.name)
+            loaded_again = replace(earlier, source=loaded.source, recording=recording)
+            self.change("read columns anew", self.state.swap_recording(earlier, loaded_again))
             return
         headers = card.preview.headers
-        alike = [other for other in waiting if not other.loaded_id and other.preview.headers == headers]
-        self.cards = tuple(other for other in waiting if other not in alike)
+        same_headers = [other for other in waiting if not other.loaded_id and other.preview.headers == headers]
+        self.cards = tuple(other for other in waiting if other not in same_headers)
         self.add_recordings(loaded)
         columns, unwrap = loaded.source.columns, loaded.source.unwrap
-        self.load([replace(other.source, columns=columns, unwrap=unwrap) for other in alike])
+        self.load([replace(other.source, columns=columns, unwrap=unwrap) for other in same_headers])
 
     def end(self) -> None:
         """Cancel the job and refuse further actions; wait at most `GRACE` for a running request."""

@@ -89,7 +89,7 @@ def _compute_mean_size(values: Array) -> float:
     return float(np.mean(np.abs(values)))
 
 
-def _simulate_servos(model: Model, request: Request, servos: Servos, every: int) -> Array:
+def _simulate_servos(model: Model, request: Request, servos: Servos, interval: int) -> Array:
     """Simulate B servos over N steps in MuJoCo; return every `every`-th position, (N / every + 1, 1, B) [rad]."""
     mujoco = import_mujoco()
     drives = [  # default supply: the first recorded value
@@ -97,7 +97,7 @@ def _simulate_servos(model: Model, request: Request, servos: Servos, every: int)
         for lane, drive in enumerate(servos.drives)
     ]
     models = {drive: mjcf.export(model, request, Servo(drive)) for drive in dict.fromkeys(drives)}
-    paths = np.empty((len(servos.goal) // every + 1, 1, len(drives)))
+    paths = np.empty((len(servos.goal) // interval + 1, 1, len(drives)))
     for lane, drive in enumerate(drives):
         world = mujoco.MjModel.from_xml_string(models[drive].content)
         data = mujoco.MjData(world)
@@ -107,8 +107,8 @@ def _simulate_servos(model: Model, request: Request, servos: Servos, every: int)
             data.ctrl[0] = goal
             world.opt.disableactuator = int(not on)  # bit 0: default group of actuators
             mujoco.mj_step(world, data)
-            if (k + 1) % every == 0:
-                paths[(k + 1) // every, 0, lane] = data.qpos[0]
+            if (k + 1) % interval == 0:
+                paths[(k + 1) // interval, 0, lane] = data.qpos[0]
     return paths
 
 

@@ -103,20 +103,20 @@ class Friction:
         """
         unit = model.torque_unit
         remaining = [term for term in model.terms if term.id not in EVERY and term.id not in included]
-        folded = [term for term in remaining if find_description(term.id).fits_friction]
+        approximated_terms = [term for term in remaining if find_description(term.id).fits_friction]
         omissions = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
-        omitted = [term for term in remaining if term not in folded]
+        omitted = [term for term in remaining if term not in approximated_terms]
         omissions += [f"{term.id} ({term.law}): {find_description(term.id).omission}" for term in omitted]
         viscous, dry = get_value(model, "viscous") + get_value(model, "back_emf"), get_value(model, "coulomb")
-        if not folded and min(viscous, dry) >= 0:
+        if not approximated_terms and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(omissions))
-        still = np.zeros_like(SPEEDS)
+        zeros = np.zeros_like(SPEEDS)
         law = viscous * SPEEDS + dry
-        for column in (column for term in folded for column in term.columns):
-            ways = [column.torque(Samples(still, still, v, still), 0.0) for v in (SPEEDS, -SPEEDS)]
+        for column in (column for term in approximated_terms for column in term.columns):
+            ways = [column.torque(Samples(zeros, zeros, v, zeros), 0.0) for v in (SPEEDS, -SPEEDS)]
             law = law + 0.5 * model.estimates[column.name].value * (ways[0] - ways[1])
         (viscous, dry), _ = scipy.optimize.nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
-        kinds = [f"{term.id} ({term.law})" for term in folded] or ["friction below zero"]
+        kinds = [f"{term.id} ({term.law})" for term in approximated_terms] or ["friction below zero"]
         close = f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} rad/s"
         return cls(float(viscous), float(dry), (*omissions, *(f"{kind}: {close}" for kind in kinds)))
 

@@ -116,13 +116,15 @@ class ProgramText:
     def write(cls, results: Sequence[Operand], language: Language) -> ProgramText:
         """Create the lines and result expressions."""
         source = cls(language)
-        order, same = merge_equal(results)
-        counts = Counter(same[x] for x in (*(x for s in order for x in s.inputs), *results) if isinstance(x, Symbol))
+        order, representative = merge_equal(results)
+        counts = Counter(
+            representative[x] for x in (*(x for s in order for x in s.inputs), *results) if isinstance(x, Symbol)
+        )
         texts: dict[Symbol, tuple[str, int]] = {}
 
         def operand(x: Operand) -> tuple[str, int]:
             if isinstance(x, Symbol):
-                return texts[same[x]]
+                return texts[representative[x]]
             return write_number(language, x), ATOM if x >= 0 else NEGATIVE
 
         for symbol in order:

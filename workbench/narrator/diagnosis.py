@@ -154,8 +154,8 @@ def describe_refit(refit: HorizonRefit) -> str:
     unit, over = refit.before.model.units().unit("rad"), f"over {refit.seconds:g} s"
     before = Quantity(refit.before.errors["holdout"].position_rms, unit=unit)
     if refit.after is None:
-        what = f"The held-out error of free motion {over} is {measure(before, 4)}"
-        return f"{what}. Noise explains the error of the fitted motion, and the model is not refitted."
+        error_text = f"The held-out error of free motion {over} is {measure(before, 4)}"
+        return f"{error_text}. Noise explains the error of the fitted motion, and the model is not refitted."
     after = Quantity(refit.after.errors["holdout"].position_rms, unit=unit)
     end = "was interrupted. It " if refit.is_interrupted else ""
     change = measure_change(before, after, 4)

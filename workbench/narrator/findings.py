@@ -84,8 +84,8 @@ def _collect_words(finding: Finding) -> dict[str, Any]:
         words["unknown"] = f"The {words['name']} is unknown, and every parameter is per {logged}"
     if "number" in finding.numbers:
         recording, *others = finding.recordings
-        than = "the others" if len(others) > 1 else f"'{others[0]}'" if others else "the model"
-        words["disagrees"] = f"Recording {finding.numbers['number'].value:g} ({recording}) disagrees with {than}"
+        reference = "the others" if len(others) > 1 else f"'{others[0]}'" if others else "the model"
+        words["disagrees"] = f"Recording {finding.numbers['number'].value:g} ({recording}) disagrees with {reference}"
     return words
 
 

@@ -93,8 +93,8 @@ def make_legend(entries: Iterable[tuple[str, PlotCurve]]) -> Html:
     line = "display:inline-block;width:1.6em;margin:0 .4em .25em 0;border-top:2px"
     keys = []
     for name, curve in entries:
-        drawn = make_element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}")
-        keys.append(make_element("span", "margin-right:1.2em;white-space:nowrap", drawn, name))
+        line_sample = make_element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}")
+        keys.append(make_element("span", "margin-right:1.2em;white-space:nowrap", line_sample, name))
     return make_element("div", SMALL, *keys)
 
 
@@ -119,9 +119,9 @@ def make_plot(
     room = (high - low) or 1.0
 
     def make_path(x_values: Array, y_values: Array) -> str:
-        across = WIDTH * (x_values - x[0]) / ((x[-1] - x[0]) or 1.0)
+        x_places = WIDTH * (x_values - x[0]) / ((x[-1] - x[0]) or 1.0)
         down = np.clip(HEIGHT * (high - y_values) / room, -HEIGHT, 2 * HEIGHT)
-        return "M" + "L".join(f"{a:.0f} {b:.1f}" for a, b in zip(across, down, strict=True))
+        return "M" + "L".join(f"{a:.0f} {b:.1f}" for a, b in zip(x_places, down, strict=True))
 
     shapes = []
     if low < 0 < high:

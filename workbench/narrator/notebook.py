@@ -93,13 +93,13 @@ def show_model(model: Model) -> str:
 def show_estimates(estimates: SchemeEstimates) -> str:
     """Render the estimates of several schemes as HTML; for a batch, those of the first plant."""
     schemes = {id: scheme for id, scheme in estimates.items() if isinstance(scheme, SchemeEstimate)}
-    units = {name: of for scheme in schemes.values() for name, of in scheme.units.items()}
+    units = {name: unit for scheme in schemes.values() for name, unit in scheme.units.items()}
     values = {id: scheme.format() for id, scheme in schemes.items()}
     rows = [(id, *(texts.get(name, "") for name in units)) for id, texts in values.items()]
     batch = [len(scheme["theta"]) for scheme in schemes.values() if np.ndim(scheme["theta"]) > 1]
     return make_card(
         "Online estimates",
-        TextTable(("scheme", *(f"{name} [{of}]" for name, of in units.items())), rows),
+        TextTable(("scheme", *(f"{name} [{unit}]" for name, unit in units.items())), rows),
         f"of the first of {batch[0]} pendulums" if batch else "",
     )
 

@@ -143,12 +143,12 @@ def narrate_addition(addition: Addition) -> list[Part]:
     parameters = Part("Parameters", [tabulate_parameters(addition.model)])
     if addition.model.body.can_simulate:
         return [Part(f"Errors, {title}", [tabulate_errors(steps, addition.model.units()), *sentences]), parameters]
-    fitted, unseen = (
+    fitted, held_out = (
         tabulate_joints(get_end_errors(steps, part), addition.floors, addition.model) for part in ("train", "holdout")
     )
     return [
         Part(f"Torque errors on fitted data, {title}", [fitted]),
-        Part(f"Torque errors on held-out data, {title}", [unseen, *sentences]),
+        Part(f"Torque errors on held-out data, {title}", [held_out, *sentences]),
         parameters,
     ]
 

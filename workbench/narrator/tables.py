@@ -72,9 +72,10 @@ def tabulate_candidates(candidates: Sequence[Candidate], max_rows: int | None) -
     """Tabulate selected, ambiguous and at most `max_rows` rejected candidates; also return a text on the others."""
     accepted = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
     rejected = [c for c in candidates if c not in accepted]
-    listed, hidden = rejected[:max_rows], [] if max_rows is None else rejected[max_rows:]
+    shown_candidates, hidden = rejected[:max_rows], [] if max_rows is None else rejected[max_rows:]
     rows = [
-        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c)) for c in (*accepted, *listed)
+        (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c))
+        for c in (*accepted, *shown_candidates)
     ]
     blind = [c.effect for c in hidden if c.verdict is Verdict.NOT_EXCITED]
     worse = len(hidden) - len(blind)
@@ -106,10 +107,10 @@ def tabulate_recordings(comparison: Comparison) -> TextTable:
 def tabulate_profile(profile: Profile) -> TextTable:
     """Tabulate the mean residual over one quantity, with bars."""
     largest = float(np.abs(profile.mean).max()) or 1.0
-    edges, along = to_shown_unit(profile.edges, profile.unit)
+    edges, unit_of_axis = to_shown_unit(profile.edges, profile.unit)
     rows = [
         (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", f"{draw_bar(-mean / largest):>12}│{draw_bar(mean / largest):<12}")
         for (low, high), mean in zip(pairwise(edges), profile.mean.tolist(), strict=True)
     ]
     unit = profile.units.unit(NEWTON_METRE)
-    return TextTable((f"{SYMBOLS[profile.axis]} [{along}]", f"mean residual [{unit}]", ""), rows, left=("",))
+    return TextTable((f"{SYMBOLS[profile.axis]} [{unit_of_axis}]", f"mean residual [{unit}]", ""), rows, left=("",))

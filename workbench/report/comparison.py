@@ -33,8 +33,8 @@ def make_comparison(case: ReportData) -> Section:
         name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].select_center_samples().time)
         errors = [part[k] for part in split]
         position = plot_position(case, f"position-{k}", [part.segments[k] for part in case.parts[1]])
-        drawn = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], errors, noise)
-        runs += [Part(f"Torque, {name}", [drawn]), Part(f"Position in free run, {name}", [position])]
+        torque_plot = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], errors, noise)
+        runs += [Part(f"Torque, {name}", [torque_plot]), Part(f"Position in free run, {name}", [position])]
     held_out = "Held-out data. " * (not case.data.is_comparison)
     about = (
         f"{held_out}Torque is averaged over short windows clear of stick; gaps are where the joint stuck or turned. "
@@ -47,24 +47,24 @@ def make_comparison(case: ReportData) -> Section:
 
 
 def plot_torque(
-    case: ReportData, id: str, of: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
+    case: ReportData, id: str, subject: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
 ) -> plots.Figure:
     """Plot the torque of one recording in its windows (N,) [N m], above the residual (N,) of each model."""
     x, (measured, *differences) = plots.insert_gaps(time, plots.select_samples(residuals[0]), torque, *residuals)
     modelled = [measured - difference for difference in differences]
-    label = f"Measured and modelled torque over time, and their difference, {of}"
+    label = f"Measured and modelled torque over time, and their difference, {subject}"
     names = ("torque", "residual", case.units.unit("N m"))
     figure = plots.plot_before_and_after(id, label, x, measured, case.model_labels, modelled, differences, names)
     figure.data.insert(0, plots.make_band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
     return figure
 
 
-def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> plots.Figure:
+def plot_position(case: ReportData, id: str, segments_of_models: Sequence[Segments]) -> plots.Figure:
     """Plot the position of one recording and free-running simulations from measured states.
 
-    `each`: the segments of the recording for each model of the case, with its initial states.
+    `segments_of_models`: the segments of the recording for each model of the case, with its initial states.
     """
-    segments = each[0]
+    segments = segments_of_models[0]
     # plotted points of each window
     seconds = (len(segments.position) - 1) / segments.windows.recording.rate
     points = int(np.clip(2 * plots.POINTS // len(segments.first), 10, 80 * max(1.0, seconds)))
@@ -74,7 +74,7 @@ def plot_position(case: ReportData, id: str, each: Sequence[Segments]) -> plots.
     start = recording.time[segments.first]
     x = plots.join_arrays(list((start + at[:, None] / recording.rate).T))
     measured = plots.join_arrays(list(segments.position[at].T))
-    models = zip(each, (step.model for step in case.ends), strict=True)
+    models = zip(segments_of_models, (step.model for step in case.ends), strict=True)
     errors = [
         plots.join_arrays(list(simulate_errors(segments_of_model, m.terms, m.theta)[at].T))
         for segments_of_model, m in models

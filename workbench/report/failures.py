@@ -44,7 +44,8 @@ def make_failures(case: ReportData) -> Section:
         final_regions = regions[-1] if len(regions) > 1 else []
         name = f"joint-{k}" if joint else "profile"
         figures = [
-            plot_profile(curves, drawn, regions[0], final_regions, reach, name) for drawn in zip(*maps, strict=True)
+            plot_profile(curves, profiles, regions[0], final_regions, reach, name)
+            for profiles in zip(*maps, strict=True)
         ]
         strips.append(Part(joint, [tuple(figures), *list_regions(curves, regions)]))
     threshold = f" by more than {format_percent(NEGLIGIBLE)} of the joint's torque" * (not body.can_simulate)
@@ -59,9 +60,11 @@ def make_failures(case: ReportData) -> Section:
     return Section("failures", "Where it fails", "Where the model fails", content)
 
 
-def list_regions(curves: Sequence[Curve], found: Sequence[Sequence[Region]]) -> Iterator[str | tuple[str, ...]]:
+def list_regions(
+    curves: Sequence[Curve], regions_of_models: Sequence[Sequence[Region]]
+) -> Iterator[str | tuple[str, ...]]:
     """Yield a heading and the significant regions of the residual for each model."""
-    for (label, _), regions in zip(curves, found, strict=False):
+    for (label, _), regions in zip(curves, regions_of_models, strict=False):
         yield f"Under the {label}{':' if regions else ', the residual is within the noise.'}"
         yield tuple(describe_region(region) for region in regions)
 
@@ -79,7 +82,7 @@ def make_legend(curves: Sequence[Curve], regions: bool, final_regions: bool) -> 
 
 def plot_profile(
     curves: Sequence[Curve],
-    drawn: Sequence[Profile],
+    profiles: Sequence[Profile],
     regions: Sequence[Region],
     final_regions: Sequence[Region],
     reach: float,
@@ -89,19 +92,19 @@ def plot_profile(
 
     `regions`: of the first model, `final_regions`: of another last model, `name`: prefix of the figure's id.
     """
-    first, unit = drawn[0], drawn[0].units.unit("N m")
-    (edges, along), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
+    first, unit = profiles[0], profiles[0].units.unit("N m")
+    (edges, unit_of_axis), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
     middle = 0.5 * (edges[1:] + edges[:-1])
     oscillates = first.axis == "frequency"
     data = [make_band(middle, REGIONS.z_limit * first.error, f"noise (±{REGIONS.z_limit:g}σ)")]
-    for (label, color), profile in zip(curves, drawn, strict=True):
+    for (label, color), profile in zip(curves, profiles, strict=True):
         mode = "lines" if oscillates else "lines+markers"
         data.append(make_line(middle, profile.mean, label, color, unit, mode=mode))
     half = 0.5 if final_regions else 0.0  # two kinds of stripes share the height
     shapes = [draw_stripe(r, "--region", half, 1.0, factor) for r in regions if r.axis == first.axis]
     shapes += [draw_stripe(r, "--open", 0.0, half, factor) for r in final_regions if r.axis == first.axis]
     quantity, symbol = TITLES[first.axis]
-    title = f"{first.units.name(quantity)}{symbol} [{along}]"
+    title = f"{first.units.name(quantity)}{symbol} [{unit_of_axis}]"
     label_of_y = f"{'amplitude' if oscillates else 'mean residual'} [{unit}]"
     layout: JSON = {
         "xaxis": make_angle_axis(first.units) if first.unit == WITHIN else make_axis(title),
@@ -111,7 +114,7 @@ def plot_profile(
         "margin": {"t": 16},
     }
     if oscillates:
-        layout["yaxis"]["range"] = [0, 1.08 * max(float(np.max(p.mean)) for p in drawn)]
+        layout["yaxis"]["range"] = [0, 1.08 * max(float(np.max(p.mean)) for p in profiles)]
     return Figure(f"{name}-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
 
 

@@ -29,11 +29,11 @@ def make_errors(case: ReportData) -> Section:
     """Make the section on errors after every step."""
     diagnosis, steps, units = case.diagnosis, case.diagnosis.steps, case.units
     is_simulated = np.isfinite([error.position_rms for step in steps for error in step.errors.values()]).all()
-    drawn = [plot_errors(case, "torque_rms", f"torque error [{units.unit('N m')}]", diagnosis.noise_floor)]
+    plots = [plot_errors(case, "torque_rms", f"torque error [{units.unit('N m')}]", diagnosis.noise_floor)]
     if is_simulated:
         factor, angle = case.angle
-        drawn.append(plot_errors(case, "position_rms", f"free-running position error [{angle}]", None, factor))
-    figures = tuple(drawn) if len(steps) > 1 else "No effect was added, so there is one step only."
+        plots.append(plot_errors(case, "position_rms", f"free-running position error [{angle}]", None, factor))
+    figures = tuple(plots) if len(steps) > 1 else "No effect was added, so there is one step only."
     return Section("errors", "Errors", "How the error falls", [figures, *narrate_errors(diagnosis)])
 
 
@@ -95,9 +95,9 @@ def make_parameters(case: ReportData) -> Section:
 def _plot_table(table: Table, curve: TableCurve, units: JointUnits) -> Figure:
     """Plot the function of a table with its confidence band."""
     title = f"{capitalise(name_effect(table.id))}, {table.law}"
-    quantity, of = ("angle", "rad") if table.axis == "position" else ("speed", "rad/s")
-    (x, along), of_torque = to_shown_unit(curve.x, units.unit(of)), units.unit(table.unit)
-    argument = f"{units.name(quantity)} [{along}]"
+    quantity, unit_of_quantity = ("angle", "rad") if table.axis == "position" else ("speed", "rad/s")
+    (x, unit_of_axis), of_torque = to_shown_unit(curve.x, units.unit(unit_of_quantity)), units.unit(table.unit)
+    argument = f"{units.name(quantity)} [{unit_of_axis}]"
     data = [
         make_band(x, SIGMAS * curve.std, f"± {SIGMAS:g} standard errors", curve.value),
         make_line(x, curve.value, title, "--final", of_torque),
@@ -132,7 +132,9 @@ def choose_stroke(place: int, scheme: str) -> JSON:
     return {"color": color, "width": 1.8, "dash": "dash" if "filtered" in scheme else "solid"}
 
 
-def plot_convergence(identification: Identification, column: int, strokes: dict[str, JSON], of: str) -> Figure:
+def plot_convergence(
+    identification: Identification, column: int, strokes: dict[str, JSON], unit_of_parameter: str
+) -> Figure:
     """Plot the estimates of one parameter over time by all schemes; early outliers are cut off."""
     parameter = next(iter(identification.schemes.values())).model.columns[column]
     data, late_estimates = [], []
@@ -141,11 +143,13 @@ def plot_convergence(identification: Identification, column: int, strokes: dict[
         estimate = course.theta[:, column]
         late = course.time >= course.time[0] + SETTLED * (course.time[-1] - course.time[0])
         late_estimates.append(estimate[late])
-        data.append(make_line(course.time, estimate, name_effect(id), "", format_unit(of), line=strokes[id]))
+        data.append(
+            make_line(course.time, estimate, name_effect(id), "", format_unit(unit_of_parameter), line=strokes[id])
+        )
     values = np.concatenate(late_estimates)
     middle = float(np.median([result[-1] for result in late_estimates]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
-    title = f"{parameter.name} [{format_unit(of)}]" if format_unit(of) else parameter.name
+    title = f"{parameter.name} [{format_unit(unit_of_parameter)}]" if format_unit(unit_of_parameter) else parameter.name
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # between recordings
     layout = {
         "xaxis": make_axis("time [s]"),

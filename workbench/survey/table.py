@@ -107,8 +107,8 @@ def find_series(rows: Iterable[JSON]) -> list[Series]:
         value, std = np.array([[row["parameters"][key[2]][part] for row in own_rows] for part in ("value", "std")])
         series.append(Series(*key, tuple(own_rows), fit_trend(weeks, value, std)))
     p_values = np.array([estimate_series.trend.p_value for estimate_series in series])
-    tested = np.flatnonzero(np.isfinite(p_values))
-    for k, adjusted in zip(tested, scipy.stats.false_discovery_control(p_values[tested]), strict=True):
+    tested_series = np.flatnonzero(np.isfinite(p_values))
+    for k, adjusted in zip(tested_series, scipy.stats.false_discovery_control(p_values[tested_series]), strict=True):
         if adjusted <= LEVEL:
             series[k] = replace(series[k], change="drift" if series[k].trend.jump is None else "jump")
     return series

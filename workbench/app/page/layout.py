@@ -181,12 +181,12 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
         session, clicks = sessions.find_session(values[-1]), ctx.triggered[0]["value"]
         if not clicks:  # new buttons trigger the callback, too
             raise PreventUpdate
-        asked = ctx.triggered_id
-        if asked["do"] == "cancel":  # also during a job
+        button = ctx.triggered_id
+        if button["do"] == "cancel":  # also during a job
             session.cancel()
             return session.version
         form = collect_form(ctx.states_list)
-        return run_action(session, lambda: find("action", asked["do"], actions)(session, asked["of"], form))
+        return run_action(session, lambda: find("action", button["do"], actions)(session, button["of"], form))
 
     @app.callback(
         VERSION,
@@ -219,10 +219,10 @@ def _connect_actions(app: Dash, sessions: Sessions) -> None:
             if (
                 card is None
                 or len(values[0]) != len(card.choices)
-                or card.has_same_roles(asked := card.fill_form(form))
+                or card.has_same_roles(filled_card := card.fill_form(form))
             ):
                 raise PreventUpdate  # new controls trigger the callback, too
-            session.run_action(lambda: setattr(session, "cards", (asked, *session.cards[1:])))
+            session.run_action(lambda: setattr(session, "cards", (filled_card, *session.cards[1:])))
             return session.version
 
 

@@ -66,14 +66,14 @@ def show_choices(state: Work, is_open: bool) -> Component:
     parameters = ", ".join(column.name for term in state.base_terms for column in term.columns)
     names = f"of {parameters}, and those of effects: ID or ID.NAME"
     effects = "one of the two may be left out; cogging.order=10:14"
-    searched = [make_list("Look only for", "only", "every effect"), make_list("Do not look for", "without", "none")]
+    lists = [make_list("Look only for", "only", "every effect"), make_list("Do not look for", "without", "none")]
     limits = [
         make_field("Values that are known", "fix", "gravity=2.01", names),
         make_field("Bounds of others", "bound", "viscous=0:0.5", effects),
     ]
     summary = html.Summary(f"Choose what to look for{', and print what is known' if has_limits else ''}")
     groups = [
-        html.Div(searched, className="fields asked"),
+        html.Div(lists, className="fields asked"),
         html.Div(limits, className="fields asked", hidden=not has_limits),
     ]
     return html.Details([summary, *groups], open=is_open)

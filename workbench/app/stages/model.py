@@ -68,8 +68,8 @@ def _show_gallery(state: State) -> Component:
             rows.append(html.Li([names[id], html.Div([leaves, note])]))
     about = "The residual of each effect in the paper's pendulum. Signs and sizes may differ."
     summary = html.Summary("Effects to compare it with")
-    listed = html.Details([summary, html.Ul(rows)])
-    return make_panel("What it looks like", html.P(about, className="note"), listed, className="gallery")
+    gallery = html.Details([summary, html.Ul(rows)])
+    return make_panel("What it looks like", html.P(about, className="note"), gallery, className="gallery")
 
 
 MODEL = Stage("model", "Model", show_model)
