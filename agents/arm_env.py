@@ -51,9 +51,10 @@ def compute_observation(motions: MotionBatch, time_left: float) -> Batch:
 class ArmExcitationDesignVector(TaskVector):
     """B motions of an arm with unknown parameters; made by `gymnasium.make_vec`.
 
-    Action (B, n): speeds of the joints at the next knot, 0.1 s later, as shares of the largest, in [-1, 1]; limits of
+    Action (B, n): speeds of the joints at the next knot, 0.1 s later, as shares of the largest, in [-1, 1]. Limits of
     angle, speed and torque apply. Observation (B, 8 n + 2 P + 1): for each joint sin q, cos q, q and q' as shares of
-    their limits, and these limits; log information and log variance of base parameters and friction; the time left.
+    their limits, and these limits. Log information and log variance of base parameters and friction follow, then the
+    time left.
     Reward: decrease of the log of the RMS standard error, relative to the parameters of the file [nat]. Episodes end
     together, after 2 to 10 s.
 

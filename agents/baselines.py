@@ -88,7 +88,7 @@ class LookAhead:
     """Policy that plays the first torque of the sequence with the largest predicted log det information.
 
     All sequences of a few torques are simulated in one batch with the current estimates, at every step. With a torque
-    budget, the levels are shares of the torque that spends the budget evenly, and torque has a price: log det grows by
+    budget, the levels are shares of the torque that spends the budget evenly. Torque then has a price: log det grows by
     P / k in step k, at the cost of the energy of an even step. With one torque, held for one step, the choice is greedy
     (Blanke and Lelarge, FLEX, ICML 2023).
     """

@@ -34,10 +34,10 @@ class ExcitationDesignVector(TaskVector):
     estimates from nominal; shares of time and budget left; 1 if the joint is stuck. Reward: gain of log det information
     [nat], 0 in a tick in which |q'| falls below 0.2 rad/s. All episodes have the same length and end together.
 
-    `info` has `torque`, the applied torque [N m] (B,); `positions` [rad] and `torques` [N m], measured at 1 kHz since
-    the last observation (B, 20); `information` (B, 4, 4) and `estimates` (B, 4) in nominal units; and `plant`, the true
-    parameters (B,) by name, as in `DirectDrivePendulumVector`. The option `theta` of a reset sets some of these by
-    name, or all linear ones (P, B).
+    `info` has `torque`, the applied torque [N m] (B,). It has `positions` [rad] and `torques` [N m], measured at 1 kHz
+    since the last observation (B, 20). It has `information` (B, 4, 4) and `estimates` (B, 4) in nominal units, and
+    `plant`, the true parameters (B,) by name, as in `DirectDrivePendulumVector`. The option `theta` of a reset sets
+    some of these by name, or all linear ones (P, B).
     """
 
     options = ("theta",)

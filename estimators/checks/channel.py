@@ -264,7 +264,7 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
 
     Torque that is set n times a sample seems late by (1 - 1/n) / 2 of a sample. Torque that seems late by a quarter to
     half a sample counts as sampled unless held torque predicts significantly better. It counts as sampled if it reacts
-    to the position of its row: the log then has the present torque, which a controller changes before the next row.
+    to the position of its row. The log then has the present torque, which a controller changes before the next row.
     Later torque counts as held unless sampled torque predicts significantly better. Sampled torque is late by half a
     sample unless another delay predicts significantly better. Half a sample need not predict significantly better than
     no delay.
@@ -273,8 +273,8 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
     residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
 
     Returns:
-        The alignment. It is `NO_ALIGNMENT` if the recordings are too short, the residual of a closed loop is not noise,
-        a delay replaces the inertia, or a drive requested the torque.
+        The alignment. It is `NO_ALIGNMENT` if the recordings are too short or a drive requested the torque. It is also
+        returned if the residual of a closed loop is not noise, or a delay replaces the inertia.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
     recordings = [_apply_torque_laws(recording, terms) for recording in recordings]

@@ -75,9 +75,9 @@ def is_consistent(
 ) -> bool:
     """Return whether a fit of the torque's timing is consistent.
 
-    The motion must have more than one frequency. The RMS residual must be at most `Criterion.misfit` noise floors, or
-    the timing must explain `Criterion.explained_share` of the residual without it: a law that the model lacks may look
-    like a small delay. If torque reacts to the motion, only noise is consistent.
+    The motion must have more than one frequency. A law that the model lacks may look like a small delay. Therefore, the
+    RMS residual must be at most `Criterion.misfit` noise floors, or the timing must explain `Criterion.explained_share`
+    of the residual without it. If torque reacts to the motion, only noise is consistent.
 
     Args:
         recordings: recordings of the fit; those of an arm are only tested for their frequencies.
@@ -104,8 +104,8 @@ def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
     """Estimate the slope of torque innovations over position innovations of every `stride`-th sample [N m/rad].
 
     None if the slope is not significantly negative, or the recording is too short. An error of a time stamp changes
-    torque and position by their rates: the covariance of the innovations must be significantly negative without a part
-    in proportion to the product of the predicted changes.
+    torque and position by their rates. The covariance of the innovations must be significantly negative without its
+    part in proportion to the product of the predicted changes.
     """
     pieces = [slice(a, b, stride) for a, b in pairwise((*recording.starts, len(recording)))]
     pieces = [piece for piece in pieces if piece.stop - piece.start > 2 * FEEDBACK.past * stride]

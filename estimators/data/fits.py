@@ -64,8 +64,8 @@ def _are_smooth(names: Sequence[str], edges: Mapping[Term, Sequence[NonlinearPar
 def compute_parameter_changes(data: RegressionData, model: Model, change: Array) -> dict[str, float]:
     """Return by how much the parameters of a model change, to first order, with the torque of the rows; by name.
 
-    `change` (R,) is that of the torque [N m], and equals that of the residual, as the predicted torque follows from
-    motion alone, with load friction too; a filter of torque among the terms is ignored. Known parameters, those at
+    `change` (R,) is that of the torque [N m]. The residual has the same change, since the predicted torque follows from
+    motion alone, also with load friction. A filter of torque among the terms is ignored. Known parameters, those at
     their bounds and edges do not change.
     """
     terms, theta = model.terms, model.theta
@@ -105,9 +105,9 @@ def _compute_edge_std(
     """Return the standard error of an edge by profile likelihood: the larger of the likely displacements to both sides.
 
     A displacement is likely if the squared error of a fit with it exceeds the least by at most -2 ln(1 - sqrt(P)) times
-    the variance. The limit is raised by the factor by which correlated residuals raise the variance of the term. One,
-    two and three standard errors include the likely displacements of each P in `WITHIN`, and the next larger tried one:
-    the likelihood of an edge is not normal. `of_term` are the columns of the term's parameters.
+    the variance. The limit is raised by the factor by which correlated residuals raise the variance of the term. The
+    likelihood of an edge is not normal: one, two and three standard errors include the likely displacements of each P
+    in `WITHIN`, and the next larger tried one. `of_term` are the columns of the term's parameters.
 
     Source: Hansen, Sample splitting and threshold estimation, Econometrica 68(3), 2000.
     """

@@ -1,7 +1,7 @@
 """Rows of regressions y = phi(terms) theta: their layout and noise, and the interface of their makers.
 
-Windows of torque make rows (`TorqueRows`), of one joint or of the joints of an arm; rollouts of a servo make rows
-that are linearised at the fit of each set of terms (`RolloutRows`).
+Windows of torque make rows of one joint or of the joints of an arm (`TorqueRows`). Rollouts of a servo make rows that
+are linearised at the fit of each set of terms (`RolloutRows`).
 """
 
 from __future__ import annotations

@@ -60,8 +60,8 @@ def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recordin
 def _split_into_parts(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
     """Return fitted and held-out data; `shorter` scales the chosen window lengths.
 
-    Without `holdout`, the last 30 % of each recording is held out. If less than half of the window centres lies before,
-    or a part holds too little motion, the split is at the share of time before which 70 % of all centres lie.
+    Without `holdout`, the last 30 % of each recording is held out. A part may hold less than half of the window
+    centres, or too little motion. The split is then at the share of time before which 70 % of all centres lie.
     """
     cut = RegressionData.from_recordings
     widths, holdout_widths = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
@@ -82,8 +82,8 @@ def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -
     """Return fitted and held-out data with contacts with a stop, see `TorqueWindows.with_contacts`.
 
     The same `data` are returned with fewer than `repeated` contacts, which may be accidents, and for terms with a link,
-    which has impacts. If less than half of the contacts are fitted or none is held out, the same recordings are split
-    again by `split_at_contacts`: a stop is found in fitted data, and confirmed in held-out data.
+    which has impacts. A stop is found in fitted data, and confirmed in held-out data. If less than half of the contacts
+    are fitted or none is held out, the same recordings are therefore split again by `split_at_contacts`.
     """
     if has_link(terms):
         return data

@@ -15,10 +15,10 @@ from pendulum_env.physics.actuation import ActuatorLag
 def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model:
     """Add the error of the timing of corrected torque to the standard errors and correlations of a model.
 
-    By the delta method: the covariance gets d d' for each delay and each lag, with d the change of the parameters by
-    one standard error of it. Recordings with one alignment change together. A delay of half a sample has the error of a
-    free delay: a controller that sets the torque n times a sample is late by (1 - 1/n) / 2 samples. Delay and lag count
-    as independent, which widens the errors where they compensate each other.
+    By the delta method, the covariance gets d d' for each delay and each lag: d is the change of the parameters by one
+    standard error. Recordings with one alignment change together. A delay of half a sample has the error of a free
+    delay. A controller that sets the torque n times a sample is late by (1 - 1/n) / 2 samples. Delay and lag count as
+    independent, which widens the errors where they compensate each other.
 
     Args:
         model: fitted to the windows of `train`.

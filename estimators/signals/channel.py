@@ -22,7 +22,7 @@ class Channel(Term):
 
     Attributes:
         delay: time by which torque is logged late [s]; if negative, torque acts late by -delay.
-        lag: time constant [s] of a low-pass filter in the log, sampled at the end of each period; if negative, -lag is
+        lag: time constant [s] of a low-pass filter in the log, sampled at the end of each period. If negative, -lag is
             the time constant of a filter of the acting torque.
         is_sampled: whether the log has samples of a continuous torque; else torque is held from each sample to the
             next.

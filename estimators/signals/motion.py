@@ -17,8 +17,8 @@ SLOWEST = 0.02  # [rad/s], least speed with a known sign; at least five times th
 def get_temperature(recording: Recording) -> Array:
     """Return the temperature along a recording (N,) [deg C]; room temperature without a measurement.
 
-    A thermometer that shows steps is interpolated: halfway between two values at each step, at the shown value at
-    both ends and in the middle of each extreme.
+    A thermometer that shows steps is interpolated. Each step has the mean of its two values. Both ends and the middle
+    of each extreme have the shown value.
     """
     if recording.temperature is None:
         return np.full(len(recording), ROOM)

@@ -111,7 +111,7 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
     """Find another unit of an angle (N,) that was read as radians, from the torque of gravity.
 
     Turns are found if their misfit is below `CLEAR` times that of radians, with or without a spring. In small swings
-    about an unknown zero, gravity is nearly linear: then the misfit of turns must be below `BETTER` times that of
+    about an unknown zero, gravity is nearly linear. The misfit of turns must then be below `BETTER` times that of
     radians, at the wave number of turns. Turns are rejected if cogging of an order near 2 pi explains the motion better
     by more than 5 %. Degrees that cover more than 2 pi are found by a smaller difference. The unit is uncertain for
     motion below 30 degrees, where the sine is linear like a spring over radians. It is also uncertain for driven motion

@@ -293,8 +293,8 @@ def drop_spoilt_positions(log: Log) -> None:
 def find_turns(values: Mapping[str, Array], columns: Mapping[str, FileColumn]) -> dict[str, float]:
     """Find the turn at which position and reference may be wrapped [rad].
 
-    It is a turn of the encoder, for example 2 pi / 8 before a gear of 8, if 99.9 % of the positions lie within it, else
-    2 pi: an encoder that counts turns may move by more than half a turn between samples.
+    It is a turn of the encoder, for example 2 pi / 8 before a gear of 8, if 99.9 % of the positions lie within it. Else
+    it is 2 pi, as an encoder that counts turns may move by more than half a turn between samples.
     """
     turns = {"position": TURN, "reference": TURN}
     for quantity in turns:

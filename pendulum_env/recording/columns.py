@@ -1,9 +1,9 @@
 """Find quantity and unit of the columns of a file, by their names or the user's options.
 
-A name is an alias (`q`, `tau`, ...), optionally with a prefix or suffix (`q_meas`, `actual_position`), a unit (`q
-[rad]`, `pos_deg`, `time_ms`) or a path (`/joint_states/position[0]`, `signals.theta`); see `vocabulary.py`. Case is
-ignored. Names with an unknown unit, a unit of current or encoder counts do not match. Users give columns by the names
-in the file, with their conversion; see `expression.py`.
+A name is an alias (`q`, `tau`, ...) of `vocabulary.py`. It may have a prefix or suffix (`q_meas`, `actual_position`), a
+unit (`q [rad]`, `pos_deg`, `time_ms`) or a path (`/joint_states/position[0]`, `signals.theta`). Case is ignored. Names
+with an unknown unit, a unit of current or encoder counts do not match. Users give columns by the names in the file,
+with their conversion; see `expression.py`.
 """
 
 import math

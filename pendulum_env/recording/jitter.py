@@ -46,9 +46,9 @@ def replace_late_stamps(log: Log) -> None:
     """Replace time stamps by a fitted uniform clock, if position shows uniform samples.
 
     Stamps jitter about a uniform clock if their deviations do not accumulate. If the samples jitter too, position
-    deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. If rows repeat a
-    time, because it is rounded or rows arrive in bursts, it is that of the last of these rows; it may then deviate by
-    up to a step between different stamps in any way. Otherwise, time is unchanged.
+    deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. Rounded stamps,
+    and rows that arrive in bursts, repeat a time. This time is that of the last of these rows, and may deviate by up to
+    a step between different stamps, also if the deviations accumulate. Otherwise, time is unchanged.
     """
     time, position = log.values["time"], log.position
     last = np.flatnonzero(np.diff(time, append=np.inf) > 0)  # (M,), last row of each stamp
@@ -132,9 +132,10 @@ def _count_periods(
 ) -> Index:
     """Count the periods (N,) up to each row, with lost rows.
 
-    Row numbers (N,) count the periods without lost rows. With `width` above 0, lost rows are searched: after a step
-    that is long for its rows, the mean deviation of the clock over `width` stamps increases by a period or more. Larger
-    steps are tried first. The loss is assigned to the row step with the largest excess of motion over its neighbours.
+    Row numbers (N,) count the periods without lost rows. With `width` above 0, lost rows are searched. They show in a
+    step that is long for its rows, after which the mean deviation of the clock over `width` stamps increases by a
+    period or more. Larger steps are tried first. The loss is assigned to the row step with the largest excess of motion
+    over its neighbours.
 
     Args:
         stamps: different time stamps (M,) [s].

@@ -106,7 +106,7 @@ def has_lost_samples(time: Array, position: Array) -> bool:
 def count_bridgeable(time: Array, position: Array) -> int:
     """Return the largest number of adjacent lost samples that interpolation can fill within noise.
 
-    For each number, this many samples are removed everywhere in an intact part of position (N,), and the middle one is
+    For each number, as many samples are removed everywhere in an intact part of position (N,). The middle one is
     interpolated by the cubic through two samples on either side.
     """
     steps = np.diff(time)
@@ -261,8 +261,8 @@ def _average_held(grid: Array, period: float, time: Array, torque: Array) -> Arr
 def average_torque(clock: Array, period: float, time: Array, torque: Array) -> Array:
     """Average torque (N,), held from one time (N,) to the next, over each period of a clock (M,).
 
-    Over a window that varies with time, a mean has another integral than the torque: the change of its first moment
-    from period to period is taken off.
+    Under a window that varies with time, the mean has another integral than the torque. The change of its first moment
+    from period to period corrects the mean.
     """
     shares = (np.arange(PIECES) + 0.5) / PIECES - 0.5  # of a period, from its middle
     pieces = (clock[:, np.newaxis] + period * (shares + 0.5 - 0.5 / PIECES)).ravel()

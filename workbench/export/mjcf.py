@@ -145,7 +145,7 @@ class Stop:
     def from_model(cls, model: Model, speed: float = 1.0) -> Stop:
         """Return the stop of a model.
 
-        A hysteresis is replaced by the damper with the same restitution at an impact speed [rad/s]: a spring with a
+        A hysteresis is replaced by the damper with the same restitution at an impact speed [rad/s]. A spring with a
         small damping ratio z returns the share exp(-pi z) of the speed.
         """
         stop = next((term for term in model.terms if isinstance(term, HardStop)), None)

@@ -72,8 +72,8 @@ def hash_content(file: Path) -> str | None:
 def diagnose_source(source: Source, settings: Settings) -> JSON:
     """Diagnose one recording; it is fitted, also if a study holds it out.
 
-    The result has `start`, the absolute time of the first sample [s since 1970] or None, and `rows`, see `make_rows`;
-    or only `error`, the reason for a missing diagnosis.
+    The result has `start`, the absolute time of the first sample [s since 1970] or None, and `rows`, see `make_rows`.
+    Without a diagnosis, it has only `error`, the reason.
     """
     try:
         for path in settings.plugins:

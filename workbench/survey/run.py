@@ -1,7 +1,7 @@
 """Run of a survey in worker processes, with a cache of results.
 
-The file name of a result is a hash of the recording's content and the settings, so that a later run reuses it, even
-if the recording was moved. Failed recordings are not cached.
+The file name of a result is a hash of the recording's content and the settings. A later run reuses it, even if the
+recording was moved. Failed recordings are not cached.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
