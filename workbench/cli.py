@@ -22,7 +22,7 @@ PLUGINS = "pendulum_env.physics.plugin"  # imported on demand, so that --help st
 DESCRIPTION = "Compare a pendulum's model with measurements, see where it fails, and find the effect that is missing."
 COMMANDS: dict[str, str] = {  # help text of each command, in the order of first use
     "demo": "hide an effect, record, diagnose and report: the whole workflow in one go",
-    "record": "record a pendulum: the rig, or a simulated one, or arm, with effects hidden in it if asked for",
+    "record": "record a pendulum: the rig, or a simulated pendulum or arm, perhaps with hidden effects",
     "identify": "estimate the four parameters of the paper's model by its six schemes",
     "compare": "compare a model with recordings: how far off it is, and where",
     "diagnose": "find the effects that a model lacks, and add them",
@@ -31,7 +31,7 @@ COMMANDS: dict[str, str] = {  # help text of each command, in the order of first
     "export": "write a model for MuJoCo, or as Python or C",
     "effects": "list the effects that a model may lack, with their laws and parameters",
     "hardware": "check a rig, step by step",
-    "emulate": "emulate a rig behind a real protocol, with effects hidden in it if asked for",
+    "emulate": "emulate a rig behind a real protocol, perhaps with hidden effects",
     "train": "train a policy that chooses excitations (needs the extra rl)",
     "evaluate": "compare excitation policies with the paper's signal, on fresh plants",
     "app": "the workbench in a browser: load, compare, diagnose, add, export (needs the extra app)",

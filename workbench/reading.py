@@ -49,7 +49,7 @@ def read_source_names(name: str, arguments: argparse.Namespace) -> tuple[Source,
     if not name.lower().endswith(".toml"):
         return (Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive),)
     if arguments.columns or arguments.unwrap or drive:
-        raise InputError(f"{name}: says itself how its recordings are read: write columns, unwrap and drive there")
+        raise InputError(f"{name}: is a study with reading options of its own: write columns, unwrap and drive there")
     return read_sources(name)
 
 

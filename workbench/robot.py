@@ -105,7 +105,7 @@ def make_robot(
     """Make the robot from the arguments, else from the study or from the options `saved` of its model."""
     named = {arguments.joints, *(source.joints for source in sources)} - {None}
     if len(named) > 1:
-        raise InputError("which joints move is told in two ways: say it in one study, or by --joints alone")
+        raise InputError("the moving joints are given twice: name them in one study, or by --joints alone")
     joints, rotors = named.pop() if named else saved.joints, True if arguments.rotors else saved.rotors
     light = arguments.no_gravity or saved.weightless
     return RobotFile(Path(arguments.robot), joints, rotors, light)

@@ -72,8 +72,8 @@ def record_rig(plan: Plan, steps: int, terminal: Terminal) -> None:
     # [s]; interpolation over a longer gap is no measurement
     if (worst := max(late)) > 0.03:
         terminal.print(
-            f"at worst {1e3 * worst:.0f} ms late, over which samples are interpolated: a diagnosis would find that, "
-            "record again on a machine that does nothing else, or with realtime = true"
+            f"the largest delay is {1e3 * worst:.0f} ms, and samples over it are interpolated. A diagnosis may take "
+            "this for an effect: record again on an idle computer, or with realtime = true"
         )
     describe_recording(recording, terminal)
     if "fault" in last:

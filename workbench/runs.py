@@ -66,7 +66,7 @@ class Plan:
         if rig is None or amplitude <= rig.max_torque:
             return ""
         limit_text = "limits.torque" if rig.checked else "until `hardware check` has passed"
-        return f"torque is cut at {rig.max_torque:g} N m ({limit_text}), {amplitude:g} were asked for"
+        return f"torque is limited to {rig.max_torque:g} N m ({limit_text}); {amplitude:g} N m were requested"
 
 
 def _choose_experiment(
@@ -139,4 +139,4 @@ def read_suggestion(path: str) -> Suggestion:
     if data.forbidden is not None:
         raise InputError(f"{path}: {data.forbidden}")
     reason = f", and no torque tells {' from '.join(data.inseparable[0])}" if data.inseparable else ""
-    raise InputError(f"{path}: this diagnosis leaves nothing open that an experiment would settle{reason}")
+    raise InputError(f"{path}: this diagnosis suggests no further experiment{reason}")

@@ -37,7 +37,7 @@ MODELS = [(json.dumps({**MODEL, "terms": ["\x1b[31m"]}), "unknown effect '\\x1b[
 DIAGNOSES = [
     ("{", "is not JSON; a diagnosis is what"),
     (json.dumps(MODEL), "is not a diagnosis"),
-    (json.dumps(DIAGNOSIS), "leaves nothing open that an experiment would settle"),
+    (json.dumps(DIAGNOSIS), "suggests no further experiment"),
     (json.dumps({**DIAGNOSIS, "inseparable": [["torque_offset", "spring"]]}), "no torque tells torque_offset"),
     (json.dumps({**DIAGNOSIS, "forbidden": "no experiment within 0.5 N m"}), "no experiment within 0.5 N m"),
     (suggested(reach=[1.0]), "'suggestion.reach': Expected array of length 2"),
@@ -65,7 +65,7 @@ WORDS = [  # with files of `folder`
     ("record --backend dm1015b --config rig.toml --effect spring -o x.csv", "--effect does not go with a rig"),
     ("record --backend replay --replay run.csv --rate 500 -o x.csv", "--rate does not go with a replay"),
     ("record --backend gazebo -o x.csv", "invalid choice: 'gazebo'"),
-    ("record --seconds 1e5 -o x.csv", "samples are asked for"),
+    ("record --seconds 1e5 -o x.csv", "samples are requested"),
     ("record --excitation suggested -o x.csv", "needs --diagnosis FILE"),
     ("record --diagnosis d.json -o x.csv", "goes with --excitation suggested only"),
     ("record --excitation suggested --diagnosis d.json --amplitude 2 -o x.csv", "`diagnose --max-torque` bounds"),

@@ -54,7 +54,7 @@ def test_identify_fits_what_is_to_be_fitted_and_compare_takes_all_of_a_study(ben
 @pytest.mark.parametrize(
     ("words", "match"),
     [
-        ("identify study.toml --unwrap", "study.toml: says itself how its recordings are read"),
+        ("identify study.toml --unwrap", "study.toml: is a study with reading options"),
         ("identify study.toml -o study.toml", "study.toml: is one of the inputs"),
         ("diagnose study.toml --holdout tuesday.csv", "tuesday.csv: is named twice"),
         ("identify bad.toml", "bad.toml: 'recording[0]': unknown key 'roll'"),

@@ -35,12 +35,12 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     flush_left = "kind", "law", "parameters, of typical size"
     terminal.print_table(("effect", *flush_left), rows, left=flush_left)
     terminal.print(
-        f"what no effect is, `add` keeps as a table: {join_words([f'{id} {kind.law}' for id, kind in TABLES.items()])}"
+        f"`add` keeps a law that is no effect as a table: {join_words([f'{id} {kind.law}' for id, kind in TABLES.items()])}"
     )
     terminal.print(
-        "hide one in a simulated recording: record --effect stribeck, --effect stribeck=0.4,0.3 (parameters in this "
+        "to hide one in a simulated recording: record --effect stribeck, --effect stribeck=0.4,0.3 (parameters in this "
         "order), --effect cogging:order=14,sin=0.2 or, with one stop alone, --effect hard_stop:upper=0.9,lower=-inf; "
-        "how one shows, and what tells it from others: effects stribeck"
+        "symptoms and look-alikes of an effect: effects stribeck"
     )
 
 

@@ -121,8 +121,8 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
     _ask(confirm, f"The motor will push, slowly, up to {max_torque:g} N m, one way and then the other. Ready?")
     _require(
         _measure_motion(rig, max_torque) < MOVED,
-        "the arm moves although it must have no power: servo-enable does not get through to the drive, so nothing "
-        "takes a torque away: check that line, that it is pulled down, and the drive's setting for it",
+        "the arm moves without power: servo-enable does not reach the drive, which keeps its torque. Check that line, "
+        "its pull-down, and the drive's setting for it",
     )
     torques = []
     for direction in (1.0, -1.0):
@@ -172,7 +172,7 @@ def _check_clamp(rig: Rig, confirm: Confirm) -> str:
     largest = max(abs(sample.torque) for sample in _run(rig, lambda t: 100.0 * (-1) ** int(t / 0.05), 0.2))
     rig.disable()
     _require(largest <= max_torque * (1 + 1e-6), f"{largest:.3g} N m were let pass where {max_torque:.3g} are allowed")
-    return f"100 N m were asked for, no more than {largest:.3g} N m came"
+    return f"100 N m were requested, and at most {largest:.3g} N m came"
 
 
 def _check_watchdog(rig: Rig, confirm: Confirm) -> str:

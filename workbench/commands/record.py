@@ -52,8 +52,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         choices=(*EXCITATIONS, SUGGESTED, LEARNT),
         help=f"{', '.join(EXCITATIONS)} (default paper); {SUGGESTED}: the experiment of --diagnosis; "
-        f"{LEARNT}: by a policy that sees the motion; an arm follows a motion that is "
-        f"designed within the limits of its joints, with {LEARNT} by a policy for this arm",
+        f"{LEARNT}: by a policy that sees the motion. The motion of an arm is designed within the limits of its "
+        f"joints, with {LEARNT} by a policy for this arm",
     )
     group.add_argument(
         "--amplitude",
@@ -144,5 +144,5 @@ def _count_samples(seconds: float, rate: float) -> int:
     """Return the number of samples for a duration [s] at a rate [Hz]; raises InputError outside the limits."""
     samples = seconds * rate
     if not BOUNDS.fewest <= samples <= MOST:
-        raise InputError(f"{samples:.0f} samples are asked for, between {BOUNDS.fewest} and {MOST} are possible")
+        raise InputError(f"{samples:.0f} samples are requested: between {BOUNDS.fewest} and {MOST} are possible")
     return round(samples)

@@ -36,21 +36,21 @@ EFFECTS: dict[str, Description] = {
     "torque_offset": Description(
         title="a torque offset",
         symptom="the same torque everywhere",
-        signature="At every angle and speed the joint needs the same torque more, or less, than the model says.",
+        signature="At every angle and speed, the joint needs the same torque more, or less, than the model says.",
         resembles=("coulomb_asymmetry", "gravity_tilt"),
         informative_experiment="motion in both directions",
     ),
     "torque_ripple": Description(
         symptom="waves over the angle",
-        signature="Over the angle lies a wave as of cogging that grows with the torque and turns its sign with it.",
+        signature="The residual is a wave over the angle, as of cogging, that grows with the torque and has its sign.",
         resembles=("cogging", "position_dependent_friction"),
         informative_experiment="full turns under high torque",
     ),
     "torque_saturation": Description(
         symptom="a curve over the torque",
         signature=(
-            "Over torque the joint gets ever less of what is asked for: right for small torques, and too much in the "
-            "model at the peaks of either sign."
+            "The joint gets less than the requested torque. The model is right for small torques, and has too much "
+            "torque at the peaks of either sign."
         ),
         resembles=("quadratic_drag", "load_dependent_friction"),
         informative_experiment="torque peaks well above the usual ones",
@@ -58,8 +58,8 @@ EFFECTS: dict[str, Description] = {
     "actuator_lag": Description(
         symptom="torque that comes late",
         signature=(
-            "What is left follows changes of torque, each time the same way, and fades within some time constant; it "
-            "is none while torque is steady."
+            "The residual follows each change of torque in the same way, and fades within a time constant. It is zero "
+            "while torque is steady."
         ),
         resembles=("dead_time", "joint_flexibility"),
         informative_experiment="fast changes of torque",
@@ -68,8 +68,8 @@ EFFECTS: dict[str, Description] = {
         title="dead time of the torque",
         symptom="torque that comes late",
         signature=(
-            "After a step of torque the joint goes on for a moment as if nothing had happened: what is left is the "
-            "step, for that long."
+            "After a step of torque, the joint moves on unchanged for a moment. The residual is the step, for that "
+            "time."
         ),
         resembles=("actuator_lag", "joint_flexibility"),
         informative_experiment="steps of torque",
@@ -80,7 +80,7 @@ EFFECTS: dict[str, Description] = {
         title="Coulomb friction that differs by direction",
         symptom="the same torque everywhere",
         signature=(
-            "Forwards and backwards dry friction differs by the same amount at any speed: over speed, a constant."
+            "Dry friction forwards and backwards differs by the same amount at any speed. The residual is a constant."
         ),
         resembles=("torque_offset", "gravity_tilt", "viscous_asymmetry"),
         informative_experiment=(
@@ -91,7 +91,7 @@ EFFECTS: dict[str, Description] = {
         title="viscous friction that differs by direction",
         symptom="a curve over the speed",
         signature=(
-            "Over speed lies a V: what is left has the same sign forwards and backwards, and grows with the speed."
+            "The residual over speed is a V: it grows with the speed, with the same sign forwards and backwards."
         ),
         resembles=("coulomb_asymmetry", "encoder_eccentricity"),
         informative_experiment="fast motion in both directions",
@@ -101,8 +101,8 @@ EFFECTS: dict[str, Description] = {
         title="Stribeck friction",
         symptom="a peak around standstill",
         signature=(
-            "Friction has a peak on either side of standstill, which falls off within a small part of the speeds; slow "
-            "motion stutters."
+            "Friction has a peak on either side of standstill, which falls off within a small part of the speeds. "
+            "Slow motion stutters."
         ),
         resembles=("presliding", "backlash"),
         informative_experiment="slow motion, around and below the Stribeck velocity",
@@ -111,7 +111,7 @@ EFFECTS: dict[str, Description] = {
     "quadratic_drag": Description(
         symptom="a curve over the speed",
         signature=(
-            "Friction bends upwards over speed: the model has too little at high speeds and too much at middle ones."
+            "Friction over speed curves upwards: the model has too little at high speeds and too much at middle ones."
         ),
         resembles=("viscous", "torque_saturation"),
         informative_experiment="a wide range of speeds",
@@ -120,8 +120,8 @@ EFFECTS: dict[str, Description] = {
     "load_dependent_friction": Description(
         symptom="a curve over the torque",
         signature=(
-            "Friction is larger where the motor or the weight works hard and smaller where neither does: at one "
-            "speed, two torques give two frictions."
+            "Friction is larger under a large torque of the motor or the weight. At one speed, two torques give two "
+            "frictions."
         ),
         resembles=("position_dependent_friction", "torque_saturation"),
         informative_experiment="the same speeds under different torques",
@@ -129,8 +129,8 @@ EFFECTS: dict[str, Description] = {
     "position_dependent_friction": Description(
         symptom="waves over the angle",
         signature=(
-            "Over the angle nothing shows until directions are looked at apart: then a sine, whose sign turns with "
-            "the direction."
+            "The mean residual over the angle is zero. In each direction alone it is a sine, with opposite signs in "
+            "both."
         ),
         resembles=("load_dependent_friction", "torque_ripple"),
         informative_experiment="full turns in both directions",
@@ -144,8 +144,8 @@ EFFECTS: dict[str, Description] = {
     "presliding": Description(
         symptom="a peak around standstill",
         signature=(
-            "At each reversal friction turns over a small angle instead of at once: a narrow dip beside standstill, "
-            "and a loop of torque over angle."
+            "At each reversal, friction changes its sign over a small angle instead of at once. The residual has a "
+            "narrow dip beside standstill, and a loop over the angle."
         ),
         resembles=("stribeck", "backlash", "joint_flexibility"),
         informative_experiment="many small reversals",
@@ -154,7 +154,7 @@ EFFECTS: dict[str, Description] = {
     "gravity_tilt": Description(
         title="tilted gravity",
         symptom="a curve over the angle",
-        signature="Over the angle lies a cosine, largest where the arm hangs and changing sign where it is level.",
+        signature="The residual over the angle is a cosine: largest where the arm hangs, and zero where it is level.",
         resembles=("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity"),
         informative_experiment="swings beyond 30 degrees, to tell it from a constant",
     ),
@@ -162,7 +162,7 @@ EFFECTS: dict[str, Description] = {
         title="cogging torque",
         symptom="waves over the angle",
         signature=(
-            "Over the angle lies a wave that comes again a whole number of times in a turn, the same in both "
+            "The residual is a wave over the angle with a whole number of periods in a turn. It is the same in both "
             "directions and under any torque."
         ),
         resembles=("torque_ripple", "periodic_disturbance"),
@@ -172,7 +172,7 @@ EFFECTS: dict[str, Description] = {
         title="a spring",
         symptom="a curve over the angle",
         signature=(
-            "Over the angle lies a line that goes on rising where gravity turns back, and adds up from turn to turn."
+            "The residual over the angle is a line. It rises further where gravity falls, and from turn to turn."
         ),
         resembles=("gravity", "gravity_tilt", "hard_stop"),
         informative_experiment="swings beyond 60 degrees or several turns, to tell it from gravity",
@@ -181,7 +181,7 @@ EFFECTS: dict[str, Description] = {
         title="a hard stop",
         symptom="a curve over the angle",
         signature=(
-            "Nothing over most of the range, then a steep push back beyond one angle or two; the motion bounces there."
+            "The residual is zero over most of the range, and steep beyond one angle or two, where the motion bounces."
         ),
         resembles=("spring",),
         informative_experiment="motion up to both ends of the range",
@@ -189,8 +189,8 @@ EFFECTS: dict[str, Description] = {
     "encoder_eccentricity": Description(
         symptom="a curve over the angle",
         signature=(
-            "Once or twice a turn the angle runs ahead and falls back: errors of one or two cycles a turn that grow "
-            "with the square of the speed."
+            "The measured angle is too large and too small once or twice a turn. The residual has one or two cycles a "
+            "turn and grows with the square of the speed."
         ),
         resembles=("gravity_tilt", "viscous_asymmetry"),
         informative_experiment="full turns at high speed",
@@ -204,8 +204,8 @@ EFFECTS: dict[str, Description] = {
         title="friction that drifts with time",
         symptom="a change in time",
         signature=(
-            "Friction falls from the beginning of the recording on, fast at first: errors at its start and of the "
-            "other sign at its end."
+            "Friction falls from the beginning of the recording on, fast at first. The residual has one sign at its "
+            "start and the other at its end."
         ),
         resembles=("payload_change",),
         informative_experiment="a recording from cold that lasts several warm-up times",
@@ -215,8 +215,8 @@ EFFECTS: dict[str, Description] = {
         title="a payload change",
         symptom="a change in time",
         signature=(
-            "From one moment on the arm is heavier or lighter: errors like those of a wrong weight and inertia begin, "
-            "or end, within one sample."
+            "From one moment on, the arm is heavier or lighter. A residual as of a wrong weight and inertia begins, or "
+            "ends, within one sample."
         ),
         resembles=("friction_drift",),
         informative_experiment="a recording that spans the change",
@@ -225,17 +225,14 @@ EFFECTS: dict[str, Description] = {
     "periodic_disturbance": Description(
         title="a periodic disturbance",
         symptom="a change in time",
-        signature=(
-            "What is left is a sine of time, whatever the joint does: one sharp peak in its spectrum, also while the "
-            "joint stands."
-        ),
+        signature=("The residual is a sine of time in any motion and at rest: one sharp peak in its spectrum."),
         resembles=("cogging",),
         informative_experiment="a recording of many periods",
     ),
     "joint_flexibility": Description(
         symptom="knocks and ringing",
         signature=(
-            "After fast changes what is left rings at one frequency, and the joint feels lighter above it than below."
+            "After fast changes, the residual rings at one frequency. Above it, the inertia is smaller than below."
         ),
         resembles=("backlash", "actuator_lag", "dead_time", "presliding"),
         informative_experiment="excitation around the resonance",
@@ -243,8 +240,8 @@ EFFECTS: dict[str, Description] = {
     "backlash": Description(
         symptom="knocks and ringing",
         signature=(
-            "After a reversal of the load the motor is free for a small angle, then meets the link with a knock: "
-            "short errors, always near the same load."
+            "After a reversal of the load, the motor turns freely by a small angle, then hits the link. The residual "
+            "has short peaks, always near the same load."
         ),
         resembles=("joint_flexibility", "presliding", "stribeck"),
         informative_experiment="many reversals under changing load",

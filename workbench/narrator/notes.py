@@ -92,7 +92,7 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.MOTOR_OFF: "column {header!r} says that the motor is off in {count:g} of {rows:g} rows: torque is 0 there",
     NoteKind.NO_TORQUE: "torque is taken as none: the recording is a free swing (torque 0)",
     NoteKind.NO_TORQUE_COLUMN: "no torque column: the recording is a free swing (torque 0)",
-    NoteKind.TORQUE_OF_DRIVE: "torque is not taken from the log: it is what the drive asked for",
+    NoteKind.TORQUE_OF_DRIVE: "torque is not taken from the log: it is computed from the drive",
     NoteKind.TORQUE_BY_OUTPUT: "torque is the {text} that was logged, in {header} by the drive",
     NoteKind.OTHER_TOPIC: "{quantity} is taken from {header} at the times of {header1}",
     NoteKind.SPARSE: "{quantity} is left out: it is {text} in {count:g} of {rows:.0f} rows",
