@@ -15,30 +15,22 @@ Society B 31(2), 1969 (powers of the fitted values).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment, make_moved_torque
-from estimators.checks.channel_rows import (
-    ANGLE_LAWS,
-    FRICTION_SLOPE,
-    MOTOR_FRICTION,
-    NONLINEAR_GAIN,
-    LawsOfRows,
-    make_channel_rows,
-)
+from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment
+from estimators.checks.channel_rows import NONLINEAR_GAIN, ChannelRows
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.data.rows import BLOCK
-from estimators.regression.balance import Balance, place_columns
-from estimators.regression.least_squares import IdentificationError, project_out, solve_least_squares
+from estimators.regression.balance import Balance
+from estimators.regression.least_squares import IdentificationError, solve_least_squares
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Blocks, cross_validate_density
 from estimators.signals.channel import REACH, Channel
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
-from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.windows import Windows, scale_by_jumps
+from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.recording import Recording
@@ -46,76 +38,8 @@ from pendulum_env.recording import Recording
 FREE_ZERO = 1e-9  # [s], delay that is fitted from zero; a delay of exactly zero is not fitted
 
 
-@dataclass(frozen=True, eq=False)
-class ChannelFits:
-    """Fits of the recorded torque under any law of the channel.
-
-    Attributes:
-        rows: R rows of the torque.
-        phi: weighted columns (R, P).
-        by_torque: derivatives of the columns by the torque (R, P), not weighted; None: none depends on it.
-        is_sampled: whether torque is sampled instead of held.
-        torques: cache of `torque` by law.
-    """
-
-    rows: TorqueRows
-    phi: Array
-    by_torque: Array | None = None
-    is_sampled: bool = False
-    torques: dict[Term, Array] = field(default_factory=dict)
-
-    @classmethod
-    def from_recordings(cls, recordings: Sequence[Recording], terms: Sequence[Term] = ()) -> ChannelFits | None:
-        """Prepare fits of recordings, see `make_channel_rows`; None if there are too few windows."""
-        rows, phi, of_torque = make_channel_rows(recordings, terms)
-        if len(phi) < CHANNEL.min_equations * phi.shape[1]:
-            return None
-        return cls(rows, phi * rows.data.weights[:, None]).with_columns_of_torque(of_torque)
-
-    def with_columns(self, columns: Array, by_torque: Array | None = None) -> ChannelFits:
-        """Return the fits with more columns (R, P), and their derivatives by the torque (R, P)."""
-        phi = np.column_stack([self.phi, columns * self.rows.data.weights[:, None]])
-        if by_torque is not None:
-            before = np.zeros_like(self.phi) if self.by_torque is None else self.by_torque
-            return replace(self, phi=phi, by_torque=np.column_stack([before, by_torque]))
-        return replace(self, phi=phi)
-
-    def with_motor_friction(self) -> ChannelFits:
-        """Return the fits with friction by the recorded torque of the motor, and its derivative by that torque."""
-        averages = self.rows.data.averages
-        laws = MOTOR_FRICTION[1], FRICTION_SLOPE
-        return self.with_columns(*(averages.column(law, averages.samples)[:, None] for law in laws))
-
-    def with_columns_of_torque(self, laws: LawsOfRows) -> ChannelFits:
-        """Return the fits with columns that depend on the fitted torque, each on some rows.
-
-        The torque is that with the delay `start`, at the middle of each window. Each of `CHANNEL.torque_iterations`
-        replaces the columns by those of the last fit.
-        """
-        fits, data, torque = self, self.rows.data, self.torque(self.start)
-        for _ in range(CHANNEL.torque_iterations if laws else 0):
-            fitted = (torque - fits.residual(torque)) / data.weights + data.torque() - data.net_torque()
-            x = replace(data.samples, torque=fitted)
-            series = ((rows, np.asarray(law.force(x) + law.dry(x) * np.sign(x.velocity))) for rows, law in laws)
-            columns = [(rows, column[rows, None]) for rows, column in series]
-            fits = self.with_columns(place_columns(len(fitted), columns))
-        return fits
-
-    def with_jump_errors(self) -> ChannelFits:
-        """Return the fits with weights for jumps of sampled torque: their time within a sample is unknown."""
-        scales = []
-        for w in self.rows.data.windows:
-            moved = make_moved_torque(w.recording, np.array([0.0, 1.0, 0.0]), True)
-            scale = scale_by_jumps(replace(w.recording, moved=moved), w.kernel, w.torque_noise)
-            scales.append(np.ones(len(w.centers)) if scale is None else scale[w.centers])
-        factor = np.concatenate(scales)
-        data = replace(self.rows.data, weights=self.rows.data.weights * factor)
-        return replace(self, rows=TorqueRows(data), phi=self.phi * factor[:, None], torques={})
-
-    def with_drift(self) -> ChannelFits:
-        """Return the fits with parameters of the base model that change linearly along each recording."""
-        time_share = np.concatenate([2 * w.centers / len(w.recording) - 1 for w in self.rows.data.windows])
-        return self.with_columns(self.rows.data.equations(BASE).phi * time_share[:, None])
+class ChannelFits(ChannelRows):
+    """Fits of the recorded torque under any law of the channel."""
 
     def keeps_inertia(self, law: Alignment) -> bool:
         """Return whether the inertia of the base model stays above `Criterion.kept_inertia` of itself under a law.
@@ -129,49 +53,10 @@ class ChannelFits:
         )
         return bool(corrected >= Criterion.kept_inertia * logged)
 
-    def with_angle_columns(self) -> ChannelFits:
-        """Return the fits with columns of the angle, of all orders that the number of equations allows."""
-        count = (len(self.phi) // CHANNEL.min_equations - self.phi.shape[1]) // 2
-        return self if count < 1 else self.with_columns(self.rows.data.equations(ANGLE_LAWS[:count]).phi)
-
-    @cached_property
-    def span(self) -> Array:
-        """Orthonormal basis of the columns (R, P)."""
-        basis, singular, _ = np.linalg.svd(self.phi / np.maximum(np.linalg.norm(self.phi, axis=0), 1e-300), False)
-        return np.asarray(basis[:, singular > 1e-9 * singular[0]])
-
-    @cached_property
-    def start(self) -> Channel:
-        """Best of `CHANNEL.starts` delays without a filter."""
-        return min(map(self.law, np.linspace(-REACH, REACH, CHANNEL.starts)), key=self.compute_misfit)
-
     @cached_property
     def delay_fit(self) -> Alignment:
         """Law with a free delay."""
         return self.fit([self.law(FREE_ZERO), self.start])
-
-    @property
-    def period(self) -> float:
-        """Sampling period [s]."""
-        return 1.0 / max(w.recording.rate for w in self.rows.data.windows)
-
-    def law(self, delay: float, lag: float = 0.0) -> Channel:
-        """Return the law of held or of sampled torque with a delay and a lag [s]; zero is not fitted."""
-        return Channel(float(delay), float(lag), self.is_sampled)
-
-    def torque(self, law: Term) -> Array:
-        """Return the weighted acting torque (R,) of the windows without that of known loads, cached in `torques`."""
-        if law not in self.torques:
-            self.torques[law] = self.rows.data.equations([law]).y * self.rows.data.weights
-        return self.torques[law]
-
-    def residual(self, torque: Array) -> Array:
-        """Return the residual of a weighted torque (R, ...) on the columns."""
-        return project_out(self.span, torque)
-
-    def compute_misfit(self, law: Channel) -> float:
-        """Compute the norm of the weighted residual under a law."""
-        return float(np.linalg.norm(self.residual(self.torque(law))))
 
     def fit(self, laws: Iterable[Channel], is_free: bool = True) -> Alignment:
         """Fit the best of some laws: its delay and lag other than zero, unless `is_free` is false.

@@ -34,9 +34,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     terminal.print_heading(f"torque = {' + '.join(term.law for term in BASE)} + any of {len(rows)} effects")
     flush_left = "kind", "law", "parameters, of typical size"
     terminal.print_table(("effect", *flush_left), rows, left=flush_left)
-    terminal.print(
-        f"`add` keeps a law that is no effect as a table: {join_words([f'{id} {kind.law}' for id, kind in TABLES.items()])}"
-    )
+    tables = join_words([f"{id} {kind.law}" for id, kind in TABLES.items()])
+    terminal.print(f"`add` keeps a law that is no effect as a table: {tables}")
     terminal.print(
         "to hide one in a simulated recording: record --effect stribeck, --effect stribeck=0.4,0.3 (parameters in this "
         "order), --effect cogging:order=14,sin=0.2 or, with one stop alone, --effect hard_stop:upper=0.9,lower=-inf; "

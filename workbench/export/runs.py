@@ -1,0 +1,82 @@
+"""Simulation of an exported model in MuJoCo, over the segments of recordings or with their controllers."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from estimators.simulation.free_running import Segments, start_memory
+from pendulum_env._typing import Array
+from pendulum_env.backends.constrained_body import import_mujoco
+from pendulum_env.physics import Model
+from pendulum_env.servo.loop import Servos
+from workbench.export import mjcf
+from workbench.export.request import Exported, Request
+from workbench.export.servo import Servo
+
+
+def simulate_servos(model: Model, request: Request, servos: Servos, interval: int) -> Array:
+    """Simulate B servos over N steps in MuJoCo; return every `every`-th position, (N / every + 1, 1, B) [rad]."""
+    mujoco = import_mujoco()
+    drives = [  # default supply: the first recorded value
+        drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
+        for lane, drive in enumerate(servos.drives)
+    ]
+    models = {drive: mjcf.export(model, request, Servo(drive)) for drive in dict.fromkeys(drives)}
+    paths = np.empty((len(servos.goal) // interval + 1, 1, len(drives)))
+    for lane, drive in enumerate(drives):
+        world = mujoco.MjModel.from_xml_string(models[drive].content)
+        data = mujoco.MjData(world)
+        data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]
+        paths[0, 0, lane] = data.qpos[0]
+        for k, (goal, on) in enumerate(zip(servos.goal[:, lane].tolist(), servos.is_on[:, lane].tolist(), strict=True)):
+            data.ctrl[0] = goal
+            world.opt.disableactuator = int(not on)  # bit 0: default group of actuators
+            mujoco.mj_step(world, data)
+            if (k + 1) % interval == 0:
+                paths[(k + 1) // interval, 0, lane] = data.qpos[0]
+    return paths
+
+
+def simulate_segments(model: Model, exported: Exported, segments: Segments) -> Array:
+    """Simulate every segment in MuJoCo; return positions (N + 1, B) [rad]."""
+    mujoco = import_mujoco()
+    world = mujoco.MjModel.from_xml_string(exported.content)
+    rate = segments.windows.recording.rate
+    count = max(1, int(np.ceil(1.0 / (rate * world.opt.timestep) - 1e-9)))
+    world.opt.timestep = 1.0 / (rate * count)
+    traced_terms = [term for term in model.terms if term.has_memory and not term.delay]
+    memory = {id: states for term in traced_terms for id, states in start_memory([segments], [term]).items()}
+    path = np.empty_like(segments.position)
+    for k in range(path.shape[1]):
+        data = mujoco.MjData(world)
+        _set_initial_state(
+            mujoco, world, data, segments, {id: [part[k] for part in parts] for id, parts in memory.items()}, k
+        )
+        path[0, k] = data.qpos[0]
+        for n, torque in enumerate(segments.torque[:, k]):
+            data.ctrl[0] = torque
+            for _ in range(count):
+                mujoco.mj_step(world, data)
+            path[n + 1, k] = data.qpos[0]
+    return path
+
+
+def _set_initial_state(
+    mujoco: Any, world: Any, data: Any, segments: Segments, memory: Mapping[str, Sequence[float]], k: int
+) -> None:
+    """Set the joint and its internal states to the start of segment `k`."""
+    data.qpos[0], data.qvel[0] = segments.position[0, k], segments.velocity[k]
+    if world.nq > 1:  # the link's angle is relative to the motor's
+        position, velocity = memory["joint_flexibility"]
+        data.qpos[1], data.qvel[1] = position - data.qpos[0], velocity - data.qvel[0]
+    if world.na:
+        data.act[0] = memory["actuator_lag"][0]
+    if world.actuator_delay[0]:
+        samples = int(world.actuator_history[0][0])
+        times = (np.arange(samples) - samples) * world.opt.timestep
+        rate, first = segments.windows.recording.rate, segments.first[k]
+        index = first + np.floor(times * rate + 1e-9).astype(int)
+        values = np.where(index >= 0, segments.windows.recording.torque[np.maximum(index, 0)], 0.0)
+        mujoco.mj_initCtrlHistory(world, data, 0, times[:, None], values[:, None])
