@@ -19,6 +19,7 @@ from agents.observer import N_PARAMETERS
 from estimators.progress import Progress, no_progress
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import UserError
+from pendulum_env.formatting import TextTable
 from pendulum_env.plant import Effects, list_effects
 
 SCHEMA = "pendulum-ident/evaluation@2"
@@ -69,18 +70,12 @@ class PolicyComparison:
         header = [f"error at {moment:g} s [%]" for moment in REPORT_TIMES]
         header += ["1 % after [s]", f"gain over {self.baseline}"]
         base = self.outcomes[self.baseline]
-        rows = [
-            [f"{100 * _median(error):.3f}" for error in outcome.errors]
-            + [f"{_median(outcome.close[0]):.2f}", f"{compute_gain(outcome.errors[-1], base.errors[-1]):.2f}"]
-            for outcome in self.outcomes.values()
-        ]
-        widest = max(map(len, ("policy", *self.outcomes)))
-        lines = zip(("policy", *self.outcomes), (header, *rows), strict=True)
-        table = (
-            f"{name:{widest}}  " + "  ".join(f"{cell:>{len(title)}}" for cell, title in zip(cells, header, strict=True))
-            for name, cells in lines
-        )
-        return "\n".join((*table, *self.notes))
+        rows = []
+        for name, outcome in self.outcomes.items():
+            errors = [f"{100 * _median(error):.3f}" for error in outcome.errors]
+            gain = compute_gain(outcome.errors[-1], base.errors[-1])
+            rows.append([name, *errors, f"{_median(outcome.close[0]):.2f}", f"{gain:.2f}"])
+        return "\n".join((str(TextTable(["policy", *header], rows)), *self.notes))
 
 
 def compare_policies(

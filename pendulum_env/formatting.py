@@ -18,6 +18,13 @@ class TextTable(NamedTuple):
     rows: Sequence[Sequence[str]]
     left: Sequence[str] = ()
 
+    def __str__(self) -> str:
+        lines = (self.headers, *self.rows)
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        signs = ["<" if k == 0 or header in self.left else ">" for k, header in enumerate(self.headers)]
+        formats = [f"{sign}{width}" for sign, width in zip(signs, widths, strict=True)]
+        return "\n".join("  ".join(map(format, line, formats)).rstrip() for line in lines)
+
 
 def capitalise(text: str) -> str:
     """Capitalise the first letter of a text."""

@@ -241,15 +241,12 @@ def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     poor = [fit for fit in fits if fit.noise_ratio > WEAK_FORM.unexplained]
     if len(others) < len(poor):
         return ()
-    units = [fit.units.unit(NEWTON_METRE) for fit in poor]
-    numbers_of_misfits = [
-        {"residual": Quantity(fit.rms, unit=unit), "times": Quantity(fit.noise_ratio)}
-        for fit, unit in zip(poor, units, strict=True)
-    ]
-    return tuple(
-        Disagreement(fit.number, fit.name, others, (), Kind.MISFIT, numbers)
-        for fit, numbers in zip(poor, numbers_of_misfits, strict=True)
-    )
+    misfits = []
+    for fit in poor:
+        residual = Quantity(fit.rms, unit=fit.units.unit(NEWTON_METRE))
+        numbers = {"residual": residual, "times": Quantity(fit.noise_ratio)}
+        misfits.append(Disagreement(fit.number, fit.name, others, (), Kind.MISFIT, numbers))
+    return tuple(misfits)
 
 
 def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[RecordingFit]:

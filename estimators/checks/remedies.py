@@ -118,15 +118,8 @@ def _make_remedies(
 
     Recordings of unknown origin are left out. `correct` returns the corrected columns of an origin, or None.
     """
-    corrections: list[tuple[dict[str, str], str]] = []
+    names_of: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for recording in recordings:
         if recording.origin is not None and (columns := correct(recording.origin)) is not None:
-            corrections.append((columns, recording.name))
-    distinct = [
-        columns
-        for k, (columns, _) in enumerate(corrections)
-        if columns not in [earlier for earlier, _ in corrections[:k]]
-    ]
-    return tuple(
-        Remedy(columns, tuple(name for earlier, name in corrections if earlier == columns)) for columns in distinct
-    )
+            names_of.setdefault(tuple(columns.items()), []).append(recording.name)
+    return tuple(Remedy(dict(columns), tuple(names)) for columns, names in names_of.items())

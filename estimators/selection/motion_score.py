@@ -64,7 +64,8 @@ def compute_motion_squares(segments: Sequence[Segments], model: Model) -> Array:
 
 def compute_motion_noise(segments: Sequence[Segments], model: Model, accuracy: float) -> Array:
     """Return the mean square error of each segment by torque noise and its floor (B,) [rad^2], see `compute_floor`."""
-    return output_error.compute_torque_noise(segments, Point.from_model(model)) + compute_floor(segments, accuracy)
+    noise = output_error.compute_noise(segments, Point.from_model(model), has_free_states=True)
+    return noise + compute_floor(segments, accuracy)
 
 
 def compute_motion_gain(

@@ -164,35 +164,24 @@ def compute_rms(segments: Sequence[Segments], point: Point, filters: Filters = (
     return float(np.sqrt(np.mean(error**2)))
 
 
-def compute_torque_noise(segments: Sequence[Segments], point: Point) -> Array:
-    """Return the mean square error of each segment due to torque noise alone, with free initial states (B,) [rad^2].
+def compute_noise(segments: Sequence[Segments], point: Point, has_free_states: bool = False) -> Array:
+    """Return the mean square change of the positions of each segment by noise of torque and initial velocity (B,).
 
-    It is computed by perturbed simulations. Segments differ: torque that was moved in time is uncertain at its jumps,
-    and an unstable motion amplifies noise.
+    With free initial states, the velocity has no noise, and the part that the states explain is left out. Segments
+    differ: torque that was moved in time is uncertain at its jumps, and an unstable motion amplifies noise.
     """
-    rng = np.random.default_rng(0)
-    paths = simulate_all(segments, [point])
-    pairs = [*zip(segments, paths, strict=True)] * DRAWS
-    perturbed = [replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0]) for segment, path in pairs]
-    squares = compute_segment_rms(perturbed, point) ** 2
-    return np.asarray(np.mean(squares.reshape(DRAWS, -1), axis=0))
-
-
-def compute_noise(segments: Sequence[Segments], point: Point) -> Array:
-    """Return the mean square change of the positions of each segment by noise of torque and initial velocity (B,)."""
-    rng = np.random.default_rng(0)
-    perturbed = [
-        replace(
-            segment,
-            torque=redraw_torque(segment, rng),
-            velocity=segment.velocity + segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape),
-        )
-        for _ in range(DRAWS)
-        for segment in segments
-    ]
-    exact = simulate_all(segments, [point]) * DRAWS
-    pairs = zip(simulate_all(perturbed, [point]), exact, strict=True)
-    squares = np.concatenate([np.mean((noisy - exact)[1:, 0] ** 2, axis=0) for noisy, exact in pairs])
+    rng, perturbed = np.random.default_rng(0), list[Segments]()
+    for segment, path in [*zip(segments, simulate_all(segments, [point]), strict=True)] * DRAWS:
+        noisy = replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0])
+        if not has_free_states:
+            change = segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape)
+            noisy = replace(noisy, velocity=segment.velocity + change)
+        perturbed.append(noisy)
+    if has_free_states:
+        squares = compute_segment_rms(perturbed, point) ** 2
+    else:
+        pairs = zip(simulate_all(perturbed, [point]), perturbed, strict=True)
+        squares = np.concatenate([np.mean((path[:, 0] - noisy.position)[1:] ** 2, axis=0) for path, noisy in pairs])
     return np.asarray(np.mean(squares.reshape(DRAWS, -1), axis=0))
 
 

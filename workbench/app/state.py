@@ -174,18 +174,8 @@ class State:
         """Return the loaded recordings; after the fit, calibrated and, if requested, aligned."""
         if self.failure_reason:
             return [item.recording for item in self.loaded]
-        fitted, held_out = iter(self.train), iter(self.holdout)
+        fitted, held_out = iter(self.data.recordings), iter(self.data.holdout)
         return [next(held_out if item.held_out else fitted) for item in self.loaded]
-
-    @property
-    def train(self) -> tuple[Recording, ...]:
-        """Return the fitted recordings."""
-        return self.data.recordings
-
-    @property
-    def holdout(self) -> tuple[Recording, ...]:
-        """Return the held-out recordings; empty if the ends of the fitted ones are held out."""
-        return self.data.holdout
 
     @property
     def model(self) -> Model:

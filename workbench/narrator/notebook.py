@@ -28,10 +28,8 @@ summarise.register(Addition, describe_addition)
 @summarise.register
 def describe_identification(identification: Identification) -> str:
     """Return the estimates of the schemes as a plain-text table, and a line for each warning."""
-    header, rows, _ = tabulate_schemes(identification)
-    widths = [max(map(len, column)) for column in zip(header, *rows, strict=True)]
-    lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in (header, *rows)]
-    return "\n".join([*lines, *(f"warning: {text}" for text in list_warnings(identification))])
+    warnings = (f"warning: {text}" for text in list_warnings(identification))
+    return "\n".join([str(tabulate_schemes(identification)), *warnings])
 
 
 @render_html.register

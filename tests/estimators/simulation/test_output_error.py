@@ -77,5 +77,5 @@ def test_errors_by_torque_noise_are_as_large_as_their_estimate_on_average():
         for segment, path in zip(segments, paths, strict=True)
     ]
     squares = output_error.compute_segment_rms(measured, point) ** 2
-    ratios = squares.reshape(10, -1) / output_error.compute_torque_noise(segments, point)
+    ratios = squares.reshape(10, -1) / output_error.compute_noise(segments, point, has_free_states=True)
     assert 0.85 < ratios.mean() < 1.2

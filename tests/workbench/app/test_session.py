@@ -180,7 +180,7 @@ def test_work_goes_on_from_the_study_the_model_and_the_recordings_that_were_save
     held_out = replace(write_source(turned, tmp_path, held_out=True), unwrap=True)
     session.run_action(lambda: session.load([held_out]))
     state = session.state
-    state = state.add_step(add(state.model, "stribeck", state.train, state.holdout))
+    state = state.add_step(add(state.model, "stribeck", state.data.recordings, state.data.holdout))
     again = reload_session(state, tmp_path / "again")
     assert again.notice == "" and not again.cards and write_study_text(again.state) == write_study_text(state)
     for old, new in zip(state.loaded, again.state.loaded, strict=True):
@@ -298,28 +298,29 @@ def test_the_report_tells_the_diagnosis_until_the_ladder_has_all_that_it_calls_f
     assert diagnosed.model.theta == pytest.approx(state.model.theta, rel=1e-9)
     assert diagnosed.result.selected == diagnosed.suggested_additions == ("stribeck",)
     assert grown.suggested_additions == () and grown.result.steps == grown.steps and not grown.result.unexplained
-    other = grown.add_step(add(grown.model, "quadratic_drag", state.train))  # which the diagnosis does not call for
+    recordings = state.data.recordings
+    other = grown.add_step(add(grown.model, "quadratic_drag", recordings))  # which the diagnosis does not call for
     assert other.suggested_additions == () and other.result.selected == ("stribeck", "quadratic_drag")
-    own = diagnosed.add_step(add(diagnosed.model, "quadratic_drag", state.train))  # in the place of what it calls for
+    own = diagnosed.add_step(add(diagnosed.model, "quadratic_drag", recordings))  # in the place of what it calls for
     assert own.suggested_additions == ("stribeck",) and own.result.selected == ("quadratic_drag",)
 
 
 @pytest.fixture(scope="module")
 def worked(state: State) -> dict[str, State]:
     """States with a diagnosis and its effect added: from the paper's terms, and from a model file with one more."""
-    drag = add(state.model, "quadratic_drag", state.train).after.model
+    drag = add(state.model, "quadratic_drag", state.data.recordings).after.model
     begun = fit_state(state.restart(terms=drag.terms, model_file="start.json"))
     states = {}
     for name, one in (("paper", state), ("file", begun)):
-        named = one.add_diagnosis(diagnosed(one.train, base=one.base_terms, **one.choices.effects))
-        states[name] = named.add_step(add(one.model, "stribeck", one.train))
+        named = one.add_diagnosis(diagnosed(one.data.recordings, base=one.base_terms, **one.choices.effects))
+        states[name] = named.add_step(add(one.model, "stribeck", one.data.recordings))
     return states
 
 
 @pytest.mark.parametrize("begun", slow.but_first(["file", "paper"]))
 def test_the_command_line_assert_same_export_model(worked, begun, tmp_path, monkeypatch):
     state = worked[begun]
-    write_source(state.train[0], tmp_path)
+    write_source(state.data.recordings[0], tmp_path)
     state.steps[0].model.save(tmp_path / "start.json")
     monkeypatch.chdir(tmp_path)
     assert {"stribeck"} <= set(state.model.effects)
@@ -470,14 +471,14 @@ def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_bac
     load("check", 2)  # ends the first fit
     assert session.state.steps == ()
     wait()
-    assert not session.state.failure_reason and len(session.state.train) == 2
+    assert not session.state.failure_reason and len(session.state.data.recordings) == 2
     both = session.state
     load("third", 3)
     session.cancel()
     assert session.state is both and session.job is None
     session.run_action(session.undo)
     wait()
-    assert len(session.state.train) == 1 and session.notice == ""
+    assert len(session.state.data.recordings) == 1 and session.notice == ""
     session.end()
 
 

@@ -61,7 +61,7 @@ def start(session: Session, id: str | None) -> None:
     kind = find_kind(id, state.body)
     if kind.id in state.model.effects:
         raise InputError(f"{name_effect(id)} is in the model already")
-    task = partial(fit_effect, state.model, id, state.train, state.holdout, state.choices.limits)
+    task = partial(fit_effect, state.model, id, state.data.recordings, state.data.holdout, state.choices.limits)
 
     def keep(found: tuple[Addition, Identification | None]) -> None:
         session.change(f"add {name_effect(id)}", state.add_step(*found))

@@ -101,7 +101,8 @@ def start(session: Session, choices: SearchChoices) -> None:
         task: Task = partial(fit_and_diagnose, state.make_fit_task(), choices.effects, choices.limits)
         session.run_task("Diagnosing", task, lambda results: keep(results[1], state.with_fit(results[0])))
     else:
-        task = partial(diagnose, state.train, state.holdout, state.model.terms, **choices.effects, **choices.limits)
+        data, options = state.data, choices.effects | choices.limits
+        task = partial(diagnose, data.recordings, data.holdout, state.model.terms, **options)
         session.run_task("Diagnosing", task, keep)
 
 

@@ -25,7 +25,7 @@ STUDY_NOTE = f"The recordings are read as {STUDY} says: save it beside them."
 def show(session: Session) -> list[Component]:
     """Render the downloads and the command lines."""
     state = session.state
-    fits_more = not (state.added or state.holdout or state.model_file)  # `add` would also hold out the last 30 %
+    fits_more = not (state.added or state.data.holdout or state.model_file)  # `add` would also hold out the last 30 %
     notes = [STUDY_NOTE] * is_study_needed(state) + [FIT_NOTE] * fits_more
     notes += [f"{state.robot.file.name} lies there, too."] if state.robot is not None else []
     paragraphs = [html.P(text, className="note") for text in notes]
