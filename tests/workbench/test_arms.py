@@ -203,7 +203,7 @@ MISTAKES = {
         ),
         ("identify run.csv --joints torso,sholder", "unknown joint 'sholder': did you mean shoulder"),
         ("identify empty.toml", "'joints': Expected array"),
-        ("identify study.toml --joints torso", "told in two ways"),
+        ("identify study.toml --joints torso", "given twice"),
         (
             "record -o x.csv --joints torso,shoulder,elbow --backend pymunk",
             "'torso' does not turn in .* --backend mujoco",
