@@ -131,7 +131,6 @@ class Obstacle(StrEnum):
     """Reason why an effect is not followed online."""
 
     HAS_STATE = "depends_on_the_past"
-    IS_DELAY = "is_a_delay"
     LOADS_TWO_JOINTS = "loads_two_joints"
     IS_SUDDEN = "happens_at_one_moment"
     JOINT_AT_REST = "joint_has_hardly_moved"

@@ -45,8 +45,10 @@ def main() -> None:
                     live.console.print(f"{info['time']:4.1f} s  added {found.added[-1]}")
                 seen.append(found)
                 live.update(table(info["time"], found), refresh=True)
-                if found.kind == "missing" and found.ranking[0].probability >= ADDED_FROM:
-                    env.add(found.ranking[0].effect)
+                best = found.ranking[0] if found.ranking else None
+                # each of two missing effects leaves an error, so that the verdict is `unexplained`
+                if best and best.evidence >= found.threshold and best.probability >= ADDED_FROM:
+                    env.add(best.effect)
 
         rollout(env, signal, steps=12_500, seed=0, watch=show)
     print("\nfound:", ", ".join(seen[-1].added), "| hidden:", ", ".join(effect.partition(":")[0] for effect in HIDDEN))

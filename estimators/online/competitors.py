@@ -28,16 +28,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from estimators.online.binning import Bins, ModelRows
+from estimators.online.binning import Bins, ModelRows, PlantBins, is_late
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE, Equations
 from estimators.regression.recursive import PRIOR, compute_history
 from estimators.selection.score import compute_log_student, weigh_squares
-from pendulum_env._typing import Array, Index, Mask
+from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Term
 
 # chosen on simulated plants by `benchmarks.online_diagnosis`
@@ -46,6 +47,8 @@ MIN_WEIGHT = -12.0  # least log weight relative to the best variant
 MIN_MEMORY_WEIGHT = -4.0  # the same of models with forgetting
 N_SCALE_ITERATIONS = 20  # iterations of the error scale
 N_TANGENTS = 4  # iterations of a fit with columns that depend on the torque
+STEP = 1e-3  # relative step of a delay or lag, for derivatives
+MAX_LATE = 8  # largest number of variants of a late torque
 MAX_VARIANTS = 12  # largest number of variants with continuous nonlinear parameters
 
 
@@ -58,6 +61,51 @@ def _stack_variants(variants: Sequence[Term]) -> Term:
         for name in variants[0].nonlinear_values
     }
     return type(variants[0])(**{name: series[:, None, None] for name, series in values.items()})
+
+
+class LateTorque(NamedTuple):
+    """Variants of a late torque, with the derivative by its delay or lag as a column.
+
+    Attributes:
+        values: delay or lag of each variant (V,) [s].
+        weights: weights of the slices of torque (V, K).
+        change: the same minus those of a torque without delay (V, K).
+        slope: derivative of the weights by the delay or lag (V, K) [1/s].
+        at: name of the joint.
+    """
+
+    values: Array
+    weights: Array
+    change: Array
+    slope: Array
+    at: str
+
+    @classmethod
+    def build(cls, term: Term, plant: PlantBins) -> LateTorque:
+        """Build the weights of a term with stacked nonlinear parameters."""
+        delay, lag = (np.ravel(value) for value in np.broadcast_arrays(term.delay, term.lead))
+        weights = plant.compute_late_weights(delay, lag)
+        more = plant.compute_late_weights(delay * (1.0 + STEP), lag * (1.0 + STEP))
+        slope = (more - weights) / (STEP * (delay + lag))[:, None]
+        return cls(delay + lag, weights, weights - plant.compute_late_weights(0.0, 0.0), slope, term.at)
+
+    def compute_passed_noise(self, covariance: Array) -> Array:
+        """Compute the share of the variance of torque noise that passes, as a quadratic in changes of `values` (3, V).
+
+        `covariance` is that of the slices (K, K).
+        """
+        on_time = self.weights - self.change
+        products = ((self.weights, self.weights), (2.0 * self.weights, self.slope), (self.slope, self.slope))
+        variances = [np.einsum("vk,kl,vl->v", *(a, covariance, b), optimize=True) for a, b in products]
+        return np.asarray(variances / np.einsum("vk,kl,vl->v", on_time, covariance, on_time, optimize=True))
+
+    def evaluate_rows(self, bins: Bins, base: ModelRows, width: int) -> ModelRows:
+        """Evaluate the torque balance with each variant, see `CompetingModels`; `width` is the number of columns."""
+        slices = np.where(bins.at == self.at, 1.0 / bins.scale, 0.0)[:, None] * bins.slices
+        phi, slope = np.zeros((2, len(slices), len(self.values), width))
+        phi[..., 0] = -slices @ self.slope.T
+        y = base.y[:, None] + slices @ self.change.T
+        return ModelRows(phi, y, slope, np.broadcast_to(base.y_slope[:, None], y.shape))
 
 
 class CompetingModels:
@@ -95,18 +143,30 @@ class CompetingModels:
         self._family = np.repeat(np.arange(len(sizes)), sizes)  # family of each model
         self.models = [slice(first, end) for first, end in zip(self._starts.tolist(), ends.tolist(), strict=True)]
         columns = [variants[0].columns if variants else () for variants in self.families]
-        self._lower, self._upper = np.full((2, len(self._family), max(map(len, columns))), [[[-np.inf]], [[np.inf]]])
+        self._lower, self._upper = np.full(
+            (2, len(self._family), max(1, *map(len, columns))), [[[-np.inf]], [[np.inf]]]
+        )
         for family_columns, models in zip(columns, self.models, strict=True):
             self._lower[models, : len(family_columns)] = [column.least for column in family_columns]
             self._upper[models, : len(family_columns)] = [column.most for column in family_columns]
         self._forgets = np.arange(len(self._family)) >= len(self._family) - len(memories)  # models (V,)
         self._min_weight = np.where(self._family < self._n_named, MIN_WEIGHT, MIN_MEMORY_WEIGHT)
+        self._passed = np.repeat([[1.0], [0.0], [0.0]], len(self._family), axis=1)  # see `_absorb_noise`
+        self._late: dict[int, LateTorque] = {}  # by family
+        for family, stacked in enumerate(self._stacked):
+            for term in filter(is_late, stacked):
+                self._late[family] = late = LateTorque.build(term, bins.plant)
+                self._passed[:, self.models[family]] = late.compute_passed_noise(bins.plant.slice_covariance)
+                self._lower[self.models[family], 0] = -0.5 * late.values
+                self._upper[self.models[family], 0] = late.values
         self._fit_models(bins)
         self.weight[self._forgets] = MIN_MEMORY_WEIGHT
 
     def _evaluate_effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
         models = self.models[family]
+        if family in self._late:
+            return self._late[family].evaluate_rows(bins, base, self._lower.shape[1])
         rows = bins.evaluate_rows(self._stacked[family], models.stop - models.start)
         phi, slope = np.zeros((2, *rows.y.shape, self._lower.shape[1]))
         phi[..., : rows.phi.shape[-1]], slope[..., : rows.phi.shape[-1]] = rows.phi, rows.slope
@@ -140,9 +200,9 @@ class CompetingModels:
                 theta = self.compute_theta(models)
                 residual, _ = _predict(theta, base, family_rows)
                 delta = theta[:, parameters:]
-            squares = residual**2  # (R, V)
-            square = np.maximum(squares.mean(axis=0), 1e-12)
+            square = np.maximum((residual**2).mean(axis=0), 1e-12)
             for _ in range(N_SCALE_ITERATIONS):
+                squares = residual**2 + self._absorb_noise(theta, bins.torque_noise[:, None], square, models)  # (R, V)
                 square = np.maximum(weigh_squares(squares, square).mean(axis=0), 1e-12)
             self.square[models] = square * rows / max(1, rows - parameters - width)
         factors = (1.0, *(1.0 - 1.0 / max(memory, 2.0) for memory in self._memories))
@@ -166,32 +226,48 @@ class CompetingModels:
         """Return the variant of each family that predicted best, and its parameters; those of memories are left out."""
         theta = self.compute_theta()
         pairs = zip(self.families[: self._n_named], self.models[: self._n_named], strict=True)
-        families = ((variants, models, int(np.argmax(self.weight[models]))) for variants, models in pairs)
-        return [(variants[k : k + 1], theta[models][k]) for variants, models, k in families]
+        best = []
+        for family, (variants, models) in enumerate(pairs):
+            k = int(np.argmax(self.weight[models]))
+            variant, of_variant = variants[k : k + 1], theta[models][k]
+            if family in self._late:
+                (parameter,) = variant[0].nonlinear_parameters
+                value = self._late[family].values[k] + of_variant[len(self.y_on_base[0])]
+                variant = (replace(variant[0], **{parameter.name: float(value)}),)
+            best.append((variant, of_variant))
+        return best
 
     def take(self, bins: Bins) -> tuple[Array, Array]:
         """Predict R bins in sequence, with an update after each.
 
         Returns:
-            Log density of each bin under each family (R, F); and errors of the running model (R,) [N m].
+            Log density of each bin under each family, and its squared error (R, F) each [(N m)^2].
         """
         base = bins.evaluate_running(self.terms)
         family_rows = [self._evaluate_effect_rows(family, bins, base) for family in range(len(self.families))]
         rows = ModelRows(*(np.concatenate(series, axis=1) for series in zip(*family_rows, strict=True)))
-        pairs = zip(zip(*base, strict=True), zip(*rows, strict=True), strict=True)
-        densities, errors = zip(
-            *(self._predict_bin(ModelRows(*of_base), ModelRows(*of_effects)) for of_base, of_effects in pairs),
-            strict=True,
-        )
-        return np.array(densities), np.array(errors) * bins.scale
+        of_bins = [map(ModelRows._make, zip(*series, strict=True)) for series in (base, rows)]
+        predictions = [self._predict_bin(*bin_) for bin_ in zip(*of_bins, bins.torque_noise, strict=True)]
+        densities, squares = zip(*predictions, strict=True)
+        return np.array(densities), np.array(squares) * bins.scale[:, None] ** 2
 
-    def _predict_bin(self, base: ModelRows, rows: ModelRows) -> tuple[Array, float]:
-        """Predict one bin with all models, then update them.
+    def _absorb_noise(self, theta: Array, noise: ArrayLike, square: Array, models: slice = slice(None)) -> Array:
+        """Return the variance of torque noise that late torques of some models do not pass (..., V) [(N m)^2].
+
+        It is added to their squared errors; else a lag would predict better by smoothing noise. The noise of y
+        [N m] explains at most the squared error scale (V,).
+        """
+        (value, slope, curvature), delta = self._passed[:, models], theta[:, self.y_on_base.shape[1]]
+        absorbed = 1.0 - (value + slope * delta + curvature * delta**2)
+        return np.asarray(np.maximum(absorbed, 0.0) * np.fmin(np.square(noise), square))
+
+    def _predict_bin(self, base: ModelRows, rows: ModelRows, noise: float) -> tuple[Array, Array]:
+        """Predict one bin with torque noise [N m] by all models, then update them.
 
         `base` is the row of the running model (P,), `rows` those of the effects (V, K), see `_evaluate_effect_rows`.
 
         Returns:
-            The log density under each family (F,), and the error of the running model.
+            The log density under each family, and its squared error, a mean over its variants (F,) each.
         """
         (theta, information), parameters = self._solve_parameters(), len(base.phi)
         residual, error_slope = _predict(theta, base, rows)
@@ -208,13 +284,14 @@ class CompetingModels:
         # predicted variance of the error, relative to the squared scale
         of_effect = np.linalg.solve(information, remaining[..., None])[..., 0]
         variance_ratio = variance + np.einsum("vk,vk->v", remaining, of_effect)
-        density = compute_log_student(residual**2, self.square * variance_ratio)
+        squares = residual**2 + self._absorb_noise(theta, noise, self.square)
+        density = compute_log_student(squares, self.square * variance_ratio)
         # a law that passes almost none of the torque always has small errors
         density = np.where(error_slope < LEAST_SLOPE, np.minimum(density, density[0]), density)
         densities = self._mix_variants(density)
         self._count += 1
         scale_memory = np.append(min(self._count, SCALE_MEMORY), self._memories)[of_memory]
-        step = weigh_squares(residual**2 / variance_ratio, self.square) - self.square
+        step = weigh_squares(squares / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / scale_memory, 1e-12)
         for recursion in self._recursions:
             recursion.take(phi[None, None], np.zeros((1, 1)), np.ones((1, 1), dtype=bool))
@@ -223,7 +300,9 @@ class CompetingModels:
         weighted = remaining / variance[:, None]
         self.information += weighted[:, :, None] * remaining[:, None]
         self.moment += weighted * error[:, None]
-        return densities, float(residual[0])
+        share = np.exp(self.weight)
+        of_family = np.add.reduceat(share * residual**2, self._starts) / np.add.reduceat(share, self._starts)
+        return densities, of_family
 
     def _mix_variants(self, density: Array) -> Array:
         """Compute the log density of a bin under the mixture of each family (F,) from those of its variants (V,).
@@ -268,7 +347,7 @@ class CompetingModels:
             value = best.nonlinear_values[parameter.name]
             if parameter.integer or not np.isfinite(value):
                 continue
-            values = np.unique([variant.nonlinear_values[parameter.name] for variant in variants])
+            values = np.unique([variant.nonlinear_values[parameter.name] for variant in (best, *variants)])
             values = values[np.isfinite(values)]
             place = int(np.searchsorted(values, value))
             lower = values[place - 1] if place else value / 2
@@ -328,6 +407,7 @@ def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
 
 def thin_variants(variants: Sequence[Term]) -> list[Term]:
     """Reduce a grid of variants to `MAX_VARIANTS`; grids with only integer parameters stay complete."""
-    if len(variants) <= MAX_VARIANTS or all(parameter.integer for parameter in variants[0].nonlinear_parameters):
+    most = MAX_LATE if is_late(variants[0]) else MAX_VARIANTS
+    if len(variants) <= most or all(parameter.integer for parameter in variants[0].nonlinear_parameters):
         return list(variants)
-    return [variants[k] for k in np.unique(np.linspace(0, len(variants) - 1, MAX_VARIANTS).round().astype(int))]
+    return [variants[k] for k in np.unique(np.linspace(0, len(variants) - 1, most).round().astype(int))]

@@ -36,6 +36,7 @@ MIN_EVIDENCE = 3.0  # nat of forgetting, above which an alarm may be a change
 PREDICTION_TIME = 1.0  # [s] of motion that new models predict before the comparison with former models
 REPORT_TIME = 2.0  # [s] of motion between a change and its report
 COMPARISON_TIME = 5.0  # [s] of motion before parameters are compared with given ones
+UNEXPLAINED_TIME = 5.0  # [s] of motion before an error is reported as unexplained
 THRESHOLD_SHARE = 0.5  # share of the threshold that an effect must reach after a change
 
 
@@ -50,6 +51,7 @@ class RankingEntry:
         error: standard error of the gain, from the scatter between blocks of a second [nat].
         p_value: p-value of the gain.
         evidence: log wealth of the e-process for this effect [nat].
+        residual: typical a-priori error with this effect over the last seconds of motion, the scaled median [N m].
         term: effect with the nonlinear parameters that predicted best.
         theta: parameters of the running model and, last, of the effect, by name.
     """
@@ -60,6 +62,7 @@ class RankingEntry:
     error: float
     p_value: float
     evidence: float
+    residual: float
     term: Term
     theta: Mapping[str, float]
 
@@ -69,7 +72,9 @@ class OnlineDiagnosis:
     """Verdict on a running model, updated once per second of motion.
 
     Attributes:
-        kind: "calibrating"; "missing" for an effect; "changed" for parameters; or "nothing".
+        kind: "calibrating"; "missing" for an effect; "changed" for parameters; "unexplained" for an error above
+            `Criterion.misfit` floors that no effect explains, `diagnose` on the recording is then the next step; or
+            "nothing".
         evidence: log of the mean wealth of the e-process over effects and forgetting [nat].
         threshold: evidence of an alarm [nat].
         terms: terms of the running model.
@@ -79,6 +84,7 @@ class OnlineDiagnosis:
         none: probability that no effect predicts better than the running model.
         motion: time of motion since the model began to run [s].
         error: root mean square a-priori error of the running model over the last seconds of motion [N m].
+        floor: part of the error by noise of torque and position [N m]; NaN while it is unknown, and of an arm.
         added: ids of effects added to the running model.
         not_run: effects without online diagnosis, with the reason.
         changed: change and standard error of each changed parameter in its unit, the most significant first; empty
@@ -96,6 +102,7 @@ class OnlineDiagnosis:
     threshold: float = np.inf
     motion: float = 0.0
     error: float = float("nan")
+    floor: float = float("nan")
     added: tuple[str, ...] = ()
     not_run: Mapping[str, Obstacle] = field(default_factory=dict)
     changed: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -351,6 +358,7 @@ class EffectMonitor:
             theta=self._name_parameters(*leaders[0]),
             motion=comparison.n_predicted * self._plant.length,
             error=comparison.error,
+            floor=comparison.floor,
             added=self._added,
             not_run={**self._blank.not_run, **comparison.not_run},
         )
@@ -369,14 +377,21 @@ class EffectMonitor:
         no_effect, *probabilities = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(probabilities))))
         ranking = []
-        effects = zip(leaders, blocks.T[1:], probabilities, e_process.log_wealth[:-1].tolist(), strict=True)
-        for ((term,), theta), densities, probability, log_wealth in effects:
+        numbers_of_effects = probabilities, e_process.log_wealth[:-1].tolist(), comparison.typical_errors.tolist()
+        effects = zip(leaders, blocks.T[1:], *numbers_of_effects, strict=True)
+        for ((term,), theta), densities, probability, log_wealth, residual in effects:
             gain = bootstrap.gain(densities, blocks[:, 0], penalty)
             numbers = probability, gain.total, gain.error, gain.p_value, log_wealth
-            ranking.append(RankingEntry(term.id, *numbers, term, self._name_parameters((term,), theta)))
+            ranking.append(RankingEntry(term.id, *numbers, residual, term, self._name_parameters((term,), theta)))
         ranking.sort(key=lambda entry: (-round(entry.probability, 3), -entry.gain))
         is_changing = bool(e_process.log_wealth[-1] >= MIN_EVIDENCE)
         is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect(is_changing)
+        if is_missing:
+            is_unexplained = ranking[0].residual > Criterion().misfit * verdict.floor
+        else:  # an error before and after a suspected change is no unexplained error
+            is_unexplained = not is_changing and verdict.motion >= UNEXPLAINED_TIME
+            is_unexplained &= verdict.error > Criterion().misfit * verdict.floor
+        is_missing &= not is_unexplained
         group = [ranking[0].effect] if is_missing else []
         group += [entry.effect for entry in ranking if is_missing and entry.probability > Criterion.tie_probability]
         if change is not None and not is_changing and change.is_due(len(comparison.fit_bins)):
@@ -384,7 +399,7 @@ class EffectMonitor:
         changed: Mapping[str, tuple[float, float]] = {} if is_missing or change is None else change.changed
         return replace(
             verdict,
-            kind="missing" if is_missing else "changed" if changed else "nothing",
+            kind="missing" if is_missing else "changed" if changed else "unexplained" if is_unexplained else "nothing",
             ranking=tuple(ranking),
             group=tuple(dict.fromkeys(group)),
             none=no_effect,
@@ -415,10 +430,9 @@ class EffectMonitor:
 
 def find_obstacle(effect: type[Term]) -> Obstacle | None:
     """Find the reason why an effect has no online diagnosis; None if it has a diagnosis."""
-    if effect.start is not Term.start:
+    is_late_torque = (effect.delay is not Term.delay or effect.lead is not Term.lead) and not effect().columns
+    if effect.has_state() and not is_late_torque:
         return Obstacle.HAS_STATE
-    if effect.delay is not Term.delay:
-        return Obstacle.IS_DELAY
     if len(list_loads(effect.at)) > 1:
         return Obstacle.LOADS_TWO_JOINTS
     if any(parameter.instant for parameter in effect.nonlinear_parameters):

@@ -69,7 +69,7 @@ class ModelComparison:
         self._models: CompetingModels | None = None
         self._pending: list[Bin] = []  # not yet predicted
         self._block_density: Array | float = 0.0  # log predictive densities in the block to come (F,)
-        self._errors: deque[float] = deque(maxlen=plant.count_bins(ERROR_TIME))
+        self._squares: deque[Array] = deque(maxlen=plant.count_bins(ERROR_TIME))
         self.reference = deepcopy(reference) or ReferenceDistribution()
         self.blocks: deque[Array] = deque(maxlen=N_BLOCKS * self._stretch_blocks)
         self.not_run: dict[str, Obstacle] = {}
@@ -96,9 +96,9 @@ class ModelComparison:
         self._pending.append(bin_)
         if len(self._pending) < BINS_PER_UPDATE:
             return False
-        bin_densities, errors = self._models.take(self.stack_bins(self._pending))
+        bin_densities, squares = self._models.take(self.stack_bins(self._pending))
         self._pending = []
-        self._errors.extend(errors.tolist())
+        self._squares.extend(squares)
         self._block_density = block = self._block_density + bin_densities.sum(axis=0)
         self.n_predicted += BINS_PER_UPDATE
         if self.n_predicted % BLOCK:
@@ -129,7 +129,7 @@ class ModelComparison:
 
     def stack_bins(self, bins: Sequence[Bin]) -> Bins:
         """Stack several bins."""
-        return Bins.stack(bins, self._plant.period, self._plant.joints, self._scale)
+        return Bins.stack(bins, self._plant, self._scale)
 
     def linearise_rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:
         """Return rows over R bins, linearised at the fitted running model: phi (R, P) and y (R,)."""
@@ -150,7 +150,23 @@ class ModelComparison:
     @property
     def error(self) -> float:
         """Return the RMS a-priori error of the running model over the last seconds of motion [N m]."""
-        return float(np.sqrt(np.mean(np.square(list(self._errors)))))
+        return float(np.sqrt(np.mean(self._squares, axis=0)[0]))
+
+    @property
+    def typical_errors(self) -> Array:
+        """Return the scaled median error with each effect over the last seconds of motion [N m]."""
+        return np.asarray(np.sqrt(np.median(self._squares, axis=0)[1:-1]) / 0.6745)
+
+    @property
+    def floor(self) -> float:
+        """Return the RMS error by noise of torque and position [N m]; NaN while it is unknown, and of an arm."""
+        columns = [column for term in self.terms for column in term.columns]
+        if self._models is None or len(self._plant.joints) > 1 or self.fit_bins[0].phi.size:
+            return float("nan")
+        x, theta = self.stack_bins(self.fit_bins[-BLOCK:]).middle, self._models.y_on_base[0]
+        inertia = sum(value * np.mean(column.mass(x)) for column, value in zip(columns, theta, strict=True))
+        noise = self.fit_bins[-1]
+        return float(np.hypot(noise.torque_noise, inertia * noise.acceleration_noise))
 
     @property
     def stretches(self) -> Array:

@@ -36,7 +36,7 @@ class DiagnoseOnline(MeasurementWrapper):
         >>> info["diagnosis"].kind
         'calibrating'
         >>> sorted(info["diagnosis"].not_run)
-        ['actuator_lag', 'backlash', 'dead_time', 'joint_flexibility', 'payload_change', 'presliding']
+        ['backlash', 'joint_flexibility', 'payload_change', 'presliding']
     """
 
     def __init__(

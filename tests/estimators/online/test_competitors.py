@@ -6,11 +6,23 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from estimators.online.binning import Bins
+from estimators.online.binning import HISTORY, Bins, PlantBins
 from estimators.online.competitors import CompetingModels, solve_each_within_bounds
 from estimators.regression.recursive import PRIOR
+from estimators.signals.measurements import Smoothing
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
+
+PLANT = PlantBins(("",), 1e-3, 10, Smoothing(2))
+SLICES = (HISTORY + 1) * 5  # of 2 ms
+
+
+def make_bins(series: np.ndarray, y: np.ndarray, slices: np.ndarray | None = None) -> Bins:
+    """Bins of one joint; without slices, the past torque is zero."""
+    count = len(y)
+    slices = np.zeros((count, SLICES)) if slices is None else slices
+    names, links = np.full(count, ""), np.zeros((count, 0))
+    return Bins(series, y, PLANT, names, links, np.ones(count), slices, np.full(count, np.nan))
 
 
 def bins_of(count: int, seed: int) -> Bins:
@@ -21,7 +33,7 @@ def bins_of(count: int, seed: int) -> Bins:
     angle = w[:, None, None] * time
     position, velocity = np.sin(angle).sum(0), (w[:, None, None] * np.cos(angle)).sum(0)
     series = np.array([time, position, velocity, rng.normal(size=time.shape)])
-    return Bins(series, rng.normal(size=count), 1e-3, np.full(count, ""), np.zeros((count, 0)), np.ones(count))
+    return make_bins(series, rng.normal(size=count))
 
 
 @pytest.mark.parametrize(("id", "shapes"), [("cogging", [{"order": 3.0}, {"order": 7.0}]), ("quadratic_drag", [{}])])
@@ -31,7 +43,7 @@ def test_each_variant_is_least_squares_in_all_columns(id, shapes):
     parts = [bins_of(120, 0), bins_of(40, 1), bins_of(40, 2)]
     models = CompetingModels(BASE, parts[0], [variants])
     for part in parts[1:]:
-        densities, errors = models.take(part)
+        densities, squares = models.take(part)
         models = models.refine(part, {id: variants})
     for variant, theta in zip(variants, models.compute_theta(models.models[1]), strict=True):
         columns = sum(len(term.columns) for term in (*BASE, variant))
@@ -39,7 +51,7 @@ def test_each_variant_is_least_squares_in_all_columns(id, shapes):
         phi, y = np.concatenate([one.phi[:, 0] for one in rows]), np.concatenate([one.y[:, 0] for one in rows])
         expected = np.linalg.solve(phi.T @ phi + np.eye(columns) / PRIOR, phi.T @ y)
         np.testing.assert_allclose(theta[:columns], expected, rtol=1e-6, atol=1e-9)
-    assert densities.shape == (40, 2) and errors.shape == (40,)
+    assert densities.shape == squares.shape == (40, 2)
 
 
 def test_an_error_is_predicted_to_scatter_as_least_squares_has_it():
@@ -82,7 +94,7 @@ def bins_of_gear(first: int, last: int, output: float, share: float) -> Bins:
     kept = ~np.any(np.diff(way, axis=1), axis=1)
     kept[:first] = False
     series, y = np.array([time, position, velocity, load])[:, kept], load[kept, 2:-1].mean(axis=1)
-    return Bins(series, y, 1e-3, np.full(len(y), ""), np.zeros((len(y), 0)), np.ones(len(y)))
+    return make_bins(series, y)
 
 
 @pytest.mark.parametrize("output", [0.0, 0.1])
@@ -146,3 +158,19 @@ def test_models_with_forgetting_gain_nothing_where_the_law_passes_almost_none_of
     models = CompetingModels((*BASE, saturation), parts[0], memories=[20.0])
     densities, _ = models.take(parts[1])
     assert (densities[:, 1].sum() > densities[:, 0].sum() + 1.0) == gains
+
+
+def test_weights_of_a_late_torque_are_those_of_a_lag_and_a_delay():
+    """Mean over a bin of the torque after T u' = tau(t - d) - u, integrated in small steps."""
+    rng, step, lag, delay = np.random.default_rng(7), 1e-5, 0.013, 0.0047
+    slices = rng.normal(size=SLICES)
+    torque = np.repeat(slices, round(PLANT.slice_length * PLANT.period / step))
+    late = np.r_[np.full(round(delay / step), torque[0]), torque][: len(torque)]
+    lagged, value = np.empty(len(torque)), torque[0]
+    for k, command in enumerate(late):
+        middle = command + (value - command) * np.exp(-0.5 * step / lag)
+        lagged[k], value = middle, command + (value - command) * np.exp(-step / lag)
+    expected = lagged[-round(PLANT.duration / step) :].mean()
+    (weights,) = PLANT.compute_late_weights(delay, lag)
+    assert weights @ slices == pytest.approx(expected, abs=1e-5)
+    assert weights.sum() == pytest.approx(1.0)

@@ -15,13 +15,13 @@ from benchmarks.independent_plant import Experiment, Plant
 from benchmarks.online_diagnosis import CHANGE, diagnose_run, simulate_changes
 from estimators.findings import Obstacle
 from estimators.online import Diagnoser, OnlineDiagnosis
-from estimators.online.binning import Bin, PlantBins
+from estimators.online.binning import HISTORY, Bin, PlantBins
 from estimators.online.diagnosis import EffectMonitor
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
 from pendulum_env.arms.joints import FRICTION, get_coupling, place_effect, place_term
 from pendulum_env.physics import BASE, Model, effects
-from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag, Stribeck
 from pendulum_env.physics.library import effect
 from pendulum_env.physics.potential import Cogging
@@ -37,9 +37,12 @@ HIDDEN = {
     "cogging": ({"cog_n": 12.0, "cog_s": 0.2, "cog_c": 0.1}, Cogging(12.0)),
     "torque_offset": ({"offset": 0.2}, TorqueOffset()),
     "quadratic_drag": ({"drag": 0.03}, QuadraticDrag()),
+    "actuator_lag": ({"lag_T": 0.012}, ActuatorLag(0.012)),
+    "dead_time": ({"dead_n": 3.0}, DeadTime(0.012)),
 }
 
 SOME = ("load_dependent_friction", "coulomb_asymmetry", "spring", "position_dependent_friction", "viscous_asymmetry")
+BACKLASH = {"Jm": 0.04, "bl_gap": 0.02, "bl_k": 300.0, "bl_d": 0.6}
 FEW = {id: effect(id) for id in (*HIDDEN, *SOME)}
 
 
@@ -70,6 +73,42 @@ def test_what_is_hidden_comes_first_and_once_added_the_model_predicts_as_the_tru
     assert after.added == (hidden,) and after.kind == "nothing"
     assert after.error < 0.9 * before
     assert after.error == pytest.approx(ideal.error, rel=0.1)
+
+
+@pytest.mark.parametrize("hidden", ["actuator_lag", "dead_time"])
+def test_a_late_torque_is_named_with_its_time(hidden):
+    """The other of the two, with the same time, may predict equally well; no other effect does."""
+    said = run(diagnoser(), recorded(hidden))
+    assert said.kind == "missing" and hidden in said.group and set(said.group) <= {"actuator_lag", "dead_time"}
+    (time,) = next(entry.term for entry in said.ranking if entry.effect == hidden).nonlinear_values.values()
+    assert time == pytest.approx(0.012, abs=0.0005)
+
+
+def test_a_lag_gains_nothing_by_smoothing_noise_of_the_torque():
+    experiment = Experiment(rate=RATE, seconds=SECONDS, counts=COUNTS, torque_noise=0.5, seed=3)
+    said = run(
+        diagnoser(library={id: effect(id) for id in ("actuator_lag", "dead_time")}),
+        cases.recorded(Plant(), experiment)[0],
+    )
+    assert said.kind == "nothing" and max(entry.gain for entry in said.ranking) < 3.0
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    slow.but_first([{"backlash": BACKLASH}, {"presliding": {"dahl_sigma": 20.0}}]),
+    ids=lambda hidden: next(iter(hidden)),
+)
+def test_an_error_that_no_effect_explains_is_unexplained(hidden):
+    """Effects with a memory of the motion have no online diagnosis, and no other effect is named in their place."""
+    experiment = Experiment(rate=RATE, seconds=SECONDS, counts=COUNTS, torque_noise=0.05, seed=3)
+    said = run(diagnoser(), cases.recorded(Plant(effects=hidden), experiment)[0])
+    assert said.kind == "unexplained" and not said.group
+    assert said.error > 5 * said.floor > 0
+
+
+def test_the_floor_is_the_error_of_the_true_model():
+    said = run(diagnoser(), recorded(""))
+    assert said.floor == pytest.approx(said.error, rel=0.25)
 
 
 def test_effects_that_no_motion_tells_apart_are_one_group_and_say_the_same():
@@ -177,10 +216,10 @@ def test_undo_brings_the_model_back():
 
 def test_a_wrapper_diagnoses_beside_others_and_adds():
     env = EstimateParameters(gym.make(PENDULUM, rate=200, effects=["gravity_tilt:gravity_tilt=0.3"]), schemes="dynamic")
-    env = DiagnoseOnline(env, candidates=["gravity_tilt", "quadratic_drag", "dead_time"])
+    env = DiagnoseOnline(env, candidates=["gravity_tilt", "quadratic_drag", "presliding"])
     env = gym.make(gym.envs.registration.EnvSpec.from_json(env.spec.to_json()))
     _, info = env.reset(seed=0)
-    assert set(info["diagnosis"].not_run) == {"dead_time"}
+    assert set(info["diagnosis"].not_run) == {"presliding"}
     *_, info = play_two_tones(env, 1500)
     assert info["diagnosis"].group == ("gravity_tilt",)
     env.get_wrapper_attr("add")("gravity_tilt")
@@ -194,7 +233,7 @@ def test_a_wrapper_diagnoses_beside_others_and_adds():
 
 def test_what_cannot_be_followed_is_refused():
     for options, why in (
-        ({"terms": ["inertia", "actuator_lag"]}, "actuator_lag depends on the past"),
+        ({"terms": ["inertia", "presliding"]}, "presliding depends on the past"),
         ({"candidates": ["stribek"]}, "did you mean stribeck"),
         ({"candidates": "backlash"}, "no candidate has an online diagnosis: backlash .depends on the past"),
         ({"rate": np.nan}, "give a positive number"),
@@ -235,7 +274,8 @@ def bins_of_two_joints(first, last):
         speed = way * (2.0 + np.sin((5.0 + 2.0 * joint) * t))
         load = 0.3 * speed + 0.5 * way + 0.1 * joint * speed * np.abs(speed)
         series = np.array([t, np.cos(t), speed, load])
-        yield Bin(joint, series, np.zeros(0), float(load[2:-1].mean()) + 0.01 * rng.normal())
+        torque, slices = float(load[2:-1].mean()) + 0.01 * rng.normal(), np.zeros(5 * (HISTORY + 1))
+        yield Bin(joint, series, np.zeros(0), torque, slices)
 
 
 def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
@@ -243,7 +283,7 @@ def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
     terms = [place_term(term, joint) for joint in joints for term in FRICTION]
     library = {f"quadratic_drag@{joint}": place_effect(effects()["quadratic_drag"], joint) for joint in joints}
     monitor = EffectMonitor(
-        terms, library, PlantBins(joints, 0.005, 1e-3), OnlineDiagnosis("calibrating", threshold=10.0)
+        terms, library, PlantBins(joints, 1e-3, 10, Smoothing(2)), OnlineDiagnosis("calibrating", threshold=10.0)
     )
     for one in bins_of_two_joints(1, 590):
         monitor.take(one)
