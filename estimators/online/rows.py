@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.schemes.six import VIEWS, Integral, LowPass, Scheme, compute_decay
-from pendulum_env.physics import Samples, Term
+from pendulum_env._typing import ArrayLike
+from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.compiled import SymbolicStep
 from pendulum_env.physics.simulation import TorqueBalance
 from pendulum_env.physics.symbols import Operand, Symbol, make_symbols
@@ -48,6 +49,22 @@ def list_laws(terms: Sequence[Term]) -> dict[str, Law]:
     return laws
 
 
+def list_filtered_forces(terms: Sequence[Term]) -> dict[int, Law]:
+    """List the forces of the angle alone, of columns with a potential, by the index of `list_laws`.
+
+    They are filtered, as in `Measurements.compute_force`: the force at a smoothed position differs in fast rotation.
+    """
+    columns = [*(column for term in terms for column in term.columns), *(c for term in terms for c in term.fixed)]
+    forces = {j: partial(_compute_conservative_force, c) for j, c in enumerate(columns) if c.potential is not None}
+    x: Any = Samples(*make_symbols("sample", 4))
+    return {j: force for j, force in forces.items() if isinstance(_evaluate_formula(force, x), Symbol)}
+
+
+def _compute_conservative_force(column: Column, x: Samples) -> ArrayLike:
+    """Compute the force of a potential per unit of the parameter, without its dissipative part."""
+    return column.force(x) - column.loss(x)
+
+
 def list_guards(schemes: Sequence[Scheme]) -> tuple[float | None, ...]:
     """List the different guards of schemes [s]."""
     return tuple(dict.fromkeys(scheme.guard for scheme in schemes))
@@ -63,7 +80,7 @@ def write_step(terms: Sequence[Term], schemes: Sequence[Scheme], guards: StickGu
 
     Inputs:
         index, newest: index and velocity of the newest instant.
-        instant: values of the instant `behind` - 1 before the newest (6,).
+        instant: values of the instant `behind` - 1 before the newest, and its filtered forces (6 + F,).
         supplied: delayed torque at the row and over the sample before it (2,); only with a delay.
         memory.ID: states of the term `ID`.
         halts: index of the last halt at the distance of each guard (G,).
@@ -87,7 +104,8 @@ class _StepWriter:
         self.after: dict[str, Any] = {}
         self.inputs: dict[str, Any] = {}
         self.index, self.newest = self.add_input("index"), self.add_input("newest")
-        self.instant = self.add_input("instant", INSTANT)
+        self.forces = list_filtered_forces(terms)
+        self.instant = self.add_input("instant", INSTANT + len(self.forces))
 
     def write(self) -> SymbolicStep:
         """Write the step."""
@@ -120,14 +138,20 @@ class _StepWriter:
             supplied = self.add_input("supplied", 2)
         else:
             supplied = [self.add_history(f"supplied.{k}", instant[k], 1)[1] for k in (TORQUE, HELD)]
-        _, q, v, a, _, _ = instant
+        _, q, v, a, _, _, *filtered = instant
         theta = np.ones(sum(len(term.columns) for term in self.terms))
         at_rest = TorqueBalance(self.terms, theta).start(Samples(*np.zeros((4, 1))))
         memory = {id: tuple(self.add_input(f"memory.{id}", len(states))) for id, states in at_rest.items()}
         x: Any = replace(Samples(instant[TIME], q, v, instant[TORQUE]), memory=memory)
+        corrections: dict[str, Any] = {}
+        for (j, force), value in zip(self.forces.items(), filtered, strict=True):
+            correction = value - force(x)
+            corrections |= {f"torque.{j}": correction, f"power.{j}": correction * v}
         laws = {}
         for label, law in list_laws(self.terms).items():
             value = _evaluate_formula(law, x)
+            if value is not None and label in corrections:
+                value = value + corrections[label]
             laws[label] = self.add_history(label, self.add_input(label) if value is None else value, 3)
         is_second = self.index - (self.guards.behind - 1) == 2  # instant since the start
 

@@ -21,6 +21,7 @@ from estimators.online.rows import (
     TORQUE,
     VELOCITY,
     StickGuards,
+    list_filtered_forces,
     list_guards,
     list_laws,
     list_windows,
@@ -37,6 +38,7 @@ from pendulum_env.physics.symbols import make_symbols
 from pendulum_env.recording.cleaning import CLEANING
 
 NEVER = -1e9
+SAMPLE = 4  # time, position, its increment, and torque of a sample
 SIGNS = np.random.default_rng(0).choice([-1.0, 1.0], 8191)  # of added noise, by index of the sample
 
 
@@ -51,8 +53,8 @@ class StreamEquations(NamedTuple):
         usable: mask of the usable equations (B, S).
         regressor: phi of the torque balance at the sample, 0 in stick (B, P); None for an arm.
         restarted: mask of the plants that restarted with the newest sample (B,).
-        next_instant: time, position, velocity, acceleration, torque and held of the next instant, as in `Measurements`
-            (6, B); a view of a ring buffer.
+        next_instant: time, position, velocity, acceleration, torque and held of the next instant, as in `Measurements`,
+            and filtered forces (6 + F, B); a view of a ring buffer.
         joint: index of the joint.
     """
 
@@ -113,21 +115,23 @@ class Stream:
         self.delay, self._behind = smoothing.reach + behind, behind
         self._machine = Machine(write_step, (self._terms, tuple(schemes), stick_guards, period), *lanes)
         # weights of the last samples, the oldest first: time, position, its increment, and torque until this sample
-        weights = np.zeros((INSTANT, length, 4))
+        weights = np.zeros((INSTANT, length, SAMPLE))
         weights[TIME, smoothing.reach, 0] = 1.0
         weights[POSITION, :, 1] = smoothing.make_position_kernel()[::-1]
         weights[VELOCITY:TORQUE, 1:, 2] = smoothing.make_step_kernels(period)[:, ::-1]
         weights[TORQUE:, 1:, 3] = smoothing.make_torque_kernels()[:, :0:-1]
-        self._weights = weights.reshape(INSTANT, 4 * length)
+        self._weights, self._window = weights.reshape(INSTANT, SAMPLE * length), weights[POSITION, :, 1].copy()
         self._noise = noise * _smooth_signs(weights) if noise else None
         # each sample is written twice, so that the last ones are contiguous
-        self._samples = np.zeros((2, length, 4, batch))
-        self._instants = np.zeros((behind + int(dead_time) + 2, INSTANT, batch))
+        self._samples = np.zeros((2, length, SAMPLE, batch))
+        n_forces = len(list_filtered_forces(self._terms))
+        self._forces = np.zeros((2, length, n_forces, batch))
+        self._instants = np.zeros((behind + int(dead_time) + 2, INSTANT + n_forces, batch))
         self._halts = np.full((behind + 1, batch), NEVER)  # index of the last halt, as of the last instants
         self._shorter_guards = [(k, behind - n) for k, n in enumerate(distances) if n is not None and n < behind]
         width = self._machine.states["total"].shape[1]
         self._sums = [(k, np.zeros((n, width, *lanes))) for k, n in enumerate(list_windows(schemes, period)) if n]
-        self._arrival = Machine(_receive_sample, (CLEANING.long_step * period,), batch)
+        self._arrival = Machine(_receive_sample, (CLEANING.long_step * period, self._terms), batch)
         self._index = np.full(batch, -length, dtype=np.intp)
         self._no_restart = np.zeros(batch, dtype=bool)
         self._last_instant: Samples | None = None
@@ -147,7 +151,7 @@ class Stream:
     def reset(self, which: Mask) -> None:
         """Restart pendulums (B,) with their next sample; smoothing and filters start from rest."""
         self._index[which] = -self._samples.shape[1]
-        self._samples[..., which] = self._instants[..., which] = 0.0
+        self._samples[..., which] = self._forces[..., which] = self._instants[..., which] = 0.0
         self._halts[:, which] = NEVER
         self._machine.reset(which)
         self._machine.states["halt"][:, which] = NEVER
@@ -178,14 +182,17 @@ class Stream:
     def _smooth_instant(self, sample: Array) -> None:
         """Add a sample to the ring and smooth the newest instant.
 
-        The sample (4, B) has time, position, increment of position, and torque. The instant (6, B) lies `reach` samples
-        earlier. `_advance_recurrence` advances `_count`.
+        The sample is that of `_receive_sample`. The instant (6 + F, B) lies `reach` samples earlier.
+        `_advance_recurrence` advances `_count`.
         """
         length = self._samples.shape[1]
         slot, instant = self._count % length, self._instants[self._count % len(self._instants)]
-        self._samples[:, slot] = sample
-        window = self._samples.reshape(8 * length, -1)[4 * (slot + 1) : 4 * (slot + 1 + length)]
-        np.matmul(self._weights, window, out=instant)
+        self._samples[:, slot], self._forces[:, slot] = sample[:SAMPLE], sample[SAMPLE:]
+        window = self._samples.reshape(2 * SAMPLE * length, -1)[SAMPLE * (slot + 1) : SAMPLE * (slot + 1 + length)]
+        np.matmul(self._weights, window, out=instant[:INSTANT])
+        if self._forces.size:
+            forces = self._forces.reshape(2 * length, -1)[slot + 1 : slot + 1 + length]
+            np.matmul(self._window, forces, out=instant[INSTANT:].reshape(-1))
         self._index += 1
 
     def _advance_recurrence(self, restarted: Mask) -> StreamEquations:
@@ -207,7 +214,7 @@ class Stream:
         for k, sums in self._sums:
             given["oldest"][k] = sums[count % len(sums)]
         if self._numeric_laws or self._balance.has_states:
-            instants = given["instant"].reshape(INSTANT, -1).copy()
+            instants = given["instant"][:INSTANT].reshape(INSTANT, -1).copy()
             self._evaluate_laws(np.tile(index + 1, len(given["index"])), instants)
         self._machine.step()
         if self._shorter_guards:
@@ -263,19 +270,21 @@ def _smooth_signs(weights: Array) -> Array:
     return np.asarray(np.einsum("ils,slk->ik", weights[POSITION:TORQUE, :, 1:3], signs[:, of_window % len(SIGNS)]))
 
 
-def _receive_sample(longest: float) -> SymbolicStep:
+def _receive_sample(longest: float, terms: Sequence[Term]) -> SymbolicStep:
     """Build the check of a sample in symbols.
 
-    `taken` has time, position, increment of position and torque, each 0 if the sample is not finite. `restarted` is 1
-    for a sample that is not finite, or later than `longest` [s] after the last. A decreasing time is not detected.
+    `taken` has time, position, increment of position and torque, each 0 if the sample is not finite, and the forces of
+    `list_filtered_forces` (4 + F,). `restarted` is 1 for a sample that is not finite, or later than `longest` [s] after
+    the last. A decreasing time is not detected.
     """
     sample, (time, position) = make_symbols("sample", 3), make_symbols("last", 2)
     is_number = np.abs(sample[0] + sample[1] + sample[2]) < np.inf
     values = [np.where(is_number, value, 0.0) for value in sample]
-    with_increment = np.array([values[0], values[1], values[1] - position, values[2]])
+    x: Any = Samples(values[0], values[1], 0.0 * values[1], values[2])
+    forces = [force(x) for force in list_filtered_forces(terms).values()]
     after = {
-        "last": with_increment[:2],
-        "taken": with_increment,
+        "last": np.array(values[:2]),
+        "taken": np.array([values[0], values[1], values[1] - position, values[2], *forces]),
         "restarted": 1.0 - is_number * (values[0] - time <= longest),
     }
     return SymbolicStep({"sample": sample}, {"last": np.array([time, position])}, after)

@@ -3,7 +3,7 @@
 The torque balance stays true if each part passes the same linear filter. All quantities here pass one symmetric window
 w without second and fourth moments. It does not change polynomials of fifth degree; sin q of smoothed motion has an
 error of sixth order in its length. As this error is large in fast rotation, `Measurements.compute_force` filters forces
-of the angle alone, offline.
+of the angle alone, as the stream of `OnlineEstimator` does.
 
 Command k - 1 acts between samples k - 1 and k. The second difference of the position at k is the average acceleration
 under a triangle over k - 1 to k + 1. The average torque under this triangle is the mean of commands k - 1 and k.

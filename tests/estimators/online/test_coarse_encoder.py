@@ -8,6 +8,7 @@ import pytest
 
 from estimators.online import OnlineEstimator
 from estimators.online.estimator import SampleBuffer
+from estimators.signals.measurements import Smoothing
 from estimators.wrappers import EstimateParameters
 from pendulum_env.plant import PAPER
 from pendulum_env.registration import PENDULUM
@@ -69,6 +70,19 @@ def test_noise_of_a_coarse_encoder_biases_no_estimate(bits, forgetting):
         assert (np.abs(now.theta[0] - TRUTH) < 3 * standard_errors(now)).all()
     inertia = np.mean([now.theta[0, :, 0] for now in estimates], axis=0)
     np.testing.assert_allclose(inertia, TRUTH[0], rtol=0.003)
+
+
+def test_smoothing_in_fast_rotation_biases_no_estimate():
+    """A window of 0.2 s contains most of a turn; the sine of the smoothed angle is not the smoothed sine."""
+    time = np.arange(2400) / RATE
+    torque = 2.4 + 1.2 * np.sin(2 * np.pi * 0.31 * time) + 0.7 * np.sin(2 * np.pi * 1.9 * time)
+    position = moved(torque)
+    assert np.abs(np.diff(position)).max() * RATE > 20.0  # [rad/s]
+    now = fed(
+        OnlineEstimator(RATE, smoothing=Smoothing(20), position_noise=0.0),
+        np.array([time, position, np.append(0.0, torque[:-1])]),
+    )[-1]
+    np.testing.assert_allclose(now.theta[0], np.tile(TRUTH, (6, 1)), rtol=2e-4)
 
 
 def test_estimates_with_a_learnt_encoder_are_those_with_a_known_one():

@@ -15,7 +15,7 @@ from estimators.online.recursion import RECURSIONS, SquareRootLeastSquares
 from estimators.regression.recursive import PRIOR, compute_history
 from estimators.schemes import six
 from estimators.schemes.six import PAPER, SCHEMES, Integral, LowPass
-from estimators.signals.measurements import add_states, choose_smoothing, measure
+from estimators.signals.measurements import add_states, choose_smoothing, measure, measure_segments
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.physics import BASE, effect
 from tests import slow
@@ -47,7 +47,7 @@ def test_online_equals_offline(more, paper_run):
     terms, smoothing = (*BASE, *more), choose_smoothing(paper_run)
     online = OnlineEstimator(paper_run.rate, terms, MORE, smoothing=smoothing)
     estimates = list(stream_recording(online, paper_run))
-    whole = measure(paper_run, smoothing)
+    (whole,) = measure_segments(paper_run)
     points = np.array([1500, 4000, 9000])
     for s, scheme in enumerate(MORE):
         equations, usable = scheme.regression(whole, terms)
