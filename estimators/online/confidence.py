@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimators.online.recursion import Recursion, expand_triangle
+from estimators.online.recursion import RecursionState, expand_triangle
 from estimators.schemes.identifiability import ONE_SIZE_RESIDUAL
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics.compiled import Machine, SymbolicStep
@@ -63,23 +63,23 @@ class ClusterCovariance:
         Returns:
             True if the current cluster is long enough to be closed.
         """
-        given = self._machine.inputs
-        given["row"].T[:], given["used"].T[:] = equations, usable
+        inputs = self._machine.inputs
+        inputs["row"].T[:], inputs["used"].T[:] = equations, usable
         self._machine.step()
         self._n_rows += 1
         return self._n_rows >= self._length
 
-    def close_cluster(self, squares: Recursion) -> None:
+    def close_cluster(self, state: RecursionState) -> None:
         """Close the current cluster, and compute the scores of all clusters at the current estimates.
 
         A cluster without equations is dropped; others lower the weight of the earlier clusters by forgetting. At
-        `max_clusters`, neighbours are merged, or the oldest is dropped.
+        `MAX_CLUSTERS`, neighbours are merged, or the oldest is dropped.
         """
         self._n_rows, now = 0, self._machine.states
         n_used = now["count"].T.copy()
         if not n_used.any():
             return
-        theta, P = squares.theta, squares.P
+        theta, P = state.theta, state.P
         if self._forgetting < 1:
             self._clusters[: self._n_closed] *= (self._forgetting**n_used)[..., None, None]
         self._clusters[self._n_closed] = expand_triangle(now["products"].T)[..., :-1, :]
@@ -101,72 +101,58 @@ class ClusterCovariance:
         self._scores = (score @ score.swapaxes(-1, -2)).sum(axis=0)
         self._n_clusters = np.count_nonzero(np.einsum("c...ii->c...", A), axis=0)
 
-    def make_covariance(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], tuple[Array, Array]]:
-        """Make a function that computes present P and covariance at any time; `compute_P` computes the present P."""
-        state = squares.theta, squares.squares, squares.count, squares.prior, self._direction
-        return functools.partial(_compute_covariances, compute_P, self._scores, self._n_clusters, *state)
+    def make_covariance(self, state: RecursionState) -> Callable[[], Array]:
+        """Make a function that computes the covariance of estimates (B, S, P, P) at any time."""
+        return functools.partial(_compute_covariance, state, self._scores, self._n_clusters, self._direction)
 
 
 @functools.cache
 def _add_products(size: int) -> SymbolicStep:
     """Build the sums over a cluster, in symbols: the upper triangle of products of phi and y, and their number."""
     inputs = {"row": make_symbols("row", size), "used": make_symbols("used")}
-    left, right = np.triu_indices(size)
-    row, before = inputs["row"] * inputs["used"], {"products": make_symbols("products", len(left))}
+    rows, columns = np.triu_indices(size)
+    row, before = inputs["row"] * inputs["used"], {"products": make_symbols("products", len(rows))}
     before["count"] = make_symbols("count")
-    after = {"products": before["products"] + row[left] * row[right], "count": before["count"] + inputs["used"]}
+    after = {"products": before["products"] + row[rows] * row[columns], "count": before["count"] + inputs["used"]}
     return SymbolicStep(inputs, before, after)
 
 
-def _compute_covariances(
-    compute_P: Callable[[], Array],
-    scores: Array,
-    n_clusters: Index,
-    theta: Array,
-    squares: Array,
-    count: Array,
-    prior: float,
-    direction: int | None,
-) -> tuple[Array, Array]:
-    """Compute P and covariance of estimates (B, S, P, P).
+def _compute_covariance(state: RecursionState, scores: Array, n_clusters: Index, direction: int | None) -> Array:
+    """Compute the covariance of estimates (B, S, P, P).
 
-    The covariance comes from the scores if clusters outnumber parameters by `min_extra_clusters`; else from white
-    errors. It is infinite if the torque depends on the direction of motion alone.
+    It comes from the scores if clusters outnumber parameters by `MIN_EXTRA_CLUSTERS`, else from white errors. It is
+    infinite if the torque depends on the direction of motion alone.
 
     Args:
-        compute_P: returns the covariance for unit noise.
+        state: state of the recursion.
         scores: sum of squared scores s s' over the clusters (B, S, P, P).
         n_clusters: number of clusters with equations (B, S).
-        theta: estimates (B, S, P).
-        squares: sum of squared errors (B, S).
-        count: number of equations (B, S).
-        prior: P(0) on the diagonal.
         direction: index of the parameter whose torque is the sign of the velocity; None without a test.
     """
-    P = compute_P()
-    parameters = P.shape[-1]
-    freedom = count - parameters
+    P, parameters = state.P, state.P.shape[-1]
+    freedom = state.count - parameters
     # before the first equations, the covariance is P(0)
-    noise = np.where(freedom > 0, squares / np.maximum(freedom, 1.0), 1.0 / GUESS_VARIANCE)
+    noise = np.where(freedom > 0, state.squares / np.maximum(freedom, 1.0), 1.0 / GUESS_VARIANCE)
     guess = GUESS_VARIANCE * noise[..., None, None] * P
     correction = (n_clusters - 1) / np.maximum(n_clusters, 1)
     # the second part is the variance of theta(0)
-    robust = correction[..., None, None] * (P @ scores @ P) + (noise / prior)[..., None, None] * (P @ P)
+    robust = correction[..., None, None] * (P @ scores @ P) + (noise / state.prior)[..., None, None] * (P @ P)
     is_robust = n_clusters >= parameters + MIN_EXTRA_CLUSTERS
     covariance = np.where(is_robust[..., None, None], robust, guess)
     if direction is not None:
-        follows = _follows_direction(np.asarray(np.linalg.inv(P), dtype=float), theta, squares, direction)
+        follows = _follows_direction(state, direction)
         covariance = np.where(follows[..., None, None], np.diag(np.full(parameters, np.inf)), covariance)
-    return P, covariance
+    return covariance
 
 
-def _follows_direction(J: Array, theta: Array, squares: Array, direction: int) -> Mask:
+def _follows_direction(state: RecursionState, direction: int) -> Mask:
     """Return whether the torque depends on the direction of motion alone (B, S).
 
     Then zeros and a dry friction of the size of the torque solve all equations, too. With J = 1 / P, the equations have
     y'y = squares + theta' J theta. The best multiple of column k alone explains (J theta)_k^2 / J_kk of it.
     """
-    moments = np.einsum("...ij,...j", J, theta)
-    total = squares + np.einsum("...i,...i", theta, moments)
+    J = np.asarray(np.linalg.inv(state.P), dtype=float)
+    moments = np.einsum("...ij,...j", J, state.theta)
+    total = state.squares + np.einsum("...i,...i", state.theta, moments)
     explained = moments[..., direction] ** 2 / J[..., direction, direction]
     return np.asarray((total > 0) & (total - explained <= ONE_SIZE_RESIDUAL**2 * total))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.online.noise_bias import Correction
-from estimators.regression.recursive import PRIOR
+from estimators.online.recursion import RecursionState
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.formatting import format_estimate
 from pendulum_env.notebook import Shown
@@ -23,28 +23,22 @@ class Estimates:
     Attributes:
         index: index of the newest used sample, from 0; negative before enough samples (B,).
         time: time of this sample (B,) [s], which is older than the last sample by the reach of smoothing and guards.
-        uncorrected: theta of the recursion (B, S, P).
+        state: state of the recursion; its theta is not corrected for encoder noise.
         error: a-priori prediction errors in the unit of the scheme, 0 where the equation was not used (B, S).
         usable: mask of the used equations (B, S).
         regressor: phi of the torque balance at this sample, 0 in stick (B, P); None for an arm.
-        compute_covariances: function that computes P and the covariance without bias (B, S, P, P) each.
+        compute_covariance: function that computes the covariance without bias (B, S, P, P).
         compute_correction: function that computes the correction of theta for encoder noise, and its remaining bias.
-        prior: P(0) on the diagonal.
     """
 
     index: Index
     time: Array
-    uncorrected: Array
+    state: RecursionState
     error: Array
     usable: Mask
     regressor: Array | None
-    compute_covariances: Callable[[], tuple[Array, ...]]
+    compute_covariance: Callable[[], Array]
     compute_correction: Callable[[], Correction] = Correction.none
-    prior: float = PRIOR
-
-    @cached_property
-    def _covariances(self) -> tuple[Array, ...]:
-        return self.compute_covariances()
 
     @cached_property
     def _correction(self) -> Correction:
@@ -53,17 +47,17 @@ class Estimates:
     @cached_property
     def theta(self) -> Array:
         """Return the estimates (B, S, P) in the order of the columns of the terms."""
-        return self.uncorrected + self._correction.step
+        return self.state.theta + self._correction.step
 
     @property
     def P(self) -> Array:
         """Return the covariance for unit noise (B, S, P, P)."""
-        return self._covariances[0]
+        return self.state.P
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """Return the covariance of theta, valid under correlated errors (B, S, P, P)."""
-        return self._covariances[1] + self._correction.bias
+        return self.compute_covariance() + self._correction.bias
 
     @property
     def std(self) -> Array:
@@ -73,7 +67,7 @@ class Estimates:
     @property
     def is_known(self) -> Mask:
         """Return whether the data determine each parameter, better than P(0) (B, S, P); else its std has no meaning."""
-        return (np.einsum("bsii->bsi", self.P) < 0.5 * self.prior) & np.isfinite(self.std)
+        return (np.einsum("bsii->bsi", self.P) < 0.5 * self.state.prior) & np.isfinite(self.std)
 
 
 class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metaclass,misc]  # for Gymnasium

@@ -114,7 +114,7 @@ class OnlineEstimator:
         if noise is None:
             noise = compute_encoder_noise(COUNTS)
             self._buffer = SampleBuffer() if smoothing is None else None
-        self._squares = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
+        self._recursion = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
         self._start_stream(smoothing or Smoothing.from_noise(noise, rate), known_noise)
         has_known = any(column.is_known for term in terms for column in term.columns)
         direction = None if has_known or "coulomb" not in self.names else self.names.index("coulomb")
@@ -140,7 +140,7 @@ class OnlineEstimator:
             return
         self._stream.reset(mask)
         self._buffer = self._buffer and SampleBuffer()
-        for part in (self._squares, self._clusters, self._noise_bias, self._joint):
+        for part in (self._recursion, self._clusters, self._noise_bias, self._joint):
             if part is not None:
                 part.reset(mask)
         if mask.all():
@@ -160,13 +160,13 @@ class OnlineEstimator:
         """
         if self._buffer is not None:
             return self._estimate_noise(self._buffer, time, position, torque)
-        squares, sample = self._squares, None
+        recursion, sample = self._recursion, None
         for sample in self._stream.take(time, position, torque):
-            squares.take(sample.equations[..., :-1], sample.equations[..., -1], sample.usable)
+            recursion.take(sample.equations[..., :-1], sample.equations[..., -1], sample.usable)
             if self._noise_bias is not None:
                 self._noise_bias.take(sample.copies, sample.usable)
             if self._clusters.take(sample.equations, sample.usable):
-                self._clusters.close_cluster(squares)
+                self._clusters.close_cluster(recursion.state)
         if sample is not None:
             self._estimates = self._make_estimates(sample.place, sample.time, sample.usable, sample.regressor)
             if self._joint is not None:
@@ -211,16 +211,13 @@ class OnlineEstimator:
 
     def _make_initial_estimates(self) -> Estimates:
         """Return the estimates before the first sample."""
-        return self._make_estimates(np.full(self.batch, -1), np.zeros(self.batch), self._squares.count > 0, None)
+        return self._make_estimates(np.full(self.batch, -1), np.zeros(self.batch), self._recursion.count > 0, None)
 
     def _make_estimates(self, index: Index, time: Array, usable: Mask, regressor: Array | None) -> Estimates:
         """Collect the current theta and errors of the recursions with the index, time and regressor of their sample."""
-        squares, compute_P = self._squares, self._squares.make_covariance_function()
-        compute_covariances = self._clusters.make_covariance(squares, compute_P)
-        values = index, time, squares.theta, squares.error, usable, regressor, compute_covariances
-        if self._noise_bias is None:
-            return Estimates(*values, prior=squares.prior)
-        return Estimates(*values, self._noise_bias.make_correction(squares, compute_P), squares.prior)
+        state = self._recursion.state
+        values = index, time, state, self._recursion.error, usable, regressor, self._clusters.make_covariance(state)
+        return Estimates(*values, *([self._noise_bias.make_correction(state)] if self._noise_bias else []))
 
 
 def _collect_units(terms: Sequence[Term], schemes: Sequence[object]) -> dict[str, str]:

@@ -122,8 +122,9 @@ class JointFilters:
         for b, joint_filter in enumerate(self.filters):
             if joint_filter is not None:
                 theta[b, -1], P[b, -1], covariance[b, -1] = joint_filter.theta, joint_filter.P, joint_filter.P
-        values = estimates.index, estimates.time, theta, error, usable, estimates.regressor
-        return Estimates(*values, functools.partial(tuple, (P, covariance)), prior=estimates.prior)
+        state = replace(estimates.state, theta=theta, compute_P=functools.partial(np.asarray, P))
+        values = estimates.index, estimates.time, state, error, usable, estimates.regressor
+        return Estimates(*values, functools.partial(np.asarray, covariance))
 
 
 class _Filter:
@@ -217,10 +218,11 @@ class _Filter:
         ukf, samples = self._ukf, list[Samples]()
         position, velocity, *theta = ukf.points_fn.sigma_points(ukf.x, ukf.P).T
         *before, command = self._commands
-        known: dict[str, Any] = {"before": np.array(before), "memory": self._memory, "compiler": self._compiler}
+        options: dict[str, Any] = {"before": np.array(before), "memory": self._memory, "compiler": self._compiler}
         if any(term.has_memory for term in self._terms):
-            known["observe"] = samples.append
-        motion = simulate(self._terms, np.array(theta), period, np.array([command]), position, velocity, time, **known)
+            options["observe"] = samples.append
+        arguments = np.array(theta), period, np.array([command]), position, velocity, time
+        motion = simulate(self._terms, *arguments, **options)
         ukf.sigmas_f = np.column_stack([motion.position[-1], motion.velocity[-1], *theta])
         for x in samples[-1:]:
             self._memory = {id: tuple(state[:1] for state in states) for id, states in x.memory.items()}

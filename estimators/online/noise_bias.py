@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.online.recursion import Recursion, expand_triangle
+from estimators.online.recursion import RecursionState, expand_triangle
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics.compiled import Machine, SymbolicStep
 from pendulum_env.physics.symbols import make_symbols
@@ -57,38 +57,37 @@ class NoiseBias:
         """
         if len(copies) < len(COPIES):
             return
-        given = self._machine.inputs
-        given["copies"][:], given["used"].T[:] = copies.transpose(0, 3, 2, 1), usable
+        inputs = self._machine.inputs
+        inputs["copies"][:], inputs["used"].T[:] = copies.transpose(0, 3, 2, 1), usable
         self._machine.step()
 
-    def make_correction(self, squares: Recursion, compute_P: Callable[[], Array]) -> Callable[[], Correction]:
-        """Make a function that computes the present correction at any time; `compute_P` computes the present P."""
-        excess = self._machine.states["excess"].copy().T
-        return functools.partial(_compute_correction, excess, squares.theta, compute_P, squares.squares)
+    def make_correction(self, state: RecursionState) -> Callable[[], Correction]:
+        """Make a function that computes the correction of estimates at any time."""
+        return functools.partial(_compute_correction, self._machine.states["excess"].copy().T, state)
 
 
 @functools.cache
 def _add_excess(size: int, forgetting: float) -> SymbolicStep:
     """Build the sum of the excess of products of phi and y by noise, in symbols: its upper triangle."""
     inputs = {"copies": make_symbols("copies", len(COPIES), size), "used": make_symbols("used")}
-    (left, right), used = np.triu_indices(size), inputs["used"]
-    excess = make_symbols("excess", len(left))
+    (rows, columns), used = np.triu_indices(size), inputs["used"]
+    excess = make_symbols("excess", len(rows))
     measured, *noisy = inputs["copies"] * used
     fade = 1.0 if forgetting == 1 else np.where(used > 0, forgetting, 1.0)
     # E = lambda E + (r+ r+' + r- r-') / 2 - r r'
-    added = 0.5 * sum(row[left] * row[right] for row in noisy) - measured[left] * measured[right]
+    added = 0.5 * sum(row[rows] * row[columns] for row in noisy) - measured[rows] * measured[columns]
     return SymbolicStep(inputs, {"excess": excess}, {"excess": fade * excess + added})
 
 
-def _compute_correction(excess: Array, theta: Array, compute_P: Callable[[], Array], residual: Array) -> Correction:
-    """Compute the correction from the triangle of the excess by noise (B, S, N) and the sum of squared errors (B, S).
+def _compute_correction(excess: Array, state: RecursionState) -> Correction:
+    """Compute the correction of a state from the triangle of the excess by noise (B, S, N).
 
     Noise is scaled down to explain at most the errors. At most `MAX_NOISE_SHARE` of the information is subtracted, and
     the remaining bias is part of the result.
     """
     if not excess.any():
         return Correction.none()
-    P, excess = compute_P(), expand_triangle(excess)
+    P, theta, residual, excess = state.P, state.theta, state.squares, expand_triangle(excess)
     errors = np.append(-theta, np.ones((*theta.shape[:-1], 1)), axis=-1)  # times an equation
     noise = np.einsum("...i,...ij,...j", errors, excess, errors)
     scale = np.where(noise > residual, residual / np.where(noise > residual, noise, 1.0), 1.0)

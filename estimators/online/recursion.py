@@ -2,6 +2,8 @@
 
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,30 @@ from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics.compiled import Machine, SymbolicStep
 from pendulum_env.physics.symbols import make_symbols
+
+
+@dataclass(frozen=True, eq=False)
+class RecursionState:
+    """State of (B, S) regressions with P parameters each after a sample.
+
+    Attributes:
+        theta: estimates (B, S, P).
+        squares: sum of squared errors, with forgetting (B, S).
+        count: number of equations, with forgetting (B, S).
+        prior: P(0) on the diagonal.
+        compute_P: function that computes P.
+    """
+
+    theta: Array
+    squares: Array
+    count: Array
+    prior: float
+    compute_P: Callable[[], Array]
+
+    @cached_property
+    def P(self) -> Array:
+        """Covariance for unit noise (B, S, P, P)."""
+        return self.compute_P()
 
 
 class SquareRootLeastSquares:
@@ -65,19 +91,21 @@ class SquareRootLeastSquares:
     @property
     def P(self) -> Array:
         """Return the covariance for unit noise (B, S, P, P)."""
-        return _multiply_by_transpose(self.root)
+        return self.state.P
 
-    def make_covariance_function(self) -> Callable[[], Array]:
-        """Return a function that computes the current P, also later."""
-        return functools.partial(_multiply_by_transpose, self.root)
+    @property
+    def state(self) -> RecursionState:
+        """Return the current state, which later equations do not change."""
+        compute_P = functools.partial(_multiply_by_transpose, self.root)
+        return RecursionState(self.theta, self.squares, self.count, self.prior, compute_P)
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
         """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones are ignored."""
-        given, size = self._machine.inputs, phi.shape[-1]
-        given["phi"].T[:], given["y"].T[:], given["used"].T[:] = phi, y, usable
+        inputs, size = self._machine.inputs, phi.shape[-1]
+        inputs["phi"].T[:], inputs["y"].T[:], inputs["used"].T[:] = phi, y, usable
         if self.forgetting < 1:
-            given["turn"][:] = 0.0
-            given["turn"][self._n_updates % size] = 1.0
+            inputs["turn"][:] = 0.0
+            inputs["turn"][self._n_updates % size] = 1.0
             self._n_updates += 1
         self._machine.step()
         self._read_state()
@@ -184,9 +212,10 @@ class KalmanLeastSquares:
         self.error, self.squares, self.count = np.where(which[:, None], 0.0, [self.error, self.squares, self.count])
         self.P = np.where(which[:, None, None, None], self.prior * np.eye(self.P.shape[-1]), self.P)
 
-    def make_covariance_function(self) -> Callable[[], Array]:
-        """Return a function that returns the current P, also later."""
-        return functools.partial(np.asarray, self.P)
+    @property
+    def state(self) -> RecursionState:
+        """Return the current state, which later equations do not change."""
+        return RecursionState(self.theta, self.squares, self.count, self.prior, functools.partial(np.asarray, self.P))
 
     def take(self, phi: Array, y: Array, usable: Mask) -> None:
         """Update with one equation y = phi' theta each: phi (B, S, P), y (B, S); unusable ones are ignored."""

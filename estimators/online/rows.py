@@ -191,10 +191,11 @@ class _StepWriter:
         self.before["halt"], self.after["halt"] = halt, np.where(halted, index, halt)
         row_index, clear = index - guards.behind, []
         for distance, past in zip(guards.distances, halts, strict=True):
-            known = row_index >= guards.lead_in
+            is_clear = row_index >= guards.lead_in
             if distance is not None:
-                known = known & ((self.after["halt"] if distance == guards.behind else past) < row_index - distance)
-            clear.append(known)
+                last_halt = self.after["halt"] if distance == guards.behind else past
+                is_clear = is_clear & (last_halt < row_index - distance)
+            clear.append(is_clear)
         return np.array(clear, dtype=object)
 
     def apply_schemes(self, views: Any, clear: Any, moving: Any) -> tuple[Any, Any]:

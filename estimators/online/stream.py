@@ -141,8 +141,8 @@ class Stream:
     @cached_property
     def _numeric_laws(self) -> dict[str, Any]:
         """Laws that are no formulas, by the symbol of their value."""
-        given = self._machine.inputs
-        return {label: law for label, law in list_laws(self._terms).items() if label in given}
+        inputs = self._machine.inputs
+        return {label: law for label, law in list_laws(self._terms).items() if label in inputs}
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without laws: columns hold functions, which cannot be pickled."""
@@ -197,37 +197,37 @@ class Stream:
 
     def _advance_recurrence(self, restarted: Mask) -> StreamEquations:
         """Advance the recurrence by one instant; return the equations of the sample `behind` the newest instant."""
-        given, now, count, ring = self._machine.inputs, self._machine.states, self._count, self._instants
+        inputs, states, count, ring = self._machine.inputs, self._machine.states, self._count, self._instants
         row = count - self._behind
         next_instant = ring[(row + 1) % len(ring)]
-        given["index"][:], given["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
-        given["instant"][:] = next_instant[:, None]
+        inputs["index"][:], inputs["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
+        inputs["instant"][:] = next_instant[:, None]
         index = self._index - self._behind
         if self._noise is not None:
-            given["instant"][POSITION:TORQUE] += COPIES * self._noise[:, None, (index + 1) % len(SIGNS)]
+            inputs["instant"][POSITION:TORQUE] += COPIES * self._noise[:, None, (index + 1) % len(SIGNS)]
         if self._dead_time is not None:
             whole, share = self._dead_time
             later, earlier = (ring[(row - whole - k) % len(ring), TORQUE:] for k in (0, 1))
-            given["supplied"][:] = ((1 - share) * later + share * earlier)[:, None]
+            inputs["supplied"][:] = ((1 - share) * later + share * earlier)[:, None]
         for k, past in self._shorter_guards:
-            given["halts"][k] = self._halts[(count - past) % len(self._halts)]
+            inputs["halts"][k] = self._halts[(count - past) % len(self._halts)]
         for k, sums in self._sums:
-            given["oldest"][k] = sums[count % len(sums)]
+            inputs["oldest"][k] = sums[count % len(sums)]
         if self._numeric_laws or self._balance.has_states:
-            instants = given["instant"][:INSTANT].reshape(INSTANT, -1).copy()
-            self._evaluate_laws(np.tile(index + 1, len(given["index"])), instants)
+            instants = inputs["instant"][:INSTANT].reshape(INSTANT, -1).copy()
+            self._evaluate_laws(np.tile(index + 1, len(inputs["index"])), instants)
         self._machine.step()
         if self._shorter_guards:
-            self._halts[count % len(self._halts)] = now["halt"][0]
+            self._halts[count % len(self._halts)] = states["halt"][0]
         for k, sums in self._sums:
-            sums[count % len(sums)] = now["total"][k]
+            sums[count % len(sums)] = states["total"][k]
         self._count += 1
         return StreamEquations(
             index,
             self._arrival.states["taken"][TIME] - self.delay * self._period,
-            now["equations"].transpose(2, 3, 0, 1),
-            now["usable"][:, 0].T > 0,
-            now["regressor"][:, 0].T.copy(),
+            states["equations"].transpose(2, 3, 0, 1),
+            states["usable"][:, 0].T > 0,
+            states["regressor"][:, 0].T.copy(),
             restarted,
             next_instant,
         )
@@ -239,7 +239,7 @@ class Stream:
             index: index of the instant since the start of each pendulum (B,); states restart up to index 0.
             instant: values of the instant after that of the last call (6, B).
         """
-        given, balance = self._machine.inputs, self._balance
+        inputs, balance = self._machine.inputs, self._balance
         x = Samples(instant[TIME], instant[POSITION], instant[VELOCITY], instant[TORQUE])
         if balance.has_states:
             memory = balance.start(x)
@@ -253,10 +253,10 @@ class Stream:
                     for id, states in memory.items()
                 }
             for id, states in memory.items():
-                given[f"memory.{id}"].reshape(len(states), -1)[:] = states
+                inputs[f"memory.{id}"].reshape(len(states), -1)[:] = states
             self._last_instant = x = replace(x, memory=memory)
         for label, law in self._numeric_laws.items():
-            given[label].reshape(-1)[:] = law(x)
+            inputs[label].reshape(-1)[:] = law(x)
 
 
 def _smooth_signs(weights: Array) -> Array:

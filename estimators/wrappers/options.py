@@ -100,10 +100,10 @@ class Plant:
         Raises:
             ValueError: if the rate or the links of an arm are unknown, or the environment is a vector of arms.
         """
-        known, body = _get_attribute(env, "rate") if rate is None else rate, PENDULUM
-        if known is None:
+        own_rate, body = _get_attribute(env, "rate") if rate is None else rate, PENDULUM
+        if own_rate is None:
             raise ValueError("the environment has no attribute rate: pass rate=... in Hz")
-        rate = check_rate(float(known))
+        rate = check_rate(float(own_rate))
         if robot is not None or _get_attribute(env, "joints") is not None:
             if not isinstance(env, gym.Env):
                 raise ValueError("a vector of arms has no online algorithm: wrap each arm environment by itself")

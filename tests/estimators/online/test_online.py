@@ -148,7 +148,7 @@ def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_o
 
     both, last = estimator(2), 2 * samples
     early = feed(both, [paper_run] * 2, 0, samples)[-1]
-    theta, spread = early.theta.copy(), early.compute_covariances()[0].copy()
+    theta, spread = early.theta.copy(), early.state.compute_P().copy()
     both.reset(np.array([False, True]))
     copy = pickle.loads(pickle.dumps(both))
     after = feed(both, [paper_run] * 2, samples, last)[-1]
@@ -161,7 +161,7 @@ def test_many_are_estimated_as_one_a_reset_forgets_one_of_them_and_a_copy_goes_o
     np.testing.assert_allclose(after.covariance[0], steady.covariance[0], rtol=1e3 * close)
     np.testing.assert_array_equal(feed(copy, [paper_run] * 2, samples, last)[-1].theta, after.theta)
     np.testing.assert_array_equal(early.theta, theta)  # as it was handed out
-    np.testing.assert_array_equal(early.compute_covariances()[0], spread)
+    np.testing.assert_array_equal(early.state.compute_P(), spread)
 
 
 def test_nothing_is_told_across_a_gap_or_a_lost_sample(paper_run):
