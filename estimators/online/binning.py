@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.online.arm_stream import make_stream
-from estimators.online.rows import HELD, POSITION, TIME, TORQUE, VELOCITY
+from estimators.online.rows import HELD, INSTANT, POSITION, TIME, TORQUE, VELOCITY
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.schemes.six import scheme
 from estimators.signals.differentiation import STILL, estimate_scatter
@@ -32,6 +32,7 @@ from pendulum_env.physics.term import return_one, return_zero
 BIN = 0.01  # [s], averaging time: long against encoder noise, short against effects
 BLOCK = 20  # bins in a block of gains
 PERTURBATION = 1e-3  # [N m], for derivatives by the torque
+SERIES = [TIME, POSITION, VELOCITY, TORQUE]  # of a bin
 MARGIN = 3  # instants of a bin without a row: two before the first and one after the last
 HISTORY = 20  # bins of torque before a bin, for late torques
 SLICE = 0.002  # [s], longest slice of the torque
@@ -152,8 +153,9 @@ class Binner:
         self._stream = make_stream(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
         joints, columns = tuple(self._stream.joints), sum(len(term.columns) for term in terms)
         self.plant = PlantBins(joints, 1.0 / rate, n_samples, smoothing)
-        shapes = (n_samples + MARGIN, 4, batch), ((HISTORY + 1) * n_samples + 1, batch), (batch, columns + 1), (batch,)
-        # of each joint: its last instants and torques, the sum of its equations, and the number of usable ones
+        n_past = max(HISTORY * n_samples + 1, MARGIN)
+        shapes = (n_samples + n_past, INSTANT, batch), (batch, columns + 1), (batch,)
+        # of each joint: its last instants, the sum of its equations, and the number of usable ones
         self._parts = [tuple(np.zeros(shape) for shape in shapes) for _ in joints]
         self._step = len(joints) * [0]
         self._raw = np.zeros((NOISE_SAMPLES, 2, batch * len(joints)))
@@ -171,16 +173,16 @@ class Binner:
         A bin of n samples is left out if an equation is not usable, or if the instants or torques before it are
         missing.
         """
-        self._raw[self._n_raw % NOISE_SAMPLES] = np.ravel(position), np.ravel(torque)
+        raw = self._raw[self._n_raw % NOISE_SAMPLES]
+        raw[0], raw[1] = position, torque
         self._n_raw += 1
         if self._n_raw % NOISE_SAMPLES == 0:
             self._update_noise()
         n_samples = self.plant.n_samples
         for sample in self._stream.take(time, position, torque):
             j, step = sample.joint, self._step[sample.joint]
-            instants, torques, total, n_usable = self._parts[j]
-            instants[step % len(instants)] = sample.next_instant[[TIME, POSITION, VELOCITY, TORQUE]]
-            torques[step % len(torques)] = sample.next_instant[HELD]
+            instants, total, n_usable = self._parts[j]
+            instants[step % len(instants)] = sample.next_instant[:INSTANT]
             total += np.where(sample.usable, sample.equations[:, 0], 0.0)
             n_usable += sample.usable[:, 0]
             self._step[j] = step = step + 1
@@ -190,8 +192,9 @@ class Binner:
             is_complete, mean = (n_usable == n_samples) & has_past, total / n_samples
             total[:], n_usable[:] = 0.0, 0
             if is_complete.any():
-                series = instants[(step + np.arange(len(instants))) % len(instants)]  # (n + 3, 4, B)
-                held = torques[(step + np.arange(len(torques) - 1)) % len(torques)]  # without the next instant
+                ordered = instants[(step + np.arange(len(instants))) % len(instants)]
+                series = ordered[-n_samples - MARGIN :, SERIES]  # (n + 3, 4, B)
+                held = ordered[-(HISTORY + 1) * n_samples - 1 : -1, HELD]  # without that of the next instant
                 slices = held.reshape(-1, self.plant.slice_length, held.shape[1]).mean(axis=1)
                 for b in np.flatnonzero(is_complete).tolist():
                     equation = mean[b, :-1], float(mean[b, -1])

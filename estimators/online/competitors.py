@@ -282,8 +282,7 @@ class CompetingModels:
         gain /= variance[:, None]
         error, remaining = y - self.y_on_base @ phi, columns - self.columns_on_base @ phi  # (V,), (V, K)
         # predicted variance of the error, relative to the squared scale
-        of_effect = np.linalg.solve(information, remaining[..., None])[..., 0]
-        variance_ratio = variance + np.einsum("vk,vk->v", remaining, of_effect)
+        variance_ratio = variance + np.einsum("vk,vk->v", remaining, _solve_positive(information, remaining))
         squares = residual**2 + self._absorb_noise(theta, noise, self.square)
         density = compute_log_student(squares, self.square * variance_ratio)
         # a law that passes almost none of the torque always has small errors
@@ -367,18 +366,36 @@ def solve_each_within_bounds(information: Array, moment: Array, lower: Array, up
     Returns:
         Parameters, and information of those within the bounds; a parameter at a bound has unit information.
     """
-    matrix, right_side, scale = information, moment, np.sqrt(np.einsum("vkk->vk", information))
+    theta, matrix = _solve_positive(information, moment), information.copy()
     is_held: Mask = np.zeros(moment.shape, dtype=bool)
-    while True:
-        theta = np.linalg.solve(matrix, right_side[..., None])[..., 0]
-        excess = np.where(is_held, 0.0, np.maximum(lower - theta, theta - upper) * scale)
-        violated = np.flatnonzero((excess > 0).any(axis=1))
-        if not len(violated):
-            return np.asarray(theta, dtype=float), matrix
-        is_held[violated, np.argmax(excess[violated], axis=1)] = True
-        held_values = np.where(is_held, np.clip(theta, lower, upper), 0.0)
-        matrix = np.where(is_held[:, :, None] | is_held[:, None], np.eye(is_held.shape[1]), information)
-        right_side = np.where(is_held, held_values, moment - np.einsum("vkl,vl->vk", information, held_values))
+    models = np.flatnonzero(((theta < lower) | (theta > upper)).any(axis=1))
+    while len(models):
+        scale = np.sqrt(np.einsum("vkk->vk", information[models]))
+        excess = np.maximum(lower[models] - theta[models], theta[models] - upper[models]) * scale
+        is_held[models, np.argmax(np.where(is_held[models], 0.0, excess), axis=1)] = True
+        held = is_held[models]
+        values = np.where(held, np.clip(theta[models], lower[models], upper[models]), 0.0)
+        right_side = moment[models] - np.einsum("vkl,vl->vk", information[models], values)
+        either = held[:, :, None] | held[:, None]
+        matrix[models] = np.where(either, np.eye(held.shape[1]), information[models])
+        theta[models] = _solve_positive(matrix[models], np.where(held, values, right_side))
+        is_beyond = (theta[models] < lower[models]) | (theta[models] > upper[models])
+        models = models[(is_beyond & ~held).any(axis=1)]
+    return theta, matrix
+
+
+def _solve_positive(matrix: Array, right_side: Array) -> Array:
+    """Solve V positive definite systems (V, K, K) of few unknowns by elimination, faster than LAPACK for each."""
+    upper, solution = matrix.copy(), right_side.copy()
+    for k in range(solution.shape[1]):
+        for j in range(k + 1, solution.shape[1]):
+            factor = upper[:, j, k] / upper[:, k, k]
+            upper[:, j, k:] -= factor[:, None] * upper[:, k, k:]
+            solution[:, j] -= factor * solution[:, k]
+    for k in reversed(range(solution.shape[1])):
+        solution[:, k] -= np.einsum("vj,vj->v", upper[:, k, k + 1 :], solution[:, k + 1 :])
+        solution[:, k] /= upper[:, k, k]
+    return solution
 
 
 def _predict(theta: Array, base: ModelRows, rows: ModelRows) -> tuple[Array, Array]:
