@@ -254,13 +254,13 @@ def measure_joints(joints: Sequence[Recording]) -> list[tuple[Measurements, ...]
     width = max(smoothing.half_width for smoothing in chosen)
     chosen = [replace(smoothing, half_width=width) for smoothing in chosen]
     return [
-        tuple(_measure_with_unfiltered(*pair) for pair in zip(segment, chosen, strict=True))
+        tuple(measure_with_unfiltered(*pair) for pair in zip(segment, chosen, strict=True))
         for segment in segments
         if len(segment[0]) >= 2 * width + SPARE_SAMPLES
     ]
 
 
-def _measure_with_unfiltered(recording: Recording, smoothing: Smoothing) -> Measurements:
+def measure_with_unfiltered(recording: Recording, smoothing: Smoothing) -> Measurements:
     """Filter a recording and keep its samples before the filter, for `Measurements.compute_force`."""
     rest, load = np.zeros(len(recording)), get_known_load(recording)
     unfiltered = Samples(recording.time, recording.position, rest, recording.torque, load=load)

@@ -11,7 +11,7 @@ from gymnasium.wrappers import Autoreset, NormalizeObservation, RescaleAction, T
 
 from estimators.regression.recursive import compute_history
 from estimators.schemes import six
-from estimators.signals.measurements import Smoothing, measure
+from estimators.signals.measurements import Smoothing, measure_with_unfiltered
 from estimators.wrappers import (
     DiagnoseOnline,
     DiagnoseOnlineVector,
@@ -51,7 +51,7 @@ def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_
         info = infos[last + smoothing.reach + env.estimator.delay - 1]
         assert set(info["estimates"]) == {"filtered_power", *(scheme.id for scheme in env.schemes)}
         for scheme in env.schemes:
-            equations, usable = scheme.regression(measure(recording, smoothing), BASE)
+            equations, usable = scheme.regression(measure_with_unfiltered(recording, smoothing), BASE)
             theta = compute_history(equations, usable, np.array([last])).theta[0]
             np.testing.assert_allclose(info["estimates"][scheme.id]["theta"], theta, rtol=1e-9)
     assert info["parameters"] == tuple(PAPER) and 0 < info["time"] - info["estimates_time"] < 0.05
