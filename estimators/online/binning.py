@@ -14,7 +14,7 @@ import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -244,10 +244,6 @@ class ModelRows(NamedTuple):
         error_slope = self.y_slope - np.einsum("...p,...p->...", self.slope, theta)
         return error / np.maximum(error_slope, LEAST_SLOPE), error_slope
 
-    def select(self, index: Any) -> ModelRows:
-        """Select bins or models."""
-        return ModelRows(*(series[index] for series in self))
-
 
 @dataclass(frozen=True)
 class Bins:
@@ -330,7 +326,7 @@ class Bins:
 
     def evaluate_running(self, terms: Sequence[Term]) -> ModelRows:
         """Evaluate the balance of each bin for one model: (R, P), and (R,)."""
-        return self.evaluate_rows(terms).select((slice(None), 0))
+        return ModelRows(*(series[:, 0] for series in self.evaluate_rows(terms)))
 
     def _average_column(self, column: Column, of_torque: bool) -> tuple[Array, Array | float]:
         """Average a column over the bins (R, V), and differentiate it by the torque; V is 1 for equal variants."""

@@ -112,7 +112,8 @@ class OnlineDiagnosis:
         """Return one line."""
         return (
             f"OnlineDiagnosis(kind={self.kind!r}, group={self.group}, changed={(*self.changed,)}, "
-            f"evidence={self.evidence:.3g}, threshold={self.threshold:.3g}, motion={self.motion:.3g})"
+            f"evidence={self.evidence:.3g}, threshold={self.threshold:.3g}, motion={self.motion:.3g}, "
+            f"error={self.error:.3g}, floor={self.floor:.3g})"
         )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from estimators.online.binning import HISTORY, Bins, PlantBins
+from estimators.online.binning import HISTORY, Bins, ModelRows, PlantBins
 from estimators.online.competitors import CompetingModels, solve_each_within_bounds
 from estimators.regression.recursive import PRIOR
 from estimators.signals.measurements import Smoothing
@@ -135,6 +135,15 @@ def of_model(count: int, seed: int, theta: np.ndarray) -> Bins:
     part = bins_of(count, seed)
     noise = 0.05 * np.random.default_rng(seed).normal(size=count)
     return replace(part, y=part.evaluate_rows(BASE).phi[:, 0] @ theta + noise)
+
+
+def test_equations_beyond_their_singularity_are_not_linearised():
+    """With friction of 0.99 or 1.98 of the torque, dy / dtau is 0.01 or -0.98: the fit would run away."""
+    rows = ModelRows(np.ones((3, 1)), np.full(3, 2.0), np.full((3, 1), 0.99), np.ones(3))
+    for theta, is_linearised in ((0.5, True), (1.0, False), (2.0, False)):
+        error, _ = rows.predict(np.array([theta]))
+        phi, y = rows.linearise(np.array([theta]), error)
+        assert (phi != rows.phi).all() == is_linearised and (y != rows.y).all() == is_linearised
 
 
 def test_models_with_forgetting_gain_after_a_change_of_parameters_and_lose_little_before():
