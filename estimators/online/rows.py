@@ -81,6 +81,7 @@ def write_step(terms: Sequence[Term], schemes: Sequence[Scheme], guards: StickGu
     Inputs:
         index, newest: index and velocity of the newest instant.
         instant: values of the instant `behind` - 1 before the newest, and its filtered forces (6 + F,).
+        measured: position of this instant without added noise.
         supplied: delayed torque at the row and over the sample before it (2,); only with a delay.
         memory.ID: states of the term `ID`.
         halts: index of the last halt at the distance of each guard (G,).
@@ -144,8 +145,9 @@ class _StepWriter:
         memory = {id: tuple(self.add_input(f"memory.{id}", len(states))) for id, states in at_rest.items()}
         x: Any = replace(Samples(instant[TIME], q, v, instant[TORQUE]), memory=memory)
         corrections: dict[str, Any] = {}
+        measured = replace(x, position=self.add_input("measured"))
         for (j, force), value in zip(self.forces.items(), filtered, strict=True):
-            correction = value - force(x)
+            correction = value - force(measured)  # added noise of the position stays in the force
             corrections |= {f"torque.{j}": correction, f"power.{j}": correction * v}
         laws = {}
         for label, law in list_laws(self.terms).items():

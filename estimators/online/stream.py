@@ -201,7 +201,7 @@ class Stream:
         row = count - self._behind
         next_instant = ring[(row + 1) % len(ring)]
         inputs["index"][:], inputs["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
-        inputs["instant"][:] = next_instant[:, None]
+        inputs["instant"][:], inputs["measured"][:] = next_instant[:, None], next_instant[POSITION]
         index = self._index - self._behind
         if self._noise is not None:
             inputs["instant"][POSITION:TORQUE] += COPIES * self._noise[:, None, (index + 1) % len(SIGNS)]
