@@ -89,7 +89,7 @@ class LateTorque(NamedTuple):
         slope = (more - weights) / (STEP * (delay + lag))[:, None]
         return cls(delay + lag, weights, weights - plant.compute_late_weights(0.0, 0.0), slope, term.at)
 
-    def compute_passed_noise(self, covariance: Array) -> Array:
+    def compute_noise_share(self, covariance: Array) -> Array:
         """Compute the share of the variance of torque noise that passes, as a quadratic in changes of `values` (3, V).
 
         `covariance` is that of the slices (K, K).
@@ -151,12 +151,12 @@ class CompetingModels:
             self._upper[models, : len(family_columns)] = [column.most for column in family_columns]
         self._forgets = np.arange(len(self._family)) >= len(self._family) - len(memories)  # models (V,)
         self._min_weight = np.where(self._family < self._n_named, MIN_WEIGHT, MIN_MEMORY_WEIGHT)
-        self._passed = np.repeat([[1.0], [0.0], [0.0]], len(self._family), axis=1)  # see `_absorb_noise`
+        self._noise_share = np.repeat([[1.0], [0.0], [0.0]], len(self._family), axis=1)  # see `_compute_absorbed_noise`
         self._late: dict[int, LateTorque] = {}  # by family
         for family, stacked in enumerate(self._stacked):
             for term in filter(is_late, stacked):
                 self._late[family] = late = LateTorque.build(term, bins.plant)
-                self._passed[:, self.models[family]] = late.compute_passed_noise(bins.plant.slice_covariance)
+                self._noise_share[:, self.models[family]] = late.compute_noise_share(bins.plant.slice_covariance)
                 self._lower[self.models[family], 0] = -0.5 * late.values
                 self._upper[self.models[family], 0] = late.values
         self._fit_models(bins)
@@ -202,7 +202,9 @@ class CompetingModels:
                 delta = theta[:, parameters:]
             square = np.maximum((residual**2).mean(axis=0), 1e-12)
             for _ in range(N_SCALE_ITERATIONS):
-                squares = residual**2 + self._absorb_noise(theta, bins.torque_noise[:, None], square, models)  # (R, V)
+                squares = residual**2 + self._compute_absorbed_noise(
+                    theta, bins.torque_noise[:, None], square, models
+                )  # (R, V)
                 square = np.maximum(weigh_squares(squares, square).mean(axis=0), 1e-12)
             self.square[models] = square * rows / max(1, rows - parameters - width)
         factors = (1.0, *(1.0 - 1.0 / max(memory, 2.0) for memory in self._memories))
@@ -251,13 +253,15 @@ class CompetingModels:
         densities, squares = zip(*predictions, strict=True)
         return np.array(densities), np.array(squares) * bins.scale[:, None] ** 2
 
-    def _absorb_noise(self, theta: Array, noise: ArrayLike, square: Array, models: slice = slice(None)) -> Array:
+    def _compute_absorbed_noise(
+        self, theta: Array, noise: ArrayLike, square: Array, models: slice = slice(None)
+    ) -> Array:
         """Return the variance of torque noise that late torques of some models do not pass (..., V) [(N m)^2].
 
         It is added to their squared errors; else a lag would predict better by smoothing noise. The noise of y
         [N m] explains at most the squared error scale (V,).
         """
-        (value, slope, curvature), delta = self._passed[:, models], theta[:, self.y_on_base.shape[1]]
+        (value, slope, curvature), delta = self._noise_share[:, models], theta[:, self.y_on_base.shape[1]]
         absorbed = 1.0 - (value + slope * delta + curvature * delta**2)
         return np.asarray(np.maximum(absorbed, 0.0) * np.fmin(np.square(noise), square))
 
@@ -283,7 +287,7 @@ class CompetingModels:
         error, remaining = y - self.y_on_base @ phi, columns - self.columns_on_base @ phi  # (V,), (V, K)
         # predicted variance of the error, relative to the squared scale
         variance_ratio = variance + np.einsum("vk,vk->v", remaining, _solve_positive(information, remaining))
-        squares = residual**2 + self._absorb_noise(theta, noise, self.square)
+        squares = residual**2 + self._compute_absorbed_noise(theta, noise, self.square)
         density = compute_log_student(squares, self.square * variance_ratio)
         # a law that passes almost none of the torque always has small errors
         density = np.where(error_slope < LEAST_SLOPE, np.minimum(density, density[0]), density)
@@ -367,20 +371,20 @@ def solve_each_within_bounds(information: Array, moment: Array, lower: Array, up
         Parameters, and information of those within the bounds; a parameter at a bound has unit information.
     """
     theta, matrix = _solve_positive(information, moment), information.copy()
-    is_held: Mask = np.zeros(moment.shape, dtype=bool)
+    is_at_bound: Mask = np.zeros(moment.shape, dtype=bool)
     models = np.flatnonzero(((theta < lower) | (theta > upper)).any(axis=1))
     while len(models):
         scale = np.sqrt(np.einsum("vkk->vk", information[models]))
         excess = np.maximum(lower[models] - theta[models], theta[models] - upper[models]) * scale
-        is_held[models, np.argmax(np.where(is_held[models], 0.0, excess), axis=1)] = True
-        held = is_held[models]
-        values = np.where(held, np.clip(theta[models], lower[models], upper[models]), 0.0)
+        is_at_bound[models, np.argmax(np.where(is_at_bound[models], 0.0, excess), axis=1)] = True
+        is_fixed = is_at_bound[models]
+        values = np.where(is_fixed, np.clip(theta[models], lower[models], upper[models]), 0.0)
         right_side = moment[models] - np.einsum("vkl,vl->vk", information[models], values)
-        either = held[:, :, None] | held[:, None]
-        matrix[models] = np.where(either, np.eye(held.shape[1]), information[models])
-        theta[models] = _solve_positive(matrix[models], np.where(held, values, right_side))
+        either = is_fixed[:, :, None] | is_fixed[:, None]
+        matrix[models] = np.where(either, np.eye(is_fixed.shape[1]), information[models])
+        theta[models] = _solve_positive(matrix[models], np.where(is_fixed, values, right_side))
         is_beyond = (theta[models] < lower[models]) | (theta[models] > upper[models])
-        models = models[(is_beyond & ~held).any(axis=1)]
+        models = models[(is_beyond & ~is_fixed).any(axis=1)]
     return theta, matrix
 
 

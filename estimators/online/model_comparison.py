@@ -67,7 +67,7 @@ class ModelComparison:
         self._scale = np.ones(count)  # of errors at each joint, relative to those of all
         self._stretch_blocks = max(1, round(STRETCH / (BLOCK * plant.length)))  # blocks in a stretch
         self._models: CompetingModels | None = None
-        self._pending: list[Bin] = []  # not yet predicted
+        self._waiting_bins: list[Bin] = []  # not yet predicted
         self._block_density: Array | float = 0.0  # log predictive densities in the block to come (F,)
         self._squares: deque[Array] = deque(maxlen=plant.count_bins(ERROR_TIME))
         self.reference = deepcopy(reference) or ReferenceDistribution()
@@ -93,11 +93,11 @@ class ModelComparison:
         if self._models is None:
             self._fit_when_possible()
             return False
-        self._pending.append(bin_)
-        if len(self._pending) < BINS_PER_UPDATE:
+        self._waiting_bins.append(bin_)
+        if len(self._waiting_bins) < BINS_PER_UPDATE:
             return False
-        bin_densities, squares = self._models.take(self.stack_bins(self._pending))
-        self._pending = []
+        bin_densities, squares = self._models.take(self.stack_bins(self._waiting_bins))
+        self._waiting_bins = []
         self._squares.extend(squares)
         self._block_density = block = self._block_density + bin_densities.sum(axis=0)
         self.n_predicted += BINS_PER_UPDATE
@@ -109,7 +109,7 @@ class ModelComparison:
         gain[-1] = self.reference.take_gain(float(gain[-1]))
         self.e_process.take(gain - MIN_GAIN * BLOCK)
         self.n_since_change = self.n_since_change + BLOCK if self.e_process.log_wealth[-1] > 0 else 0
-        if self.is_stretch and len(self.fit_bins) == self.n_predicted + self._fitted:  # all bins are kept so far
+        if self.is_stretch and len(self.fit_bins) == self.n_predicted + self._n_fitted:  # all bins are kept so far
             if round(len(self.fit_bins) * self._plant.length) in REFINEMENT_TIMES:
                 bins = self.stack_bins(self.fit_bins)
                 fresh = dict(self._list_variants(CompetingModels(self.terms, bins), bins))
@@ -205,7 +205,7 @@ class ModelComparison:
             for id, kind in self._library.items()
             if id not in variants
         }
-        self._fitted, self.e_process = len(self.fit_bins), EProcess(len(variants) + 1)
+        self._n_fitted, self.e_process = len(self.fit_bins), EProcess(len(variants) + 1)
         memories = [seconds / plant.length for seconds in FORGETTING_TIMES]
         self._models = CompetingModels(self.terms, bins, [thin_variants(grid) for grid in variants.values()], memories)
 
