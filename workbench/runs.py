@@ -52,7 +52,9 @@ class Plan:
             for option, value in (("effect", arguments.effects), ("theta", arguments.theta), ("rate", arguments.rate)):
                 if value not in (None, []):
                     raise InputError(f"--{option} does not go with {source}, which has its own plant and rate")
-        rig = _load_config(arguments)
+        if arguments.config is not None and not arguments.output.lower().endswith(".csv"):
+            raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
+        rig = config.load(arguments.config) if arguments.config is not None else None
         rate = arguments.rate or RATE if rig is None else rig.rate
         command, seconds, release = _choose_experiment(arguments, rng, rate)
         if release is not None and arguments.backend not in (None, "simulated"):
@@ -102,15 +104,6 @@ def _choose_experiment(
         return suggestion.signal or STILL, arguments.seconds or suggestion.seconds, suggestion.release
     seconds = arguments.seconds or SECONDS
     return excitation(kind or "paper", rng, seconds, arguments.amplitude), seconds, None
-
-
-def _load_config(arguments: argparse.Namespace) -> config.RigConfig | None:
-    """Load the configuration of the rig, None without `--config`; raises as `Plan.from_arguments`."""
-    if arguments.config is None:
-        return None
-    if not arguments.output.lower().endswith(".csv"):
-        raise InputError(f"{arguments.output}: a rig is recorded row by row as it runs: let the name end in .csv")
-    return config.load(arguments.config)
 
 
 class _Diagnosis(Struct):

@@ -61,7 +61,9 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
     if is_significantly_negative(model, "gravity") and down < 0:
         if "spring.stiffness" in model.estimates:
             return [Finding(Kind.GRAVITY_BESIDE_SPRING, parameters=("gravity", "spring.stiffness"))]
-        if not _can_be_upright(down, recordings):
+        turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)
+        torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
+        if turns > UPRIGHT_TURNS or abs(down) < UPRIGHT_SHARE * torque:
             return []
         remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
         return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=remedies)]
@@ -86,13 +88,6 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
     fit = solve(Equations(phi, equations.y), data.weights, data.blocks(TURNED_BLOCK)[0])
     excess = -1.0 - float(fit.theta[-1])  # l^2 / (l^2 + s^2) if the sensor has the opposite sign
     return fit.condition < DEPENDENT and excess > max(TURNED_SHARE, TURNED_ERRORS * float(fit.std[-1]))
-
-
-def _can_be_upright(gravity: float, recordings: Sequence[Recording]) -> bool:
-    """Return whether a negative gravity [N m] can be an upright zero, by the turns and the share of the torque."""
-    turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)
-    torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
-    return turns <= UPRIGHT_TURNS and abs(gravity) >= UPRIGHT_SHARE * torque
 
 
 def find_reversed_torque(model: Model, recordings: Sequence[Recording]) -> Finding | None:

@@ -103,7 +103,11 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
     fits = ChannelFits.from_recordings(recordings)
     if fits is None:
         return explain_unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
-    data = _load_windows(fits.rows.data)
+    windows = (
+        replace(w, samples=replace(w.samples, load=get_load_in_newton_metres(w.recording)))
+        for w in fits.rows.data.windows
+    )
+    data = replace(fits.rows.data, windows=tuple(windows))
     moved_loads = {loads[k] for k in np.unique(data.recording_of_window)}
     if len(moved_loads) < 2 and not by_load_torque:
         return explain_unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
@@ -117,14 +121,6 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
             explain_unknown_constant(Kind.CONSTANT_NEGATIVE, unit, torque_constant=negative), parameters=parameters
         )
     return TorqueConstant(1 / inverse, std / inverse**2, unit, len(moved_loads), by_load_torque)
-
-
-def _load_windows(data: TorqueWindows) -> TorqueWindows:
-    """Return windows of a current with their known loads in N m."""
-    windows = (
-        replace(w, samples=replace(w.samples, load=get_load_in_newton_metres(w.recording))) for w in data.windows
-    )
-    return replace(data, windows=tuple(windows))
 
 
 def _add_load_columns(fits: ChannelFits, data: TorqueWindows) -> ChannelFits:

@@ -278,16 +278,13 @@ class FitData:
 
         Findings name their recordings, unless all recordings share one alignment.
         """
-        pairs = zip(self.all_recordings, self.alignments, strict=bool(self.alignments))
-        findings: list[Finding] = []
-        names: list[list[str]] = []
-        for recording, alignment in pairs:
-            if alignment.is_late != is_late or (finding := alignment.finding) is None:
-                continue
-            if finding not in findings:
-                findings, names = [*findings, finding], [*names, []]
-            names[findings.index(finding)].append(recording.name)
+        pairs = [
+            (finding, recording.name)
+            for recording, alignment in zip(self.all_recordings, self.alignments, strict=bool(self.alignments))
+            if alignment.is_late == is_late and (finding := alignment.finding) is not None
+        ]
+        findings = [finding for k, (finding, _) in enumerate(pairs) if finding not in [f for f, _ in pairs[:k]]]
         if all(alignment is self.alignments[0] for alignment in self.alignments):
             return tuple(findings)
-        named = zip(findings, names, strict=True)
-        return tuple(replace(finding, recordings=tuple(own_names)) for finding, own_names in named)
+        names = (tuple(name for other, name in pairs if other == finding) for finding in findings)
+        return tuple(replace(finding, recordings=own) for finding, own in zip(findings, names, strict=True))

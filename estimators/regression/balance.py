@@ -359,13 +359,6 @@ def _integrate_slopes(steps: Array, response_slopes: Array, column_slope: Array)
     return slopes, changes - changes[:, [steps.shape[1] // 2]]
 
 
-def find_linear_rows(balance: Balance) -> Mask:
-    """Find the equations that are linear in the parameters (R,): without a law of the torque."""
-    is_linear: Mask = np.asarray(~balance.by_torque.any(axis=1))
-    is_linear[balance._response_slopes[0]] = False
-    return is_linear
-
-
 def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) -> Balance:
     """Replace L equations by at most P + 1 with the same least-squares solution, after the other equations.
 
@@ -393,7 +386,9 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
 
 def _condense_linear_rows(balance: Balance) -> Balance:
     """Condense the linear equations to as many as needed, if more than 2 P; the solutions stay equal."""
-    if np.count_nonzero(is_linear := find_linear_rows(balance)) <= 2 * balance.phi.shape[1]:
+    is_linear: Mask = np.asarray(~balance.by_torque.any(axis=1))
+    is_linear[balance._response_slopes[0]] = False
+    if np.count_nonzero(is_linear) <= 2 * balance.phi.shape[1]:
         return balance
     share = np.broadcast_to(balance.torque_share, is_linear.shape)[is_linear]
     return condense(balance, is_linear, balance.phi[is_linear] / share[:, None], balance.y[is_linear] / share)

@@ -75,12 +75,6 @@ class Shooting:
     damping: Array
     step: float = COARSE_STEP
 
-    @property
-    def measured_position(self) -> Array:
-        """Measured positions at the compared samples (N, B) [rad]."""
-        grain = choose_grain(self.segments)
-        return self.segments.position[grain::grain]
-
     def simulate(
         self, points: Sequence[Point], states: Array, observe: Callable[[Samples], None] | None = None
     ) -> Trajectory:
@@ -98,7 +92,8 @@ class Shooting:
         grain, (count, times, *shape) = choose_grain(self.segments), states.shape
         repeated = [point for point in points for _ in range(times)]
         path = self.simulate(repeated, states.reshape(-1, *shape)).position[grain::grain]
-        return np.moveaxis(path.reshape(len(path), count, times, -1) - self.measured_position[:, None, None], 0, 3)
+        measured = self.segments.position[grain::grain, None, None]
+        return np.moveaxis(path.reshape(len(path), count, times, -1) - measured, 0, 3)
 
     def choose_states(self, points: Sequence[Point], states: Array) -> tuple[Array, Array, Index]:
         """Choose the best of F sets of states for each of V points and each segment (V, F, S, B).

@@ -277,12 +277,15 @@ def drop_spoilt_positions(log: Log) -> None:
     Glitches are single samples far from both neighbours. Stale values repeat the last one, and are followed by an
     impossible jump or by a jump to the position of steady motion.
     """
-    position = log.position
+    position, steps = log.position, np.diff(log.values["time"])
     typical_bend = estimate_bend(position)
+    # steps across which the joint may go anywhere: long ones, and those to another segment
+    cuts = steps > CLEANING.long_step * np.median(steps)
+    cuts |= np.diff(log.values.get("segment", np.zeros(len(position)))) != 0
     is_kept = np.ones(len(position), dtype=np.bool_)
     for kind, samples in (
         (NoteKind.GLITCHES, _find_glitches(position, typical_bend)),
-        (NoteKind.STALE, _find_stale_samples(position, typical_bend, _find_cuts(log))),
+        (NoteKind.STALE, _find_stale_samples(position, typical_bend, cuts)),
     ):
         if len(samples):
             log.notes.append(note_rows(kind, log.rows[samples], "position"))
@@ -370,14 +373,6 @@ def _find_glitches(q: Array, typical_bend: float) -> Index:
     k = np.flatnonzero(bends > CLEANING.glitch_ratio * typical_bend)
     neighbour_steps = np.abs(np.diff([q[k], q[k + 1], q[k + 3], q[k + 4]], axis=0)).max(axis=0)  # without it
     return k[bends[k] > CLEANING.glitch_ratio * neighbour_steps] + 2
-
-
-def _find_cuts(log: Log) -> Mask:
-    """Find the steps (N - 1,) across which the joint may go anywhere: long ones, and those to another segment."""
-    steps = np.diff(log.values["time"])
-    return (steps > CLEANING.long_step * np.median(steps)) | (
-        np.diff(log.values.get("segment", np.zeros(len(log.rows)))) != 0
-    )
 
 
 def _find_stale_samples(q: Array, typical_bend: float, cuts: Mask) -> Index:

@@ -588,8 +588,14 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
     if unit is None and is_raw and quantity == "torque":  # `current [mA]`; counts have a gain to radians
         unit = find_trailing_unit(raw, name)
     is_inferred = False
-    if unit is None and not is_raw and (name_unit := _find_unit_of_name(quantity, name, names)):
-        if not expression.has_factor(_find_factor(quantity, name_unit)):  # else the user converts: `degrees*pi/180`
+    if unit is None and not is_raw:  # the unit that the column has if it is found by its name
+        alone = _find_candidates(quantity, [name], set()) or _find_by_words(quantity, [name], ())
+        name_unit = alone[0].unit if alone else None
+        if name_unit is None and quantity in MOTEUS:
+            name_unit = _find_moteus_unit(name, names)
+        if name_unit and not expression.has_factor(
+            _find_factor(quantity, name_unit)
+        ):  # else the user converts: `degrees*pi/180`
             unit, expression, is_inferred = name_unit, replace(expression, unit=write_unit(quantity, name_unit)), True
     if expression.is_gain_unknown and (quantity != "torque" or unit not in raw):
         raise ColumnError(f"the gain of {quantity} can be unknown only where it is a current: write torque={name}:A*?")
@@ -600,12 +606,6 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
             f"{expression.offset}:{UNIT_NAMES[quantity].split(',')[0]}"
         )
     return FileColumn(quantity, name, names.index(name), unit, expression=expression, is_unit_inferred=is_inferred)
-
-
-def _find_unit_of_name(quantity: str, name: str, headers: Sequence[str]) -> str | None:
-    """Return the letters of the unit that a column has if it is found by its name, or None."""
-    columns = _find_candidates(quantity, [name], set()) or _find_by_words(quantity, [name], ())
-    return (columns and columns[0].unit) or (_find_moteus_unit(name, headers) if quantity in MOTEUS else None)
 
 
 def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> Expression:

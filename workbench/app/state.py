@@ -10,7 +10,7 @@ from estimators.data.regions import find_failures
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_parameters
 from estimators.selection.errors import Step
-from pendulum_env.arms.joints import arm_base, arrange_terms, find_links
+from pendulum_env.arms.joints import arm_base, arrange_terms
 from pendulum_env.physics import BASE, PENDULUM, Mechanism, Model, Term
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import find_duplicate
@@ -18,7 +18,7 @@ from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import BaseFit, fit_arm, fit_pendulum
 from workbench.errors import USER_ERRORS, InputError
 from workbench.report.data import ReportData
-from workbench.robot import RobotFile, find_moving_held_joints
+from workbench.robot import RobotFile
 
 NO_RECORDING = "load a recording first"
 ALL_HELD_OUT = "every recording is held out: keep one to fit the model to"
@@ -105,11 +105,6 @@ class State:
     def base_terms(self) -> tuple[Term, ...]:
         """Return the terms of the base model."""
         return arrange_terms(self.terms, self.body) if self.terms else arm_base(self.body)
-
-    @cached_property
-    def moving_held_joints(self) -> list[str]:
-        """List the recordings in which a held joint moves, one sentence each; empty for a pendulum."""
-        return find_moving_held_joints(find_links(self.base_terms), [item.recording for item in self.loaded])
 
     def restart(self, **choices: Any) -> Self:
         """Return the state with changed choices and without fits and diagnosis."""

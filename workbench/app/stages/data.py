@@ -7,6 +7,7 @@ from dash import html
 from dash.development.base_component import Component
 
 from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import find_links
 from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
@@ -27,7 +28,7 @@ from workbench.app.state import LoadedRecording, State
 from workbench.app.uploads import STUDY
 from workbench.figure import Figure, make_line, make_stacked_layout, select_samples
 from workbench.narrator.notes import describe_note
-from workbench.robot import describe_held
+from workbench.robot import describe_held, find_moving_held_joints
 
 NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "Turns", "Peak torque [N m]")
 HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # True: numeric column
@@ -56,9 +57,10 @@ def show(session: Session) -> list[Component]:
 
 def _show_robot(state: State, body: Body) -> Component:
     """Render the robot, its held joints and its errors."""
+    moving_joints = find_moving_held_joints(find_links(state.base_terms), [item.recording for item in state.loaded])
     texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
-        *(text for text in (describe_held(body), *state.moving_held_joints, state.failure_reason) if text),
+        *filter(None, (describe_held(body), *moving_joints, state.failure_reason)),
         "columns are position_JOINT and torque_JOINT, or numbered; a study among the files says which joints move "
         "(joints) and what other columns mean",
     ]
