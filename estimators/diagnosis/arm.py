@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.fit_data import FitData
-from estimators.data.timing_error import widen_by_timing
+from estimators.data.standard_errors import widen_by_timing
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.conclusion import conclude_arm
 from estimators.diagnosis.setting import Setting

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from estimators.data.fits import fit_within_laws
 from estimators.data.regression_data import RegressionData
-from estimators.data.stop_error import find_stiff_stops
+from estimators.data.standard_errors import find_stiff_stops
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import check_torque_sign, find_unexplained
 from estimators.findings import NOTHING_DETERMINED, Finding, collect_withheld, withhold_everything

@@ -9,12 +9,11 @@ from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics.library import find_addition
 from workbench import options
 from workbench.errors import InputError
-from workbench.inputs import open_sources
+from workbench.inputs import list_sources, open_sources
 from workbench.narrator.effects import find_description
 from workbench.narrator.results import narrate_addition
 from workbench.outputs import report_files, write_model
 from workbench.printing import print_parts
-from workbench.reading import list_sources
 from workbench.terminal import Terminal
 
 

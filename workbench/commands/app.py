@@ -13,8 +13,8 @@ from pendulum_env.settings import use_writer
 from workbench import options
 from workbench.app.card import write_choice
 from workbench.errors import InputError
+from workbench.inputs import list_sources, read_all
 from workbench.processes import hold_interrupts
-from workbench.reading import list_sources, read_all
 from workbench.robot import make_robot
 from workbench.terminal import Terminal
 

@@ -11,12 +11,11 @@ from pendulum_env.arms.joints import find_links
 from pendulum_env.recording import Recording
 from workbench import options
 from workbench.errors import InputError
-from workbench.inputs import Inputs, open_sources
+from workbench.inputs import Inputs, list_sources, open_sources
 from workbench.narrator.diagnosis import write_comparison
 from workbench.narrator.results import narrate_comparison, narrate_payload
 from workbench.outputs import check_outputs, report_files, write_json, write_page
 from workbench.printing import print_parts
-from workbench.reading import list_sources
 from workbench.terminal import Terminal
 
 

@@ -9,11 +9,10 @@ from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import LARGEST_TORQUE
 from pendulum_env.files import write_whole
 from workbench import options
-from workbench.inputs import open_sources
+from workbench.inputs import list_sources, open_sources
 from workbench.narrator.diagnosis import write_diagnosis
 from workbench.outputs import report_files, write_json, write_model, write_page
 from workbench.printing import MORE, print_diagnosis
-from workbench.reading import list_sources
 from workbench.terminal import Terminal
 
 ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split()  # options passed on to `diagnose`

@@ -12,9 +12,8 @@ from pendulum_env.recording.study import Source, apply_log_format
 from workbench import options
 from workbench.errors import InputError
 from workbench.export import FORMATS, Exported, Request, export
-from workbench.inputs import make_body, read_model
+from workbench.inputs import make_body, read_all, read_model, read_source_names
 from workbench.outputs import check_outputs, report_files
-from workbench.reading import read_all, read_source_names
 from workbench.terminal import Terminal
 
 

@@ -12,11 +12,10 @@ from estimators.schemes.six import PAPER, Scheme
 from estimators.weak_form.instruments import fit_by_reference
 from pendulum_env.physics import BASE, Model
 from workbench import options
-from workbench.inputs import open_sources
+from workbench.inputs import list_sources, open_sources
 from workbench.narrator.findings import describe_nearest_body
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes, write_identification
 from workbench.outputs import report_files, write_json, write_model
-from workbench.reading import list_sources
 from workbench.robot import describe_links
 from workbench.terminal import Terminal
 

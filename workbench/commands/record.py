@@ -16,8 +16,7 @@ from workbench import options
 from workbench.arm_runs import record_arm
 from workbench.errors import InputError
 from workbench.outputs import check_outputs, report_files
-from workbench.rollouts import describe_recording, record_rig, simulate
-from workbench.runs import LEARNT, RATE, SECONDS, SUGGESTED, Plan
+from workbench.runs import LEARNT, RATE, SECONDS, SUGGESTED, Plan, describe_recording, record_rig, simulate
 from workbench.terminal import Terminal
 
 MOST = 5_000_000  # largest number of samples, some minutes of simulation

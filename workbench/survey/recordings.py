@@ -16,7 +16,7 @@ import numpy as np
 from pendulum_env.recording import Source
 from pendulum_env.recording.formats import READERS
 from workbench.errors import InputError, escape_controls
-from workbench.reading import read_source_names
+from workbench.inputs import read_source_names
 
 STUDY = "study.toml"
 TABLES = ("survey.parquet", "survey.csv")  # output of a survey

@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators.checks.alignment import Alignment
 from estimators.data.fit_data import FitData
 from estimators.data.fits import fit_terms
-from estimators.data.timing_error import widen_by_timing
+from estimators.data.standard_errors import widen_by_timing
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE
 from tests.cases import recorded
