@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks import six_joint
 from benchmarks.independent_plant import random_case, simulate, write_case
 from benchmarks.six_joint import Hidden
-from pendulum_env.recording.writing import write_recording
+from pendulum_env.recording.storage import write_recording
 from workbench.terminal import Terminal
 
 PENDULUM = ("", "quadratic_drag", "stribeck", "cogging", "load_dependent_friction", "torque_saturation", "backlash")

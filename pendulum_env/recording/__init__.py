@@ -4,9 +4,8 @@ from pendulum_env.errors import RecordingError
 from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, Load, TorqueConstant
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import MovedTorque, Recording
-from pendulum_env.recording.storage import read_recording
+from pendulum_env.recording.storage import read_recording, write_recording
 from pendulum_env.recording.study import Source, Study, StudyError, read_study, write_study
-from pendulum_env.recording.writing import write_recording
 
 __all__ = [
     "NEWTON_METRE",

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError
-from pendulum_env.recording.cells import read_cells
 from pendulum_env.recording.clock import count_seconds, is_stamp
 from pendulum_env.recording.columns import add_labels
 from pendulum_env.recording.layout import can_be_number
 from pendulum_env.recording.table import WIDEST, ColumnFinder, RawTable, rank_words
+from pendulum_env.recording.text import read_cells
 
 SIGNAL = (("label", "Name"), ("values", "Data"))  # fields of a signal of Simulink and of dSPACE
 QUOTES = "\"' "

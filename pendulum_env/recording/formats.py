@@ -14,10 +14,9 @@ from pendulum_env.reading import check_size, quote_value
 from pendulum_env.recording.arrays import read_arrays, read_json, read_npz
 from pendulum_env.recording.arrow import read_frame, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
-from pendulum_env.recording.cells import read_excel
 from pendulum_env.recording.matlab import read_hdf5, read_mat
 from pendulum_env.recording.table import ColumnFinder, RawTable
-from pendulum_env.recording.text import read_csv
+from pendulum_env.recording.text import read_csv, read_excel
 
 READERS: dict[str, Callable[[Path, ColumnFinder], RawTable]] = {
     ".csv": read_csv,

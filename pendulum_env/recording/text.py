@@ -1,13 +1,17 @@
-"""Read text files, plain or gzipped."""
+"""Read text files, plain or gzipped, and the cells of Excel sheets and of arrays of texts."""
 
+import csv
+import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
+from numpy.typing import NDArray
 
 from pendulum_env._typing import Array
 from pendulum_env.errors import RecordingError, shorten_error
@@ -16,7 +20,7 @@ from pendulum_env.recording.clock import CLOCK, STAMP, count_seconds, is_stamp, 
 from pendulum_env.recording.columns import NONE, FileColumn, add_labels
 from pendulum_env.recording.layout import HEAD, NUMBER, Layout, find_layout
 from pendulum_env.recording.notes import Note, NoteKind
-from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, rank_words
+from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, rank_words, require_module
 from pendulum_env.recording.vocabulary import OPTIONAL
 from pendulum_env.settings import format_setting
 
@@ -197,3 +201,35 @@ def _refuse_cell(error_text: str, layout: Layout, columns: dict[str, FileColumn]
             f"the text cannot be split into cells ({shorten_error(error_text)}): write plain comma-separated numbers"
         )
     raise RecordingError(f"data row {match['row']} (header not counted) has {fault}: {remedy}")
+
+
+def read_excel(path: Path, find: ColumnFinder) -> RawTable:
+    """Read the first non-empty sheet of a workbook as the text of its cells."""
+    require_module("python_calamine")
+    from python_calamine import CalamineWorkbook
+
+    book = CalamineWorkbook.from_path(path)
+    rows = next((rows for name in book.sheet_names if (rows := book.get_sheet_by_name(name).to_python())), [])
+    text = io.StringIO()
+    csv.writer(text).writerows(
+        [cell.isoformat() if hasattr(cell, "isoformat") else cell for cell in row] for row in rows
+    )
+    content = pa.py_buffer(text.getvalue().encode())
+    return read_text_table(lambda: pa.BufferReader(content), find)
+
+
+def read_cells(columns: dict[str, FileColumn], cells: Mapping[str, NDArray[Any]]) -> RawTable:
+    """Read arrays by quantity, some of texts, like the columns of a text file."""
+    columns_of_text = {quantity: _make_cells(values) for quantity, values in cells.items()}
+    file = pa.BufferOutputStream()
+    pacsv.write_csv(pa.table(columns_of_text), file, pacsv.WriteOptions(delimiter=";"))  # cells may have decimal commas
+    content, places = file.getvalue(), {q: replace(columns[q], index=k) for k, q in enumerate(columns_of_text)}
+    table = read_text_table(lambda: pa.BufferReader(content), lambda *_, **__: places)
+    return replace(table, columns={quantity: columns[quantity] for quantity in table.columns})
+
+
+def _make_cells(values: NDArray[Any]) -> pa.Array:
+    """Make an Arrow column of the texts or numbers of an array."""
+    if values.dtype.kind not in "UO":
+        return pa.array(values)
+    return pa.array([None if cell is None or cell != cell else str(cell) for cell in values], pa.string())

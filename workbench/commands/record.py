@@ -11,7 +11,7 @@ from pendulum_env.excitation import DEFAULT_SPEED, EXCITATIONS, LARGEST_TORQUE
 from pendulum_env.reading import MAX_NUMBER
 from pendulum_env.recording import write_recording
 from pendulum_env.recording.checks import BOUNDS
-from pendulum_env.recording.writing import WRITERS
+from pendulum_env.recording.storage import WRITERS
 from workbench import options
 from workbench.arm_runs import record_arm
 from workbench.errors import InputError

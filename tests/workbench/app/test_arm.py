@@ -15,11 +15,11 @@ from pendulum_env.recording import write_recording
 from tests.two_link import record_arm
 from tests.workbench.app.plants import drop, reload_session, upload
 from workbench.app.card import ColumnChoice
-from workbench.app.choices import SearchChoices
 from workbench.app.downloads import make_file, write_commands, write_study_text
 from workbench.app.panels import describe_state
 from workbench.app.parts import list_choices
 from workbench.app.stages import STAGES, data
+from workbench.app.state import SearchChoices
 from workbench.cli import main
 from workbench.robot import RobotFile
 

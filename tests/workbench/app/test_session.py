@@ -36,14 +36,13 @@ from tests.workbench.app.plants import (
     write_source,
 )
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit, write_choice
-from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.downloads import make_file, write_commands, write_study_text
 from workbench.app.jobs import Workers
 from workbench.app.page.server import make_app
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
 from workbench.app.stages import data, diagnose, export, model
-from workbench.app.state import FITTING, State
+from workbench.app.state import FITTING, NO_CHOICES, SearchChoices, State
 from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
 from workbench.errors import InputError

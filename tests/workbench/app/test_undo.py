@@ -1,10 +1,9 @@
 """Every change of a session is taken back."""
 
 from tests.workbench.app.plants import record_pendulum, upload, write_source
-from workbench.app.choices import SearchChoices
 from workbench.app.session import Session
 from workbench.app.stages.diagnose import choose_search
-from workbench.app.state import State
+from workbench.app.state import SearchChoices, State
 
 
 def test_every_change_is_taken_back_in_turn(tmp_path):

@@ -7,12 +7,12 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators import Diagnosis, diagnose
-from workbench.app.choices import NO_CHOICES, SearchChoices
 from workbench.app.fits import fit_and_diagnose
 from workbench.app.jobs import Task
 from workbench.app.panels import show_suggestions, show_timing
 from workbench.app.parts import KEPT, Stage, label_control, list_choices, make_button, make_panel, show_section
 from workbench.app.session import Session
+from workbench.app.state import NO_CHOICES, SearchChoices
 from workbench.app.state import State as Work
 from workbench.options import parse_effects
 from workbench.report.data import ReportData
