@@ -155,9 +155,12 @@ class FileColumn:
 
 
 def _find_factor(quantity: str, unit: str | None) -> float:
-    if unit is None:
-        return 1.0
-    return {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}[unit]
+    return 1.0 if unit is None else list_unit_factors(quantity)[unit]
+
+
+def list_unit_factors(quantity: str) -> dict[str, float]:
+    """Return the factors from the units of a quantity to SI units, by the letters of the unit."""
+    return {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}
 
 
 def find_columns(
@@ -566,9 +569,8 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
     refuse_unknown_quantity(quantity)
     names = [header.strip() for header in headers]
     raw = RAW.get(quantity, {})
-    units = {**UNITS[quantity], **raw, **LINEAR.get(quantity, {})}
     try:
-        expression = _parse_name(text, names, units)
+        expression = _parse_name(text, names, list_unit_factors(quantity))
     except UnknownColumnError as error:
         raise ColumnError(
             f"no column is named {str(error)!r}, which is to be {quantity}, among {_list_headers(headers)}"

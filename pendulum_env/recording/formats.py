@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from pendulum_env.errors import FileError, RecordingError, shorten_error
 from pendulum_env.reading import check_size, quote_value
-from pendulum_env.recording.arrays import read_arrays, read_json, read_npz
-from pendulum_env.recording.arrow import read_frame, read_parquet
+from pendulum_env.recording.arrays import read_arrays, read_frame, read_json, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
 from pendulum_env.recording.matlab import read_hdf5, read_mat
 from pendulum_env.recording.table import ColumnFinder, RawTable

@@ -10,10 +10,18 @@ from typing import Any
 from pendulum_env.errors import ColumnError
 from pendulum_env.formatting import join_words
 from pendulum_env.recording import RecordingError, Source
-from pendulum_env.recording.columns import NONE, guess_columns, has_column, parse_column, strip_units, write_unit
+from pendulum_env.recording.columns import (
+    NONE,
+    guess_columns,
+    has_column,
+    list_unit_factors,
+    parse_column,
+    strip_units,
+    write_unit,
+)
 from pendulum_env.recording.expression import NUMBER, Expression, parse_expression
 from pendulum_env.recording.preview import Preview, read_preview
-from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, RAW, SI, UNIT_NAMES, UNITS
+from pendulum_env.recording.vocabulary import ALIASES, LINEAR, OPTIONAL, SI, UNIT_NAMES
 from workbench.errors import write_option
 
 UNWRAP = "unwrap: undo jumps of a turn in position"
@@ -121,11 +129,8 @@ class ColumnCard:
             guessed = {role: plain[role] for role in card.roles if role in plain}
         chosen = {name: ColumnChoice(role) for role, name in guessed.items() if role not in source.columns}
         for role, text in source.columns.items():
-            quantity = get_quantity(role)
             try:
-                expression = parse_expression(
-                    text, preview.headers, {**UNITS[quantity], **RAW.get(quantity, {}), **LINEAR.get(quantity, {})}
-                )
+                expression = parse_expression(text, preview.headers, list_unit_factors(get_quantity(role)))
             except RecordingError:
                 continue  # `none`, or an error already reported by reading
             chosen[expression.name] = ColumnChoice.parse(role, expression)
