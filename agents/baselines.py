@@ -140,7 +140,7 @@ def _make_random_signals(name: str, constraint: Constraint, seed: int) -> Policy
     return SignalPolicy(draw)
 
 
-def multisine_torque(weights: Array, constraint: Constraint) -> Array:
+def make_multisine_torque(weights: Array, constraint: Constraint) -> Array:
     """Compute the torque at each tick (T, ...) of weights (2 F, ...) of sines and cosines, scaled to the constraint."""
     phase = 2 * np.pi * TICK * np.outer(np.arange(round(EPISODE / TICK)), FREQUENCIES)
     torque = np.concatenate([np.sin(phase), np.cos(phase)], axis=1) @ weights
@@ -158,7 +158,7 @@ def load_weights(name: str) -> Array:
 def _make_optimised_multisine(constraint: Constraint, _: int) -> Policy:
     """Make a policy of the optimised multisine, the same for all pendulums."""
     weights = load_weights("peak" if constraint.rms is None else "rms")
-    shares = multisine_torque(weights, constraint) / constraint.peak
+    shares = make_multisine_torque(weights, constraint) / constraint.peak
     return SignalPolicy(lambda: shares)
 
 

@@ -156,7 +156,7 @@ def compare_policies(
     return PolicyComparison(outcomes, settings)
 
 
-def information_ratio(policy: Array, base: Array) -> float:
+def compute_information_ratio(policy: Array, base: Array) -> float:
     """Compute the median of (det M / det M_base)^(1/4) over the plants; NaN where neither policy moves the joint."""
     with np.errstate(invalid="ignore"):
         return float(np.median(np.exp((policy - base) / N_PARAMETERS)))
@@ -168,7 +168,7 @@ def compute_gain(policy: Array, base: Array) -> float:
     return numbers[0] / numbers[1] if np.isfinite(numbers).all() else float("nan")
 
 
-def bootstrap_interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) -> tuple[float, float]:
+def compute_bootstrap_interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) -> tuple[float, float]:
     """Compute the bootstrap interval of 95 % of a statistic; both policies use the same resampled plants."""
     picks = np.random.default_rng(seed).integers(len(policy), size=(RESAMPLES, len(policy)))
     values = [statistic(policy[pick], base[pick]) for pick in picks]
@@ -186,7 +186,7 @@ def _make_policy_json(outcome: Outcome, base: Outcome) -> JSON:
     names = [f"error {moment}" for moment in moments] + [f"time to {bound}" for bound in bounds]
     series = zip(names, [*outcome.errors, *outcome.close], [*base.errors, *base.close], strict=True)
     gains = {name: _make_ratio_json(compute_gain, errors, baseline_errors) for name, errors, baseline_errors in series}
-    gains["information"] = _make_ratio_json(information_ratio, outcome.log_det[-1], base.log_det[-1])
+    gains["information"] = _make_ratio_json(compute_information_ratio, outcome.log_det[-1], base.log_det[-1])
     return {
         "error": dict(zip(moments, map(_compute_quartiles, outcome.errors), strict=True)),
         "cramer_rao": dict(zip(moments, map(_compute_quartiles, outcome.bound), strict=True)),
@@ -201,7 +201,7 @@ def _make_policy_json(outcome: Outcome, base: Outcome) -> JSON:
 
 
 def _make_ratio_json(statistic: Statistic, policy: Array, base: Array) -> JSON:
-    values = statistic(policy, base), *bootstrap_interval(statistic, policy, base)
+    values = statistic(policy, base), *compute_bootstrap_interval(statistic, policy, base)
     return dict(zip(("ratio", "low", "high"), map(_replace_infinite, values), strict=True))
 
 

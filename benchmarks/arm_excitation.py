@@ -19,7 +19,7 @@ import numpy as np
 
 from agents import load
 from agents.arm_env import TORQUE, plan_motion
-from agents.comparison import bootstrap_interval, compute_gain
+from agents.comparison import compute_bootstrap_interval, compute_gain
 from estimators.arms.excitation import (
     INFORMATION_PRIOR,
     compute_parameter_scales,
@@ -220,7 +220,7 @@ def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
         results[name] = np.array(made).T
         gains = []
         for found, base in zip(results[name], results[BASE], strict=True):
-            low, high = bootstrap_interval(compute_gain, found, base)
+            low, high = compute_bootstrap_interval(compute_gain, found, base)
             gains.append(f"{1 / compute_gain(found, base):.2f} ({1 / high:.2f} to {1 / low:.2f})")
         (angle, speed) = np.max(most, axis=0)
         middle = ", ".join(f"{100 * np.median(found):.3f}" for found in results[name])

@@ -9,7 +9,7 @@ import json
 
 import numpy as np
 
-from agents.baselines import FREQUENCIES, WEIGHTS_FILE, multisine_torque, predict_rows
+from agents.baselines import FREQUENCIES, WEIGHTS_FILE, make_multisine_torque, predict_rows
 from agents.observer import CONSTRAINTS, INFORMATION_PRIOR, N_PARAMETERS, NOMINAL, Constraint, compute_log_det
 from pendulum_env._typing import Array
 
@@ -42,7 +42,7 @@ def optimise(name: str, constraint: Constraint) -> Array:
 
 def mean_log_det(weights: Array, theta: Array, constraint: Constraint) -> Array:
     """Return the mean over plants (B, P) of log det information after an episode, for C signals (2 F, C) [nat]."""
-    torque = multisine_torque(weights, constraint)  # (T, C)
+    torque = make_multisine_torque(weights, constraint)  # (T, C)
     rest = np.zeros(len(theta))
     rows, usable = predict_rows(np.repeat(torque[:, None], len(theta), axis=1), theta, rest, rest)
     rows = rows * usable[..., None]

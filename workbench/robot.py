@@ -33,7 +33,7 @@ class RobotFile:
     weightless: bool = False  # whether the driver subtracts gravity from the logged torque
 
     @classmethod
-    def of_model(cls, file: Path, model: Path | None, joints: tuple[str, ...] | None) -> "RobotFile":
+    def from_model_file(cls, file: Path, model: Path | None, joints: tuple[str, ...] | None) -> "RobotFile":
         """Return a robot with the settings in a model file, if given; `joints` has priority."""
         saved = ModelOptions.read_from_model(model)
         return cls(file, joints or saved.joints, saved.rotors, saved.weightless)

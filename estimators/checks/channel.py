@@ -49,14 +49,14 @@ class ChannelFits(ChannelRows):
         """
         columns = self.rows.data.equations(BASE).phi * self.rows.data.weights[:, None]
         logged, corrected = (
-            solve_least_squares(columns, self.torque(channel))[0] for channel in (Channel(), law.channel)
+            solve_least_squares(columns, self.compute_torque(channel))[0] for channel in (Channel(), law.channel)
         )
         return bool(corrected >= Criterion.kept_inertia * logged)
 
     @cached_property
     def delay_fit(self) -> Alignment:
         """Law with a free delay."""
-        return self.fit([self.law(FREE_ZERO), self.start])
+        return self.fit([self.make_law(FREE_ZERO), self.start])
 
     def fit(self, laws: Iterable[Channel], is_free: bool = True) -> Alignment:
         """Fit the best of some laws: its delay and lag other than zero, unless `is_free` is false.
@@ -65,14 +65,18 @@ class ChannelFits(ChannelRows):
         """
         law, slopes = min(laws, key=self.compute_misfit), dict[str, Array]()
         if is_free:
-            law = refine_nonlinear(law, lambda variants: [self.residual(self.torque(variant)) for variant in variants])
-            slopes = compute_nonlinear_slopes(law, lambda variants: [-self.torque(variant) for variant in variants])
+            law = refine_nonlinear(
+                law, lambda variants: [self.compute_residual(self.compute_torque(variant)) for variant in variants]
+            )
+            slopes = compute_nonlinear_slopes(
+                law, lambda variants: [-self.compute_torque(variant) for variant in variants]
+            )
         design = np.column_stack([self.phi, *slopes.values()])
         limits = np.full(design.shape[1], np.inf)
         by_torque = np.zeros_like(design)
         if self.by_torque is not None:
             by_torque[:, : self.by_torque.shape[1]] = self.by_torque
-        balance = Balance(design, self.torque(law), by_torque, -limits, limits, np.ones(len(design)))
+        balance = Balance(design, self.compute_torque(law), by_torque, -limits, limits, np.ones(len(design)))
         block, _, of_block = self.rows.data.blocks(BLOCK)
         moved, recording = np.unique(of_block[block], return_inverse=True)
         clusters = [self.rows.data.clusters] + [recording] * (len(moved) >= CHANNEL.min_recordings)
@@ -97,9 +101,11 @@ class ChannelFits(ChannelRows):
             std = max(delay.delay_std, abs(time) / CHANNEL.z_limit)
             return replace(in_time, delay_std=std, lag_std=std)
         half = 0.5 * self.period * (time > 0)  # a filter of the log delays slow torque by its lag less half a sample
-        lag = self.fit([self.law(0.0, share * time + half) for share in (0.5, 1.0, 1.5)])
+        lag = self.fit([self.make_law(0.0, share * time + half) for share in (0.5, 1.0, 1.5)])
         if time > 0:
-            delay_and_lag = self.fit([self.law(share * time, (1 - share) * time + half) for share in (0.25, 0.5, 0.75)])
+            delay_and_lag = self.fit(
+                [self.make_law(share * time, (1 - share) * time + half) for share in (0.25, 0.5, 0.75)]
+            )
             is_both = (
                 delay_and_lag.delay > 0 and delay_and_lag.lag > self.period and delay_and_lag.is_supported(in_time)
             )
@@ -113,12 +119,14 @@ class ChannelFits(ChannelRows):
         """Return whether a delay [s] is a small share of a sample and does not reduce the error significantly."""
         # errors of smoothing and integration
         exactness = self.rows.data.compute_numerical_error() * float(np.linalg.norm(self.rows.data.weights))
-        before, after = (np.hypot(self.compute_misfit(self.law(time)), exactness) for time in (0.0, delay))
+        before, after = (np.hypot(self.compute_misfit(self.make_law(time)), exactness) for time in (0.0, delay))
         return bool(abs(delay) < CHANNEL.negligible * self.period and after > (1 - Criterion.error_margin) * before)
 
     def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""
-        residual, untimed = (self.residual(self.torque(channel)) for channel in (law.channel, Channel()))
+        residual, untimed = (
+            self.compute_residual(self.compute_torque(channel)) for channel in (law.channel, Channel())
+        )
         return is_consistent(recordings, self.rows.data, residual, untimed, self.span.shape[1])
 
     def compute_noise_gain(self, law: Channel) -> float:
@@ -203,7 +211,7 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     free_delay = fits.delay_fit
     if not (law.is_late or (free_delay.is_significant and not law.is_found)):
         return law
-    half_sample = sampled.fit([sampled.law(0.5 * fits.period)], is_free=False)
+    half_sample = sampled.fit([sampled.make_law(0.5 * fits.period)], is_free=False)
     if not law.is_late:
         is_half = (
             half_sample.agrees(free_delay) and half_sample.predicts_better(law) and not free_delay.beats(half_sample)
@@ -220,7 +228,7 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     if not (is_sampled and sampled_law.is_late):
         return law
     sampled = sampled.with_jump_errors()
-    half_sample, sampled_law = sampled.fit([sampled.law(0.5 * fits.period)], is_free=False), sampled.select_law()
+    half_sample, sampled_law = sampled.fit([sampled.make_law(0.5 * fits.period)], is_free=False), sampled.select_law()
     if half_sample.agrees(sampled_law) and not sampled_law.beats(half_sample):
         return replace(half_sample, delay_std=sampled_law.delay_std, is_half_sample=True)
     return replace(sampled_law, rival=None)

@@ -107,7 +107,7 @@ class ChannelRows:
         phi: weighted columns (R, P).
         by_torque: derivatives of the columns by the torque (R, P), not weighted; None: none depends on it.
         is_sampled: whether torque is sampled instead of held.
-        torques: cache of `torque` by law.
+        torques: cache of `compute_torque` by law.
     """
 
     rows: TorqueRows
@@ -144,9 +144,9 @@ class ChannelRows:
         The torque is that with the delay `start`, at the middle of each window. Each of `CHANNEL.torque_iterations`
         replaces the columns by those of the last fit.
         """
-        fitted_rows, data, torque = self, self.rows.data, self.torque(self.start)
+        fitted_rows, data, torque = self, self.rows.data, self.compute_torque(self.start)
         for _ in range(CHANNEL.torque_iterations if laws else 0):
-            fitted = (torque - fitted_rows.residual(torque)) / data.weights + data.torque() - data.net_torque()
+            fitted = (torque - fitted_rows.compute_residual(torque)) / data.weights + data.torque() - data.net_torque()
             x = replace(data.samples, torque=fitted)
             series = ((rows, np.asarray(law.force(x) + law.dry(x) * np.sign(x.velocity))) for rows, law in laws)
             columns = [(rows, column[rows, None]) for rows, column in series]
@@ -183,27 +183,27 @@ class ChannelRows:
     @cached_property
     def start(self) -> Channel:
         """Best of `CHANNEL.starts` delays without a filter."""
-        return min(map(self.law, np.linspace(-REACH, REACH, CHANNEL.starts)), key=self.compute_misfit)
+        return min(map(self.make_law, np.linspace(-REACH, REACH, CHANNEL.starts)), key=self.compute_misfit)
 
     @property
     def period(self) -> float:
         """Sampling period [s]."""
         return 1.0 / max(w.recording.rate for w in self.rows.data.windows)
 
-    def law(self, delay: float, lag: float = 0.0) -> Channel:
+    def make_law(self, delay: float, lag: float = 0.0) -> Channel:
         """Return the law of held or of sampled torque with a delay and a lag [s]; zero is not fitted."""
         return Channel(float(delay), float(lag), self.is_sampled)
 
-    def torque(self, law: Term) -> Array:
+    def compute_torque(self, law: Term) -> Array:
         """Return the weighted acting torque (R,) of the windows without that of known loads, cached in `torques`."""
         if law not in self.torques:
             self.torques[law] = self.rows.data.equations([law]).y * self.rows.data.weights
         return self.torques[law]
 
-    def residual(self, torque: Array) -> Array:
+    def compute_residual(self, torque: Array) -> Array:
         """Return the residual of a weighted torque (R, ...) on the columns."""
         return project_out(self.span, torque)
 
     def compute_misfit(self, law: Channel) -> float:
         """Compute the norm of the weighted residual under a law."""
-        return float(np.linalg.norm(self.residual(self.torque(law))))
+        return float(np.linalg.norm(self.compute_residual(self.compute_torque(law))))

@@ -97,9 +97,9 @@ class Recording(Shown):
             if quantity == "torque" and values is None:
                 values = np.zeros(self.get_shape(quantity))
             if values is not None:
-                object.__setattr__(self, quantity, self._column(quantity, values))
+                object.__setattr__(self, quantity, self._convert_column(quantity, values))
         if self.enabled is not None:  # commands to a motor that is off have no effect
-            object.__setattr__(self, "torque", self._column("torque", self.torque * (self.enabled > 0)))
+            object.__setattr__(self, "torque", self._convert_column("torque", self.torque * (self.enabled > 0)))
         if len(self.time) < 2:
             raise RecordingError(f"recording {self.name!r} holds {len(self.time)} samples and needs at least 2")
         object.__setattr__(self, "starts", tuple(int(start) for start in self.starts))
@@ -116,7 +116,7 @@ class Recording(Shown):
             )
         date = find_date(float(self.time[0]))
         if date is not None or not is_uniform(self.time - self.time[0], self.starts, LOOSE):  # steps rounded by float64
-            object.__setattr__(self, "time", self._column("time", count_from_zero(self.time, self.starts)))
+            object.__setattr__(self, "time", self._convert_column("time", count_from_zero(self.time, self.starts)))
             object.__setattr__(self, "start_date", self.start_date or date)
 
         if self.origin is None and self.position.ndim == 1 and not self.is_checked:
@@ -137,7 +137,7 @@ class Recording(Shown):
             )
         object.__setattr__(self, "notes", (*self.notes, suspicion.note(columns)))
 
-    def _column(self, quantity: str, values: ArrayLike) -> Array:
+    def _convert_column(self, quantity: str, values: ArrayLike) -> Array:
         try:
             column = np.asarray(values, dtype=np.float64).view()
         except (TypeError, ValueError) as error:

@@ -8,7 +8,7 @@ from agents.baselines import (
     FREQUENCIES,
     load_weights,
     make_baseline,
-    multisine_torque,
+    make_multisine_torque,
     predict_rows,
 )
 from agents.design_env import ExcitationDesignVector
@@ -82,7 +82,7 @@ def test_a_multisine_found_in_advance_teaches_more_than_the_papers_tones(constra
     signals = np.column_stack([paper, load_weights(constraint)])
     first, better = mean_log_det(signals, theta, CONSTRAINTS[constraint])
     assert better > first + 0.3
-    torque = multisine_torque(signals, CONSTRAINTS[constraint])
+    torque = make_multisine_torque(signals, CONSTRAINTS[constraint])
     assert np.abs(torque).max() <= CONSTRAINTS[constraint].peak + 1e-9
     if constraint == "rms":
         assert np.sqrt(np.mean(torque**2, axis=0)) == pytest.approx(3.0)

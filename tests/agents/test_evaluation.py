@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.baselines import make_baseline
-from agents.comparison import information_ratio
+from agents.comparison import compute_information_ratio
 from agents.evaluation import compute_cramer_rao_bound, evaluate_policy, find_settling_time
 
 
@@ -30,7 +30,7 @@ def test_every_policy_meets_the_same_plants_and_the_estimator_finds_them(two_ton
     assert np.isfinite(first.close).all() and first.close.max() < 4.0
     assert (first.close[0] <= first.close[1]).all()
     assert np.abs(first.torque).max() <= 6.0 and np.abs(other.torque).max() == pytest.approx(6.0)
-    assert information_ratio(other.log_det[-1], first.log_det[-1]) > 1.3
+    assert compute_information_ratio(other.log_det[-1], first.log_det[-1]) > 1.3
     assert (np.diff(first.errors, axis=0).mean(axis=1) < 0).all()
 
 

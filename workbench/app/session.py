@@ -173,7 +173,7 @@ class Session:
         if upload.robots:
             joints = next((source.joints for source in upload.sources), None)
             model = upload.models[-1] if upload.models else None
-            self.set_robot(RobotFile.of_model(upload.robots[-1], model, joints))
+            self.set_robot(RobotFile.from_model_file(upload.robots[-1], model, joints))
         refused = [*upload.refused, *self._read(upload.sources)]
         if upload.models:
             try:

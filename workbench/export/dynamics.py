@@ -88,7 +88,7 @@ def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamic
     after = {"time": x.time, "position": x.position, "velocity": x.velocity}
     for id, names in parts.remembered.items():
         after |= dict(zip(names, x.memory[id], strict=True))
-    return parts.dynamics(after)
+    return parts.make_dynamics(after)
 
 
 @dataclass
@@ -206,7 +206,7 @@ class _StepBuilder:
             "last_goal": make_symbol("position"),
         }
 
-    def dynamics(self, after: Mapping[str, Any]) -> Dynamics:
+    def make_dynamics(self, after: Mapping[str, Any]) -> Dynamics:
         """Return the step without unused state variables."""
         after = {**after, **self.after}
         names_kept, required = {"time", "position", "velocity"}, set(after)

@@ -122,19 +122,19 @@ class ProgramText:
         )
         texts: dict[Symbol, tuple[str, int]] = {}
 
-        def operand(x: Operand) -> tuple[str, int]:
+        def write_operand(x: Operand) -> tuple[str, int]:
             if isinstance(x, Symbol):
                 return texts[representative[x]]
             return write_number(language, x), ATOM if x >= 0 else NEGATIVE
 
         for symbol in order:
-            text = source._write_expression(symbol, [operand(x) for x in symbol.inputs])
+            text = source._write_expression(symbol, [write_operand(x) for x in symbol.inputs])
             if symbol.op != NAME and (symbol.label or counts[symbol] > 1 or len(text[0]) > 64):
                 name = symbol.label or f"t{len(source.lines) + 1}"
                 source.lines.append((name, text[0]))
                 text = name, ATOM
             texts[symbol] = text
-        source.results = [operand(x)[0] for x in results]
+        source.results = [write_operand(x)[0] for x in results]
         return source
 
     def _write_expression(self, symbol: Symbol, parts: Sequence[tuple[str, int]]) -> tuple[str, int]:

@@ -134,17 +134,19 @@ def describe_errors(diagnosis: Diagnosis) -> str:
     first, last = (step.errors["holdout"] for step in (diagnosis.steps[0], diagnosis.steps[-1]))
     kind, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
 
-    def fall(before: float, after: float, unit: str) -> str:
+    def format_fall(before: float, after: float, unit: str) -> str:
         is_new = len(diagnosis.steps) > 1 and not (np.isnan(before) and np.isnan(after))
         old, new = Quantity(before, unit=unit), Quantity(after, unit="" if np.isnan(after) else unit)
         return measure_change(old, new, 4) if is_new else measure(new, 4)
 
     floors = {at: to_shown_unit(floor, diagnosis.unit_at(at))[0] for at, floor in diagnosis.floors.items()}
-    changes = {at: fall(first.get_joint_error(at), last.get_joint_error(at), diagnosis.unit_at(at)) for at in floors}
+    changes = {
+        at: format_fall(first.get_joint_error(at), last.get_joint_error(at), diagnosis.unit_at(at)) for at in floors
+    }
     falls = [f"{at or kind} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
     if diagnosis.body.can_simulate and not last.is_in_loop:
         angle = diagnosis.model.units().unit("rad")
-        falls.append(f"free-running position {fall(first.position_rms, last.position_rms, angle)}")
+        falls.append(f"free-running position {format_fall(first.position_rms, last.position_rms, angle)}")
     part = " (last 30 %)" if diagnosis.data is not None and not diagnosis.data.holdout else ""
     return f"held-out error{part}: {', '.join(falls)}"
 

@@ -63,10 +63,10 @@ def make_table(content: TextTable) -> Html:
     """Make a table of texts; cells of block characters are coloured as bars."""
     is_left = [k == 0 or header in content.left for k, header in enumerate(content.headers)]
 
-    def row(tag: str, style: str, cells: Sequence[str]) -> Html:
-        return make_element("tr", "background:none", *(cell(tag, style, k, text) for k, text in enumerate(cells)))
+    def make_row(tag: str, style: str, cells: Sequence[str]) -> Html:
+        return make_element("tr", "background:none", *(make_cell(tag, style, k, text) for k, text in enumerate(cells)))
 
-    def cell(tag: str, style: str, place: int, text: str) -> Html:
+    def make_cell(tag: str, style: str, place: int, text: str) -> Html:
         bar = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
         wrap = "normal" if tag == "th" or (place > 0 and is_left[place]) else "nowrap"
         layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};white-space:{wrap}"
@@ -74,8 +74,8 @@ def make_table(content: TextTable) -> Html:
 
     # no line break within a unit
     headers = [re.sub(r"\[.*?\]", lambda unit: unit[0].replace(" ", "\xa0"), text) for text in content.headers]
-    head = row("th", "font-weight:500;opacity:.75", headers)
-    body = [row("td", "font-variant-numeric:tabular-nums", cells) for cells in content.rows]
+    head = make_row("th", "font-weight:500;opacity:.75", headers)
+    body = [make_row("td", "font-variant-numeric:tabular-nums", cells) for cells in content.rows]
     parts = make_element("thead", "", head), make_element("tbody", "", *body)
     return make_element("table", "border-collapse:collapse;border:0;margin:.3em 0;font-size:.92em", *parts)
 
