@@ -70,10 +70,9 @@ def replace_late_stamps(log: Log) -> None:
     parts = [(a, max(a + 1, b - has_repeats)) for a, b in bounds]  # the last stamp of a part may lack rows
     if not any(b - a > 2 * SPAN for a, b in parts):
         return
-    candidates = product((np.arange(len(time)), log.rows), (0, width))
-    fits = [
-        _fit_rows(stamps, last, position, numbers, period, shift_width, parts) for numbers, shift_width in candidates
-    ]
+    rows = StampedRows(stamps, last, position, parts)
+    alternatives = product((np.arange(len(time)), log.rows), (0, width))
+    fits = [rows.fit_clock(numbers, period, shift_width) for numbers, shift_width in alternatives]
     fit = min(fits, key=lambda fit: fit.score)
     successive = np.mean(np.concatenate([np.diff(delay) for delay in fit.delays if len(delay) > 2 * SPAN]) ** 2)
     is_white = successive >= JITTER.least_white * fit.std**2 and fit.std <= JITTER.largest_spread * fit.period
@@ -114,63 +113,70 @@ class ClockFit(NamedTuple):
         return float(np.sqrt(np.mean(np.concatenate(self.delays) ** 2)))
 
 
-def _fit_rows(
-    stamps: Array, last: Index, position: Array, numbers: Index, period: float, width: int, parts: Parts
-) -> ClockFit:
-    """Fit a uniform clock to stamps (M,), with the losses of `_count_periods`, which explains the arguments."""
-    counts = _count_periods(stamps, last, position, numbers, period, width, parts)
-    period, offsets = _fit_clock(stamps, counts[last], parts)
-    delays = [stamps[a:b] - x - period * counts[last[a:b]] for (a, b), x in zip(parts, offsets, strict=True)]
-    n_lost = int(np.ptp(counts) - np.ptp(numbers))
-    fit = ClockFit(0.0, period, offsets, counts, delays)
-    misfit = len(stamps) * float(np.log(fit.std**2 + (NEGLIGIBLE * period) ** 2))
-    return fit._replace(score=misfit + 2 * n_lost * float(np.log(len(stamps))))
+class StampedRows(NamedTuple):
+    """N rows of a log with M different time stamps.
 
-
-def _count_periods(
-    stamps: Array, last: Index, position: Array, numbers: Index, period: float, width: int, parts: Parts
-) -> Index:
-    """Count the periods (N,) up to each row, with lost rows.
-
-    Row numbers (N,) count the periods without lost rows. With `width` above 0, lost rows are searched. They show in a
-    step that is long for its rows, after which the mean deviation of the clock over `width` stamps increases by a
-    period or more. Larger steps are tried first. The loss is assigned to the row step with the largest excess of motion
-    over its neighbours.
-
-    Args:
+    Attributes:
         stamps: different time stamps (M,) [s].
-        last: last row of each (M,).
-        position: position (N,) [rad].
-        numbers: row numbers (N,).
-        period: sample time [s].
-        width: number of stamps on either side in a mean deviation; 0 finds no losses.
+        last: last row of each stamp (M,).
+        position: position of each row (N,) [rad].
         parts: first and end of the stamps of each part with its own clock.
     """
-    counts = np.diff(numbers)
-    around = np.pad(np.diff(position), 1, mode="edge")
-    usual = 0.5 * (around[:-2] + around[2:])  # motion in a row step without losses
-    excess = (np.diff(position) - usual) * np.sign(usual)
-    for begin, stop in parts if width else ():
-        own_last = last[begin:stop]
-        deviation = stamps[begin:stop] - period * numbers[own_last]
-        sums = np.append(0.0, np.cumsum(deviation - deviation[0]))
-        places = np.arange(1, stop - begin)
-        first, end = np.maximum(places - width, 0), np.minimum(places + width, stop - begin)
-        shifts = (sums[end] - sums[places]) / (end - places) - (sums[places] - sums[first]) / (places - first)
-        late = np.diff(deviation) / period  # periods beyond the rows of each step
-        long_steps = np.flatnonzero((late > CLEANING.long_step - 1.0) & (shifts > 0.5 * period))
-        for k in long_steps[np.argsort(-late[long_steps], kind="stable")]:
-            rows, stamp = own_last[first[k] : end[k]], k + 1 - first[k]
-            counted = np.append(0, np.cumsum(counts[rows[0] : rows[-1]]))[rows - rows[0]]
-            remaining = stamps[begin + first[k] : begin + end[k]] - period * counted
-            n_lost = max(0, round(float(remaining[stamp:].mean() - remaining[:stamp].mean()) / period))
-            # the row after a burst, too: its last row may be lost
-            end_row = own_last[min(k + 1 + width // 2, len(own_last) - 1)] + (len(last) < len(position))
-            near = slice(own_last[max(0, k - width // 2)], end_row)
-            step = near.start + int(np.argmax(excess[near]))
-            counts[step] += n_lost
-            excess[step] -= n_lost * abs(usual[step])
-    return np.append(0, np.cumsum(counts))
+
+    stamps: Array
+    last: Index
+    position: Array
+    parts: Parts
+
+    @property
+    def has_repeats(self) -> bool:
+        """Return whether rows repeat a time."""
+        return len(self.last) < len(self.position)
+
+    def fit_clock(self, numbers: Index, period: float, width: int) -> ClockFit:
+        """Fit a uniform clock, with the losses of `count_periods`, which explains the arguments."""
+        stamps, counts = self.stamps, self.count_periods(numbers, period, width)
+        period, offsets = _fit_clock(stamps, counts[self.last], self.parts)
+        pairs = zip(self.parts, offsets, strict=True)
+        delays = [stamps[a:b] - offset - period * counts[self.last[a:b]] for (a, b), offset in pairs]
+        n_lost = int(np.ptp(counts) - np.ptp(numbers))
+        fit = ClockFit(0.0, period, offsets, counts, delays)
+        misfit = len(stamps) * float(np.log(fit.std**2 + (NEGLIGIBLE * period) ** 2))
+        return fit._replace(score=misfit + 2 * n_lost * float(np.log(len(stamps))))
+
+    def count_periods(self, numbers: Index, period: float, width: int) -> Index:
+        """Count the periods (N,) [`period` in s] up to each row, with lost rows.
+
+        Row numbers (N,) count the periods without lost rows. With `width` above 0, lost rows are searched. They show in
+        a step that is long for its rows, after which the mean deviation of the clock over `width` stamps increases by a
+        period or more. Larger steps are tried first. The loss is assigned to the row step with the largest excess of
+        motion over its neighbours.
+        """
+        counts = np.diff(numbers)
+        around = np.pad(np.diff(self.position), 1, mode="edge")
+        usual = 0.5 * (around[:-2] + around[2:])  # motion in a row step without losses
+        excess = (np.diff(self.position) - usual) * np.sign(usual)
+        for begin, stop in self.parts if width else ():
+            last = self.last[begin:stop]
+            deviation = self.stamps[begin:stop] - period * numbers[last]
+            sums = np.append(0.0, np.cumsum(deviation - deviation[0]))
+            places = np.arange(1, stop - begin)
+            first, end = np.maximum(places - width, 0), np.minimum(places + width, stop - begin)
+            shifts = (sums[end] - sums[places]) / (end - places) - (sums[places] - sums[first]) / (places - first)
+            late = np.diff(deviation) / period  # periods beyond the rows of each step
+            long_steps = np.flatnonzero((late > CLEANING.long_step - 1.0) & (shifts > 0.5 * period))
+            for k in long_steps[np.argsort(-late[long_steps], kind="stable")]:
+                rows, stamp = last[first[k] : end[k]], k + 1 - first[k]
+                counted = np.append(0, np.cumsum(counts[rows[0] : rows[-1]]))[rows - rows[0]]
+                remaining = self.stamps[begin + first[k] : begin + end[k]] - period * counted
+                n_lost = max(0, round(float(remaining[stamp:].mean() - remaining[:stamp].mean()) / period))
+                # the row after a burst, too: its last row may be lost
+                end_row = last[min(k + 1 + width // 2, len(last) - 1)] + self.has_repeats
+                near = slice(last[max(0, k - width // 2)], end_row)
+                step = near.start + int(np.argmax(excess[near]))
+                counts[step] += n_lost
+                excess[step] -= n_lost * abs(usual[step])
+        return np.append(0, np.cumsum(counts))
 
 
 def _fit_clock(time: Array, counts: Index, parts: Parts) -> tuple[float, list[float]]:
