@@ -226,8 +226,9 @@ def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
     distance = float(np.median(np.abs(goal - recording.position)))
     if distance > BOUNDS.goal_distance:
         raise ColumnError(
-            f"the goal is {distance:.3g} rad away from the position, as if in other units or from another zero: say "
-            f"them as those of the position, {_format_columns(origin.change_column('reference', unit='deg'))} for one"
+            f"the goal is {distance:.3g} rad away from the position, as if in another unit or from another zero: give "
+            f"it the unit and zero of the position, {_format_columns(origin.change_column('reference', unit='deg'))} "
+            "for one"
         )
 
 

@@ -221,8 +221,8 @@ def narrate_payload(payload: Payload, body: Body) -> list[Part]:
         content.append(f"{join_words(payload.hidden)}: no motion of the joints shows them")
     if payload.exists is False:
         content.append(
-            "No body has the moments of the best fit, so those of the nearest body are shown: something else changed "
-            "as well, or the motion says too little."
+            "No body has the moments of the best fit, and those of the nearest body are shown. Something else changed "
+            "as well, or the motion determines too little."
         )
     sizes, units = payload.torque_rms.items(), {at: body.units(at).unit(NEWTON_METRE) for at in payload.torque_rms}
     errors = [(at, f"{before:.4g}", f"{after:.4g}", units[at]) for at, (before, after) in sizes]

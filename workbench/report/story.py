@@ -151,9 +151,9 @@ def make_method(case: ReportData) -> Section:
     content: Content = [
         f"The base model has the terms {terms}. Its torque balance is averaged over short smooth windows clear of "
         "stick, which passes both sides through the same filter, and solved by least squares. Standard errors allow "
-        "for residuals that are correlated in time. An effect is added only if it predicts blocks of the fitted data "
-        "that it was not fitted to, and then lowers the error on held-out data, in torque and in free-running "
-        f"simulation over {HORIZON:g} s.{split}",
+        "for residuals that are correlated in time. An effect must predict blocks of the fitted data that it was not "
+        "fitted to. It must then lower the error on held-out data, in torque and in free-running simulation over "
+        f"{HORIZON:g} s.{split}",
         tuple(
             dict.fromkeys(
                 f"{recording.name}: {describe_note(note)}" for recording in recordings for note in recording.notes
