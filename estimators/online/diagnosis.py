@@ -36,7 +36,7 @@ MIN_EVIDENCE = 3.0  # nat of forgetting, above which an alarm may be a change
 PREDICTION_TIME = 1.0  # [s] of motion that new models predict before the comparison with former models
 REPORT_TIME = 2.0  # [s] of motion between a change and its report
 COMPARISON_TIME = 5.0  # [s] of motion before parameters are compared with given ones
-UNEXPLAINED_TIME = 5.0  # [s] of motion before an error is reported as unexplained
+UNEXPLAINED_TIME = 5.0  # [s] of motion, since the first fit or a suspected change, before an error is unexplained
 THRESHOLD_SHARE = 0.5  # share of the threshold that an effect must reach after a change
 
 
@@ -389,8 +389,9 @@ class EffectMonitor:
         is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect(is_changing)
         if is_missing:
             is_unexplained = ranking[0].residual > Criterion().misfit * verdict.floor
-        else:  # an error before and after a suspected change is no unexplained error
-            is_unexplained = not is_changing and verdict.motion >= UNEXPLAINED_TIME
+        else:  # a suspected change, which raises the error, is accepted or rejected within this time
+            n_bins = comparison.n_since_change if is_changing else comparison.n_predicted
+            is_unexplained = n_bins >= self._plant.count_bins(UNEXPLAINED_TIME)
             is_unexplained &= verdict.error > Criterion().misfit * verdict.floor
         is_missing &= not is_unexplained
         group = [ranking[0].effect] if is_missing else []

@@ -95,7 +95,7 @@ def test_a_lag_gains_nothing_by_smoothing_noise_of_the_torque():
 
 @pytest.mark.parametrize(
     "hidden",
-    slow.but_first([{"backlash": BACKLASH}, {"presliding": {"dahl_sigma": 20.0}}]),
+    slow.but_first([{"backlash": BACKLASH}, {"joint_flexibility": {"Jm": 0.03, "bl_k": 60.0, "bl_d": 0.2}}]),
     ids=lambda hidden: next(iter(hidden)),
 )
 def test_an_error_that_no_effect_explains_is_unexplained(hidden):
