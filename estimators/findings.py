@@ -111,6 +111,7 @@ class Kind(StrEnum):
 
     # the next step
     TABLE_HELPS = "table_helps"
+    ROTORS_MISSING = "rotors_missing"
     NO_EFFECT_OPEN = "no_effect_open"
     FIT_HELD_OUT = "fit_held_out"
     INERTIA_UNKNOWN = "inertia_unknown"

@@ -19,7 +19,8 @@ from pendulum_env.servo import KEYS, TEXT_KEYS, ServoDrive
 from workbench.errors import InputError
 
 T = TypeVar("T")
-COUPLING = "coupling"  # effect between two joints: only arms have it
+COUPLING = "coupling"  # effect between two joints
+ARM_EFFECTS = (COUPLING, "rotor")  # only arms have them
 FORMATS = "CSV, Parquet, NPZ, JSON, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 DRIVE = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
@@ -103,7 +104,7 @@ def find_effect(id: str, find_kind: Callable[[str], type[Term]] | None = None) -
 
     Raises ValueError if it is unknown; the message names the nearest id.
     """
-    return id if id == COUPLING else (find("effect", id, list_nameable()) if find_kind is None else find_kind(id)).id
+    return id if id in ARM_EFFECTS else (find("effect", id, list_nameable()) if find_kind is None else find_kind(id)).id
 
 
 def parse_values(text: str) -> dict[str, float]:

@@ -15,6 +15,7 @@ from estimators.diagnosis.unexplained import check_torque_sign, find_holdout_str
 from estimators.findings import Finding, Kind
 from estimators.selection.physical import find_driving_friction, find_violations
 from estimators.selection.tables import find_explaining_law
+from pendulum_env.arms.joints import Rotor
 from pendulum_env.physics import TABLES
 
 
@@ -76,7 +77,9 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     tables_at_joints = ([table for table in evaluator.tables if table.at == joint] for joint in joints)
     tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evaluator, terms, kinds)) is not None)
     no_experiment = Finding(Kind.NO_EFFECT_OPEN) if residuals else None
-    if residuals and not joints:
+    if rotors := tuple(term.at for term in terms if isinstance(term, Rotor)):
+        no_experiment = Finding(Kind.ROTORS_MISSING, joints=rotors)
+    elif residuals and not joints:
         no_experiment = Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names)
     elif diagnosis.ambiguous:
         no_experiment = Finding(Kind.TIED, effects=diagnosis.ambiguous[0])

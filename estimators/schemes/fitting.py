@@ -101,6 +101,17 @@ class Identified(Shown):
         convergence = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
         return replace(self, model=model, convergence=convergence)
 
+    def without_bias(self, bias: Array, std: Array) -> Identified:
+        """Subtract a bias of the linear parameters (P,) with independent standard errors (P,); bounded ones are kept."""
+        estimates = dict(self.model.estimates)
+        for column, change, error in zip(self.model.columns, bias.tolist(), std.tolist(), strict=True):
+            old = estimates[column.name]
+            if old.std > 0:
+                estimates[column.name] = replace(old, value=old.value - change, std=float(np.hypot(old.std, error)))
+        model = replace(self.model, estimates=estimates)
+        theta = self.convergence.theta + (model.theta - self.model.theta)
+        return replace(self, model=model, convergence=replace(self.convergence, theta=theta))
+
     def json(self) -> JSON:
         """Return a dictionary for JSON; withheld estimates are null."""
         theta = {

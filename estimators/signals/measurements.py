@@ -282,20 +282,38 @@ def add_states(m: Measurements, terms: Sequence[Term]) -> Measurements:
 def choose_smoothing(recording: Recording) -> Smoothing:
     """Choose the shortest window of at least two samples with negligible encoder noise in the acceleration.
 
-    Noise is negligible below `MAX_NOISE` of the RMS acceleration (`MAX_NOISE_SWING` in a free swing). If no candidate
-    satisfies this, the longest is chosen. Short windows keep more samples near reversals, which show friction.
+    If no candidate has negligible noise, the longest is chosen. Short windows keep more samples near reversals, which
+    show friction.
     """
-    noise, limit = estimate_encoder_noise(recording.position), MAX_NOISE_SWING if recording.known_inertia else MAX_NOISE
-    longest = (len(recording) - SPARE_SAMPLES) // 2
-    widths = sorted({min(longest, max(2, round(width * recording.rate))) for width in WIDTHS})
-    for half_width in widths:
-        curvature = np.convolve(make_window(half_width), CURVATURE)
-        total_square = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
-        noise_square = (noise * _compute_noise_gain(curvature)) ** 2
-        if noise_square <= limit**2 * max(0.0, total_square - noise_square):
-            break
+    noise = estimate_encoder_noise(recording.position)
+    widths = _list_half_widths(recording)
+    half_width = next((width for width in widths if _has_negligible_noise(recording, width, noise)), widths[-1])
     velocity_noise = noise * recording.rate * _compute_noise_gain(np.convolve(make_window(half_width), SLOPE))
     return Smoothing(half_width, max(SLOWEST, 5 * velocity_noise))
+
+
+def has_encoder_bias(recording: Recording) -> bool:
+    """Return whether encoder noise in the acceleration is not negligible in the longest window."""
+    longest = _list_half_widths(recording)[-1]
+    return not _has_negligible_noise(recording, longest, estimate_encoder_noise(recording.position))
+
+
+def _list_half_widths(recording: Recording) -> list[int]:
+    """List candidates of half widths [samples], ascending."""
+    longest = (len(recording) - SPARE_SAMPLES) // 2
+    return sorted({min(longest, max(2, round(width * recording.rate))) for width in WIDTHS})
+
+
+def _has_negligible_noise(recording: Recording, half_width: int, noise: float) -> bool:
+    """Return whether position noise [rad] in the acceleration is below `MAX_NOISE` of the RMS acceleration.
+
+    In a free swing, the limit is `MAX_NOISE_SWING`.
+    """
+    limit = MAX_NOISE_SWING if recording.known_inertia else MAX_NOISE
+    curvature = np.convolve(make_window(half_width), CURVATURE)
+    total_square = float(np.mean(np.convolve(recording.position, curvature, "valid") ** 2))
+    noise_square = (noise * _compute_noise_gain(curvature)) ** 2
+    return noise_square <= limit**2 * max(0.0, total_square - noise_square)
 
 
 def _compute_noise_gain(kernel: Array) -> float:

@@ -35,6 +35,20 @@ NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "g
 REVOLUTE_ONLY = ("cogging", "torque_ripple", "position_dependent_friction", "gravity_tilt", "encoder_eccentricity")
 
 
+@dataclass(frozen=True)
+class Rotor(Term):
+    """Inertia of a motor's rotor at its joint, reflected by the gear. A robot file often lacks it."""
+
+    id = "rotor"
+    law = "I q''"
+    kind = "inertial"
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Return the column of inertia."""
+        return (Column("rotor", "kg m^2", mass=return_one, least=0.0),)
+
+
 def is_possible_at_joint(id: str, is_prismatic: bool = False) -> bool:
     """Return whether an effect is possible at a revolute or linear joint of an arm."""
     return id not in NOT_DECENTRALISED and not (is_prismatic and (id in REVOLUTE_ONLY or id == Coupling.id))
@@ -117,11 +131,16 @@ def list_couplings(body: Body) -> tuple[type[Coupling], ...]:
 
 def choose_coupling(at: str, body: Body) -> type[Coupling]:
     """Return the coupling of two joints, without motor inertia if link parameters explain it."""
+    return get_coupling(at, has_separate_rotor(at, body))
+
+
+def has_separate_rotor(at: str, body: Body) -> bool:
+    """Return whether no link parameters explain the inertia of a motor at one joint, or at two coupled ones."""
     factors = np.array([list_loads(at).get(joint, 0.0) for joint in body.joints])
     q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
     motor_torque, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
     residual = motor_torque - links @ np.linalg.lstsq(links, motor_torque, rcond=None)[0]
-    return get_coupling(at, bool(np.linalg.norm(residual) > NEGLIGIBLE * np.linalg.norm(motor_torque)))
+    return bool(np.linalg.norm(residual) > NEGLIGIBLE * np.linalg.norm(motor_torque))
 
 
 def place_term(term: Term, joint: str, is_prismatic: bool = False) -> Term:
@@ -173,12 +192,15 @@ def list_effects(body: Mechanism) -> dict[str, type[Term]]:
 
 
 def joint_effects() -> dict[str, type[Term]]:
-    """Return the library effects of an arm's joint and the coupling of two joints, by id."""
-    return {id: effect for id, effect in list_nameable().items() if is_possible_at_joint(id)} | {Coupling.id: Coupling}
+    """Return the library effects of an arm's joint, its rotor, and the coupling of two joints, by id."""
+    effects = {id: effect for id, effect in list_nameable().items() if is_possible_at_joint(id)}
+    return effects | {kind.id: kind for kind in (Rotor, Coupling)}
 
 
 def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
     """Place effects at each joint where they are possible, and couplings at each pair of adjacent joints.
+
+    A rotor is possible where link parameters do not explain its inertia.
 
     Effects that are already at a joint are kept.
     """
@@ -191,7 +213,7 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
         place_effect(kind, joint, is_prismatic)
         for joint, is_prismatic in joints
         for kind in single
-        if is_possible_at_joint(kind.id, is_prismatic)
+        if is_possible_at_joint(kind.id, is_prismatic) and (kind is not Rotor or has_separate_rotor(joint, body))
     ]
     return [*effects, *(list_couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
@@ -209,6 +231,8 @@ def find_kind(text: str, body: Mechanism, library: Mapping[str, type[Term]] | No
     joints, (id, _, at) = body.joints, text.partition("@")
     if id != Coupling.id:
         kind, joint = parse_effect(text, joints, library or joint_effects() | TABLES, body.prismatic_joints)
+        if kind is Rotor and not has_separate_rotor(joint, body):
+            raise UserError(f"{id} at '{joint}' is part of the link parameters: leave it out")
         return place_effect(kind, joint, body.is_prismatic[joints.index(joint)])
     pair = [find("joint", joint, {name: name for name in joints}) for joint in list_loads(at)]
     _refuse_prismatic(id, pair, body.prismatic_joints)
@@ -239,7 +263,7 @@ def parse_effect(
 ) -> tuple[type[Term], str]:
     """Parse effect and joint of `stribeck@elbow`; `library` holds the allowed effects, by default `joint_effects`."""
     id, at, joint = text.partition("@")
-    if library is None and id in (Coupling.id, *MEASURED):
+    if library is None and id in (Coupling.id, Rotor.id, *MEASURED):
         raise UserError(f"{id} is nothing that the simulator here has: leave it out")
     if not at and id not in NOT_DECENTRALISED:
         raise UserError(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")

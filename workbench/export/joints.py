@@ -7,7 +7,7 @@ the robot file. Shapes and meshes are left out.
 import numpy as np
 
 from estimators.arms.standard import nearest_body
-from pendulum_env.arms.joints import Coupling
+from pendulum_env.arms.joints import Coupling, Rotor
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.world import build_specification
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
@@ -21,7 +21,7 @@ def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     """Return the terms at one joint as a pendulum model, and the tables at it, which are left out."""
     of_joint = [term for term in model.terms[1:] if term.at == joint]
     tables = tuple(f"{table.id} ({table.law}): it is left out" for table in of_joint if isinstance(table, Table))
-    effects = [term for term in of_joint if not isinstance(term, Table)]
+    effects = [term for term in of_joint if not isinstance(term, Table | Rotor)]
     terms = [find_term(term.id.partition("@")[0])(**term.nonlinear_values) for term in effects]
     names = [column.name for term in terms for column in term.columns]
     theta = np.array([get_value(model, f"{name}@{joint}") for name in names])
@@ -49,6 +49,7 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
     spec.option.timestep = request.step
     for joint in spec.joints:
         joint.solref_friction = STEPS * request.step, 1.0
+        joint.armature += get_value(model, f"rotor@{joint.name}")
         stiffness = get_value(model, f"spring.stiffness@{joint.name}")
         if stiffness > 0 and is_spring_linear(select_joint(model, joint.name)[0]):
             joint.stiffness = [stiffness, 0.0, 0.0]

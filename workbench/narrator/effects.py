@@ -75,6 +75,9 @@ EFFECTS: dict[str, Description] = {
         informative_experiment="steps of torque",
     ),
     "back_emf": Description(informative_experiment="motion with the motor on and off"),
+    "rotor": Description(
+        title="inertia of the rotor", resembles=("coupling",), informative_experiment="fast accelerations of the joint"
+    ),
     "coupling": Description(informative_experiment="motion of either joint without the other, and of both"),
     "coulomb_asymmetry": Description(
         title="Coulomb friction that differs by direction",

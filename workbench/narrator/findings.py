@@ -582,6 +582,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
     ),
     Kind.SERVO_OFF: _describe_servo,
     Kind.TABLE_HELPS: _describe_table,
+    Kind.ROTORS_MISSING: lambda finding: (
+        f"The robot file lacks the inertia of the motors at {join_words(finding.joints)}. Fit all rotors: "
+        f"{format_setting('rotors', True)}."
+    ),
     Kind.NO_EFFECT_OPEN: "No library effect explains the rest of the residual. Write your own effect, or keep a table.",
     Kind.FIT_HELD_OUT: (
         "The model explains the fitted data, but not the held-out data ({recordings}). If both are of one machine, "
