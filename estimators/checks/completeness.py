@@ -17,6 +17,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
+from estimators.selection.criterion import Criterion
 from estimators.selection.physical import find_driving_friction
 from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows, prepare_windows
 from pendulum_env.arms.body import Body
@@ -76,16 +77,19 @@ def _check_completeness(
 ) -> tuple[list[Finding], Results]:
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
-    A residual above `WEAK_FORM.unexplained` noise floors, or a difference of two schemes above `DISAGREEMENT` standard
-    errors, gives a finding. Each missing effect shifts all estimates, so all are then marked as biased.
+    A residual above `WEAK_FORM.unexplained` noise floors, a correlated residual (`Criterion.is_noise`), or a difference
+    of two schemes above `DISAGREEMENT` standard errors gives a finding. Each missing effect shifts all estimates, so
+    all are then marked as biased.
 
     Returns:
         Findings, and the results with the marks.
     """
-    data, floors = regression_data.data, regression_data.floors
-    rms_of_joints = regression_data.joint_errors(regression_data.residual(terms))
-    limits = {at: WEAK_FORM.unexplained * max(floors[at], data.compute_negligible_residual(at)) for at in rms_of_joints}
-    ratios = {at: error / max(floors[at], 1e-300) for at, error in rms_of_joints.items() if error > limits[at]}
+    criterion, layout = Criterion(misfit=WEAK_FORM.unexplained), regression_data.layout
+    residual, inertias, ratios = regression_data.residual(terms), regression_data.inertias(terms), dict[str, float]()
+    for at, floor in regression_data.floors.items():
+        structure = layout.structure(at, residual[regression_data.locate_rows(at)], inertias[at])
+        if not criterion.is_noise(structure, max(floor, regression_data.data.compute_negligible_residual(at))):
+            ratios[at] = structure.rms / max(floor, 1e-300)
     gaps = sorted(_compute_scheme_differences(list(results.values())))
     disagreements = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name
     numbers = {"residual": Quantity(max(ratios.values()))} if ratios else {}

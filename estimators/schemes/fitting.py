@@ -102,7 +102,7 @@ class Identified(Shown):
         return replace(self, model=model, convergence=convergence)
 
     def without_bias(self, bias: Array, std: Array) -> Identified:
-        """Subtract a bias of the linear parameters (P,) with independent standard errors (P,); bounded ones are kept."""
+        """Subtract a bias of the linear parameters (P,) and add its standard errors (P,); bounded ones are kept."""
         estimates = dict(self.model.estimates)
         for column, change, error in zip(self.model.columns, bias.tolist(), std.tolist(), strict=True):
             old = estimates[column.name]
