@@ -68,6 +68,19 @@ def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
         assert found.model.estimates[name].value == pytest.approx(share, abs=0.02)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [3, 4])
+def test_rotors_that_the_robot_file_lacks_are_identified(n):
+    """Rotors of the first two joints are part of the links' parameters."""
+    joints, lacking = six_joint.JOINTS[2:n], six_joint.body(six_joint.JOINTS[:n], rotors=False)
+    found = diagnose(six_joint.simulate(3, rubs=[1.0] * n, seconds=10.0), (), arm_base(lacking))
+    assert set(found.selected) == {f"rotor@{joint}" for joint in joints} and not found.left
+    assert found.forbidden is not None and found.forbidden.kind is Kind.ROTORS_MISSING
+    for joint, value in zip(joints, six_joint.ROTORS[2:], strict=False):
+        estimate = found.model[f"rotor@{joint}"]
+        assert abs(estimate.value - value) < 4 * estimate.std
+
+
 HEAVY = replace(TwoLink(), mass=(1.2, 1.1), inertia=(0.02, 0.012))  # with 0.3 kg at the forearm's centre of mass
 
 

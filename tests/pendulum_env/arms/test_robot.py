@@ -113,6 +113,7 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
     assert not {"cogging@torso", "torque_ripple@torso", "position_dependent_friction@torso"} & offered
     assert {kind.at for kind in list_couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}
     assert {kind.id for kind in list_couplings(body)} <= offered
+    assert {id for id in offered if id.startswith("rotor")} == {"rotor@torso", "rotor@elbow"}  # others are the links'
     links = Links(body)
     assert [links.list_angle_functions(joint) for joint in body.joints] == [("one",), ("sine", "cosine"), ()]
     table = (
@@ -128,6 +129,8 @@ def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp
         find_kind("coupling@-shoulder,elbow", body)
     with pytest.raises(ValueError, match="coupling is nothing that the simulator here has: leave it out"):
         parse_effect("coupling@shoulder,elbow", body.joints)
+    with pytest.raises(ValueError, match="rotor at 'shoulder' is part of the link parameters"):
+        find_kind("rotor@shoulder", body)
     units = {shape.name: shape.unit for shape in find_kind("stribeck@torso", body).nonlinear_parameters}
     assert units["stribeck_velocity"] == "m/s"
 
