@@ -223,12 +223,12 @@ def simulate(
     return replace(recording, temperature=25.0 + warmer) if thermometers else recording
 
 
-def body(joints: Sequence[str] = JOINTS, rotors: bool = True) -> Body:
-    """Return the links of the arm's file, with or without rotors."""
+def body(joints: Sequence[str] = JOINTS) -> Body:
+    """Return the links of the arm's file."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf(joints=joints))
-        return read_body(path, rotors=rotors)
+        return read_body(path, rotors=True)
 
 
 def draw_friction_factors(run: int, joints: int = 6) -> list[float]:

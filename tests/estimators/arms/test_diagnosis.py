@@ -72,7 +72,7 @@ def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
 @pytest.mark.parametrize("n", [3, 4])
 def test_rotors_that_the_robot_file_lacks_are_identified(n):
     """Rotors of the first two joints are part of the links' parameters."""
-    joints, lacking = six_joint.JOINTS[2:n], six_joint.body(six_joint.JOINTS[:n], rotors=False)
+    joints, lacking = six_joint.JOINTS[2:n], replace(six_joint.body(six_joint.JOINTS[:n]), rotors=False)
     found = diagnose(six_joint.simulate(3, rubs=[1.0] * n, seconds=10.0), (), arm_base(lacking))
     assert set(found.selected) == {f"rotor@{joint}" for joint in joints} and not found.left
     assert found.forbidden is not None and found.forbidden.kind is Kind.ROTORS_MISSING
