@@ -160,7 +160,7 @@ def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Arr
     count = int(clusters.max()) + 1
     parts = [(phi[rows], residual[rows]) for rows in (clusters == cluster for cluster in range(count))]
     grams = np.array([x.T @ x for x, _ in parts])
-    longest = max(len(x) for x, _ in parts)
+    hats, longest = grams @ inverse, max(len(x) for x, _ in parts)
     if longest < len(inverse):  # matrices (longest, longest) are smaller: phi' (I - phi B phi')^-1 e
         columns, padded = np.zeros((count, longest, len(inverse))), np.zeros((count, longest, 1))
         for k, (x, errors) in enumerate(parts):
@@ -170,9 +170,9 @@ def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Arr
         scores_without = (transposed @ (_invert_matrices(remaining) @ padded))[:, :, 0]
     else:
         scores = np.array([x.T @ errors for x, errors in parts])
-        remaining = np.eye(len(inverse)) - grams @ inverse
+        remaining = np.eye(len(inverse)) - hats
         scores_without = (_invert_matrices(remaining) @ scores[:, :, None])[:, :, 0]
-    shares = np.einsum("ij,kji->ki", inverse, grams @ inverse)
+    shares = np.einsum("ij,kji->ki", inverse, hats)
     score_products = scores_without.T @ scores_without
     covariance = (count - 1) / count * inverse @ score_products @ inverse
     freedom = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
