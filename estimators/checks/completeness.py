@@ -77,18 +77,20 @@ def _check_completeness(
 ) -> tuple[list[Finding], Results]:
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
-    A residual above `WEAK_FORM.unexplained` noise floors, a correlated residual (`Criterion.is_noise`), or a difference
-    of two schemes above `DISAGREEMENT` standard errors gives a finding. Each missing effect shifts all estimates, so
-    all are then marked as biased.
+    A residual above `WEAK_FORM.unexplained` noise floors, of an arm a correlated residual (`Criterion.is_noise`), or a
+    difference of two schemes above `DISAGREEMENT` standard errors gives a finding. Each missing effect shifts all
+    estimates, so all are then marked as biased.
 
     Returns:
         Findings, and the results with the marks.
     """
-    criterion, layout = Criterion(misfit=WEAK_FORM.unexplained), regression_data.layout
+    criterion, layout = Criterion(), regression_data.layout
     residual, inertias, ratios = regression_data.residual(terms), regression_data.inertias(terms), dict[str, float]()
     for at, floor in regression_data.floors.items():
         structure = layout.structure(at, residual[regression_data.locate_rows(at)], inertias[at])
-        if not criterion.is_noise(structure, max(floor, regression_data.data.compute_negligible_residual(at))):
+        negligible = regression_data.data.compute_negligible_residual(at)  # zero of a pendulum
+        is_correlated = bool(negligible) and not criterion.is_noise(structure, max(floor, negligible))
+        if is_correlated or structure.rms > WEAK_FORM.unexplained * max(floor, negligible):
             ratios[at] = structure.rms / max(floor, 1e-300)
     gaps = sorted(_compute_scheme_differences(list(results.values())))
     disagreements = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name
