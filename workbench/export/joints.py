@@ -49,13 +49,14 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
     spec.option.timestep = request.step
     for joint in spec.joints:
         joint.solref_friction = STEPS * request.step, 1.0
-        joint.armature += get_value(model, f"rotor@{joint.name}")
         stiffness = get_value(model, f"spring.stiffness@{joint.name}")
         if stiffness > 0 and is_spring_linear(select_joint(model, joint.name)[0]):
             joint.stiffness = [stiffness, 0.0, 0.0]
             joint.springref = -get_value(model, f"spring.preload@{joint.name}") / stiffness
     for tie in spec.equalities:
         tie.solref = STEPS * request.step, 1.0
+    for term in (part for part in model.terms if isinstance(part, Rotor)):  # those of `body` are in `standard`
+        spec.joint(term.at).armature += get_value(model, f"rotor@{term.at}")
     for term in (part for part in model.terms if isinstance(part, Coupling)):
         motor = spec.add_tendon(name=term.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
         for joint, factor in list_loads(term.at).items():
