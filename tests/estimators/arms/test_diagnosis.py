@@ -75,7 +75,7 @@ def test_rotors_that_the_robot_file_lacks_are_identified(n):
     joints, lacking = six_joint.JOINTS[2:n], replace(six_joint.body(six_joint.JOINTS[:n]), rotors=False)
     found = diagnose(six_joint.simulate(3, rubs=[1.0] * n, seconds=10.0), (), arm_base(lacking))
     assert set(found.selected) == {f"rotor@{joint}" for joint in joints} and not found.left
-    assert found.forbidden is not None and found.forbidden.kind is Kind.ROTORS_MISSING
+    assert found.no_experiment is not None and found.no_experiment.kind is Kind.ROTORS_MISSING
     for joint, value in zip(joints, six_joint.ROTORS[2:], strict=False):
         estimate = found.model[f"rotor@{joint}"]
         assert abs(estimate.value - value) < 4 * estimate.std
