@@ -1,16 +1,17 @@
 """Replace late time stamps of uniform samples, and resample an encoder that is slower than its log."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.cleaning import CLEANING, Log, note_rows
 from pendulum_env.recording.clock import STEPS
+from pendulum_env.recording.lost_rows import MotionEvidence, Parts, find_levels, find_period
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.sampling import average_torque
 
@@ -20,8 +21,8 @@ class JitterSettings:
     """Limits on deviations of time stamps from a uniform clock, and on the clock of a slow encoder."""
 
     pause: float = 5.0  # [periods], least step between parts with separate clocks
-    precision: float = 0.1  # [periods], standard error of the shift of the clock across a possible loss
-    most_stamps: int = 50  # most stamps on either side in the mean of this shift
+    precision: float = 0.1  # [periods], standard error of the steps whose median gives the first period
+    most_stamps: int = 50  # most stamps in such a step
     fewest_stamps: int = 100  # least number of steps between stamps that repeat: rounding moves a clock by 1 / n^2
     least_white: float = 1.0  # least mean square of successive differences over the variance: 2 if white, 0 if summed
     largest_spread: float = 0.5  # [periods], largest standard deviation of the stamps
@@ -36,10 +37,8 @@ class JitterSettings:
 
 JITTER = JitterSettings()
 WEIGHTS = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # interpolation by the cubic through two samples on either side
-SPAN = 4  # rows on either side for velocity, more than for `WEIGHTS`
+SPAN = 4  # rows on either side for velocity and for the usual motion, more than for `WEIGHTS`
 NEGLIGIBLE = 1e-3  # deviation of a stamp that counts as none [periods]
-
-Parts = Sequence[tuple[int, int]]  # first and end of each part
 
 
 def replace_late_stamps(log: Log) -> None:
@@ -71,8 +70,9 @@ def replace_late_stamps(log: Log) -> None:
     if not any(b - a > 2 * SPAN for a, b in parts):
         return
     rows = StampedRows(stamps, last, position, parts)
-    alternatives = product((np.arange(len(time)), log.rows), (0, width))
-    fits = [rows.fit_clock(numbers, period, shift_width) for numbers, shift_width in alternatives]
+    clocks = ((period, False), (find_period(stamps, period, parts), True))
+    alternatives = product((np.arange(len(time)), log.rows), clocks)
+    fits = [rows.fit_clock(numbers, period, has_losses=has_losses) for numbers, (period, has_losses) in alternatives]
     fit = min(fits, key=lambda fit: fit.score)
     successive = np.mean(np.concatenate([np.diff(delay) for delay in fit.delays if len(delay) > 2 * SPAN]) ** 2)
     is_white = successive >= JITTER.least_white * fit.std**2 and fit.std <= JITTER.largest_spread * fit.period
@@ -128,54 +128,38 @@ class StampedRows(NamedTuple):
     position: Array
     parts: Parts
 
-    @property
-    def has_repeats(self) -> bool:
-        """Return whether rows repeat a time."""
-        return len(self.last) < len(self.position)
-
-    def fit_clock(self, numbers: Index, period: float, width: int) -> ClockFit:
+    def fit_clock(self, numbers: Index, period: float, *, has_losses: bool) -> ClockFit:
         """Fit a uniform clock, with the losses of `count_periods`, which explains the arguments."""
-        stamps, counts = self.stamps, self.count_periods(numbers, period, width)
+        stamps, counts = self.stamps, self.count_periods(numbers, period) if has_losses else numbers - numbers[0]
         period, offsets = _fit_clock(stamps, counts[self.last], self.parts)
         pairs = zip(self.parts, offsets, strict=True)
         delays = [stamps[a:b] - offset - period * counts[self.last[a:b]] for (a, b), offset in pairs]
-        n_lost = int(np.ptp(counts) - np.ptp(numbers))
+        n_losses = np.count_nonzero(np.diff(counts) - np.diff(numbers))
         fit = ClockFit(0.0, period, offsets, counts, delays)
         misfit = len(stamps) * float(np.log(fit.std**2 + (NEGLIGIBLE * period) ** 2))
-        return fit._replace(score=misfit + 2 * n_lost * float(np.log(len(stamps))))
+        return fit._replace(score=misfit + 2 * n_losses * float(np.log(len(stamps))))
 
-    def count_periods(self, numbers: Index, period: float, width: int) -> Index:
-        """Count the periods (N,) [`period` in s] up to each row, with lost rows.
+    def count_periods(self, numbers: Index, period: float) -> Index:
+        """Count the periods (N,) [`period` in s] up to each row, with lost rows, by maximum likelihood.
 
-        Row numbers (N,) count the periods without lost rows. With `width` above 0, lost rows are searched. They show in
-        a step that is long for its rows, after which the mean deviation of the clock over `width` stamps increases by a
-        period or more. Larger steps are tried first. The loss is assigned to the row step with the largest excess of
-        motion over its neighbours.
+        Counts exceed the row numbers (N,), which count the periods without lost rows, by a level that rises where rows
+        were lost. Stamps deviate from the clock by normal errors. Motion in a step deviates from the median motion of
+        its neighbours, times the periods of the step, by errors with long tails. It decides where stamps do not.
         """
-        counts = np.diff(numbers)
-        around = np.pad(np.diff(self.position), 1, mode="edge")
-        usual = 0.5 * (around[:-2] + around[2:])  # motion in a row step without losses
-        excess = (np.diff(self.position) - usual) * np.sign(usual)
-        for begin, stop in self.parts if width else ():
+        counts, moves = np.diff(numbers), np.diff(self.position)
+        neighbours = np.delete(sliding_window_view(np.pad(moves, SPAN, mode="edge"), 2 * SPAN + 1), SPAN, axis=1)
+        usual = np.median(neighbours, axis=1) * counts  # motion in a row step without losses
+        excess = moves - usual
+        scale = float(np.mean(np.abs(excess))) or 1.0
+        for begin, stop in self.parts:
             last = self.last[begin:stop]
-            deviation = self.stamps[begin:stop] - period * numbers[last]
-            sums = np.append(0.0, np.cumsum(deviation - deviation[0]))
-            places = np.arange(1, stop - begin)
-            first, end = np.maximum(places - width, 0), np.minimum(places + width, stop - begin)
-            shifts = (sums[end] - sums[places]) / (end - places) - (sums[places] - sums[first]) / (places - first)
-            late = np.diff(deviation) / period  # periods beyond the rows of each step
-            long_steps = np.flatnonzero((late > CLEANING.long_step - 1.0) & (shifts > 0.5 * period))
-            for k in long_steps[np.argsort(-late[long_steps], kind="stable")]:
-                rows, stamp = last[first[k] : end[k]], k + 1 - first[k]
-                counted = np.append(0, np.cumsum(counts[rows[0] : rows[-1]]))[rows - rows[0]]
-                remaining = self.stamps[begin + first[k] : begin + end[k]] - period * counted
-                n_lost = max(0, round(float(remaining[stamp:].mean() - remaining[:stamp].mean()) / period))
-                # the row after a burst, too: its last row may be lost
-                end_row = last[min(k + 1 + width // 2, len(last) - 1)] + self.has_repeats
-                near = slice(last[max(0, k - width // 2)], end_row)
-                step = near.start + int(np.argmax(excess[near]))
-                counts[step] += n_lost
-                excess[step] -= n_lost * abs(usual[step])
+            deviation = (self.stamps[begin:stop] - self.stamps[begin]) / period - (numbers[last] - numbers[last[0]])
+            mean = np.mean(np.exp(2j * np.pi * deviation))
+            noise = np.sqrt(max(-np.log(np.abs(mean)) / (2.0 * np.pi**2), NEGLIGIBLE**2))
+            deviation -= np.angle(mean) / (2.0 * np.pi)
+            steps = slice(last[0], last[-1])
+            motion = MotionEvidence(usual[steps] / scale, excess[steps] / scale)
+            counts[steps] += np.diff(find_levels(deviation / noise, last - last[0], 1.0 / noise, motion))
         return np.append(0, np.cumsum(counts))
 
 

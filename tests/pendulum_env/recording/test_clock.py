@@ -117,6 +117,26 @@ def test_rows_that_are_lost_remain_gaps_though_stamps_are_late() -> None:
     np.testing.assert_allclose(recording.time, np.delete(run["time"], lost[3:]), rtol=0, atol=2e-4)
 
 
+@pytest.mark.parametrize("rate", [100, 200, 500])
+@pytest.mark.parametrize("share", [0.002, 0.01, 0.03])
+@pytest.mark.parametrize("jitter", [0.05, 0.1, 0.15, 0.2])  # of a period
+def test_rows_keep_their_time_beside_lost_rows_wherever_their_stamps_determine_it(
+    jitter: float, share: float, rate: int
+) -> None:
+    run, rng = motion(rate, 20.0), np.random.default_rng(rate)
+    error = jitter * rng.standard_normal(len(run["time"]))
+    is_kept = rng.uniform(size=len(error)) >= share
+    is_kept[[0, -1]], is_clear = True, np.abs(error) < 0.3
+    stamps = np.maximum.accumulate(run["time"] + error / rate)
+    recording = read_recording({name: v[is_kept] for name, v in (run | {"time": stamps}).items()})
+    assert NoteKind.STAMPS_LATE in [note.kind for note in recording.notes]
+    rows = np.rint(recording.time * rate).astype(int)
+    assert rows[-1] == len(error) - 1
+    np.testing.assert_allclose(recording.time, rows / rate, rtol=0, atol=0.02 / rate)
+    is_own = (is_kept & is_clear)[rows]
+    np.testing.assert_allclose(recording.position[is_own], run["position"][rows][is_own], rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("accumulates", [False, True])
 def test_stamps_of_samples_that_were_taken_unevenly_stand(accumulates: bool) -> None:
     rng = np.random.default_rng(3)
