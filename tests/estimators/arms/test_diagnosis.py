@@ -74,7 +74,7 @@ def test_rotors_that_the_robot_file_lacks_are_identified(n):
     """Rotors of the first two joints are part of the links' parameters."""
     joints, lacking = six_joint.JOINTS[2:n], replace(six_joint.body(six_joint.JOINTS[:n]), rotors=False)
     found = diagnose(six_joint.simulate(3, rubs=[1.0] * n, seconds=10.0), (), arm_base(lacking))
-    assert set(found.selected) == {f"rotor@{joint}" for joint in joints} and not found.left
+    assert set(found.selected) == {f"rotor@{joint}" for joint in joints} and not found.joint_residuals
     assert found.no_experiment is not None and found.no_experiment.kind is Kind.ROTORS_MISSING
     for joint, value in zip(joints, six_joint.ROTORS[2:], strict=False):
         estimate = found.model[f"rotor@{joint}"]
