@@ -55,8 +55,8 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
             joint.springref = -get_value(model, f"spring.preload@{joint.name}") / stiffness
     for tie in spec.equalities:
         tie.solref = STEPS * request.step, 1.0
-    for term in (part for part in model.terms if isinstance(part, Rotor)):  # those of `body` are in `standard`
-        spec.joint(term.at).armature += get_value(model, f"rotor@{term.at}")
+    for rotor in (part for part in model.terms if isinstance(part, Rotor)):  # those of `body` are in `standard`
+        spec.joint(rotor.at).armature += get_value(model, f"rotor@{rotor.at}")
     for term in (part for part in model.terms if isinstance(part, Coupling)):
         motor = spec.add_tendon(name=term.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
         for joint, factor in list_loads(term.at).items():
