@@ -44,6 +44,7 @@ from pendulum_env.recording.vocabulary import (
     UNIT_NAMES,
     UNITS,
     UNITS_OF_NO_TORQUE,
+    UNSCALED,
     Rank,
     find_name,
     read_words,
@@ -266,6 +267,7 @@ def _refuse_missing(
 ) -> NoReturn:
     """Refuse a file without the needed columns; suggest columns among `headers` and the unused ones in `unused`."""
     option = format_setting("columns", {**expressions, **dict.fromkeys(missing, "NAME")})
+    speeds = [quote_value(h.strip(), LONGEST_HEADER) for h in headers if read_words(h.strip()).quantity == "velocity"]
     suggested = {q: suggestion for q in missing if (suggestion := _suggest_column(q, headers, unused))}
     hints = []
     if suggested:
@@ -278,6 +280,8 @@ def _refuse_missing(
     elif len(joints := _find_joints(headers)) > 1:
         robot = format_setting("robot", "ARM.urdf")
         hints = [f"there are some for {_list_headers(joints)}: an arm needs {robot}, one joint needs {option}"]
+    elif "position" in set(missing) - set(suggested) and speeds:
+        hints.append(f"{speeds[0]} is a velocity. Log position, as an integrated velocity has noise that is not white")
     elif not suggested:
         hints.append(f"name the columns {HEADER} (in s, rad, N m), or say which with {option}")
     if "time" in missing:
@@ -304,12 +308,15 @@ def _suggest_column(quantity: str, headers: Sequence[str], unused: Sequence[str]
     raw.sort(key=lambda header: bool(readings[header].label))  # `current_motor` before `current_in`
     if quantity == "torque":
         raw.sort(key=_find_header_raw_unit)  # currents first
+    named = [h for h in unused if readings[h].quantity == quantity and not readings[h].is_raw]
+    unscaled = [header for header in named if is_unscaled(header)]
     suggestions: list[tuple[str, list[str], str, str]] = [
         ("may count samples", [h for h in headers if normalise_name(h) in COUNTERS], "/RATE", " with their rate [Hz]"),
         ("may be the time", pairs, "", ""),  # as Simulink saves signals
         ("has its unit", [header for header in unused if find_trailing_unit(UNITS[quantity], header)], "", ""),
-        ("may be it", [h for h in unused if readings[h].quantity == quantity and not readings[h].is_raw], "", ""),
+        ("may be it", [header for header in named if header not in unscaled], "", ""),
         ("needs a gain", raw, *(_write_gain(quantity, raw[0].strip()) if raw else ("", ""))),
+        ("needs a gain", unscaled, "*0.001", f" with the {SI[quantity]} in a unit of it"),
     ]
     for reason, matches, conversion, meaning in suggestions if quantity == "time" else suggestions[2:]:
         for header in matches:
@@ -587,6 +594,8 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
         gain, meaning = _write_gain(quantity, name, can_find_gain)
         example = f"{format_setting('columns', {quantity: name + gain})}{meaning}"
         raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example}")
+    if expression.unit is None and not expression.factors:
+        _refuse_other_unit(quantity, name, is_unit_known=unit is not None)
     if unit is None and is_raw and quantity == "torque":  # `current [mA]`; counts have a gain to radians
         unit = find_trailing_unit(raw, name)
     is_inferred = False
@@ -608,6 +617,24 @@ def parse_column(quantity: str, text: str, headers: Sequence[str], can_find_gain
             f"{expression.offset}:{UNIT_NAMES[quantity].split(',')[0]}"
         )
     return FileColumn(quantity, name, names.index(name), unit, expression=expression, is_unit_inferred=is_inferred)
+
+
+def _refuse_other_unit(quantity: str, name: str, *, is_unit_known: bool) -> None:
+    """Refuse a name of another quantity, or of an unknown unit, for a column that the user gives without a unit."""
+    if quantity == "position" and read_words(name).quantity == "velocity":
+        raise ColumnError(
+            f"position cannot be column {name!r}, a velocity by its name: name a column of position, or give its unit, "
+            f"as in {format_setting('columns', {quantity: f'{name}:rad'})}"
+        )
+    if not is_unit_known and is_unscaled(name):
+        example = format_setting("columns", {quantity: f"{name}*0.001"})
+        meaning = f"with the {SI[quantity]} in a unit of it"
+        raise ColumnError(f"{quantity} cannot be column {name!r} without a gain: write {example} {meaning}")
+
+
+def is_unscaled(name: str) -> bool:
+    """Return whether the last word of a name is that of values without a unit: `torque_raw`."""
+    return not UNSCALED.isdisjoint(split_words(name)[-1:])
 
 
 def _parse_name(text: str, names: Sequence[str], units: Mapping[str, float]) -> Expression:

@@ -48,8 +48,8 @@ def read_recording(
         columns: columns by quantity (time, position, torque, velocity, reference, segment), each in the form
             `NAME:UNIT*GAIN/RATIO+OFFSET`: `{"position": "-Winkel:deg/6", "torque": "current:A*0.091"}`. `none` or None
             omits a quantity; torque is then zero. Units are s, ms, us, ns; rad, mrad, deg, rev, counts; rad/s, deg/s,
-            rpm, rev/s, counts/s; Nm, mNm, Ncm, A, mA, V, duty. Counts need the counts per turn (`enc:counts/4096`),
-            and currents a torque constant (`*?` if it is unknown).
+            rpm, rev/s, counts/s; Nm, mNm, Ncm, kgfcm, ozfin, lbfft, A, mA, V, duty. Counts need the counts per turn
+            (`enc:counts/4096`), and currents a torque constant (`*?` if it is unknown).
         drive: controller that follows the reference. Torque is then read from a column that the user names or from
             the controller's output (duty, current), or computed from the controller.
         name: name of the recording; by default that of the file, or `recording`.

@@ -18,10 +18,7 @@ ALIASES = {
     "jointvelocity jointvel qvel motorvelocity motorvel winkelgeschwindigkeit drehzahl",
     "torque": "torque tau τ effort trq tq moment jointtorque motortorque taumotor motortau appliedtorque drehmoment "
     "qfrcactuator couple",
-    "reference": "reference positionreference referenceposition posref refpos qref refq qr thetaref refangle angleref "
-    "setpoint positionsetpoint positioncmd positioncommand commandedposition poscmd qcmd thetacmd desiredposition "
-    "positiondesired desiredangle posdes despos qdes thetades goalposition targetposition positiontarget qtarget "
-    "inputpos action goal",
+    "reference": "reference qr setpoint inputpos action goal goalposition",
     "supply": "supply volts vbus busvoltage supplyvoltage batteryvoltage presentinputvoltage",
     "enabled": "enabled powered torqueenable torqueenabled torqueon driveenable driveenabled driveon motorenable "
     "motorenabled motoron servoenable servoenabled servoon",
@@ -46,17 +43,19 @@ LABELS = ("state", "phase", "test")  # of a column that counts segments, where i
 MEASURED = ("meas", "measured", "msr", "fbk", "feedback", "actual", "act", "actualvalue")  # before or after an alias
 ESTIMATED = ("est", "estimated")  # likewise, if no measured one is found
 # torque only, if no other is found
-COMMANDED = ("cmd", "command", "commanded", "des", "desired", "target", "ref", "setpoint")
+COMMANDED = ("cmd", "command", "commanded", "des", "desired", "target", "ref", "reference", "setpoint")
 
 UNITS = {  # factor to SI units by the letters of the unit
     "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0}
     | dict.fromkeys(("ms", "msec", "msecs", "millisec", "millis", "milliseconds"), 1e-3)
     | dict.fromkeys(("us", "usec", "usecs", "microsec", "µs", "μs", "micros", "microseconds"), 1e-6)
-    | dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"), 1e-9),
+    | dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanoseconds"), 1e-9)
+    | dict.fromkeys(("min", "mins", "minute", "minutes"), 60.0)
+    | dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
     "position": {"rad": 1.0, "radian": 1.0, "radians": 1.0}
     | dict.fromkeys(("deg", "degs", "degree", "degrees"), math.pi / 180)
     | dict.fromkeys(("mrad", "millirad"), 1e-3)
-    | {"mdeg": math.pi / 180e3}
+    | {"mdeg": math.pi / 180e3, "cdeg": math.pi / 180e2, "gon": math.pi / 200, "arcmin": math.pi / 10800}
     | dict.fromkeys(
         ("rev", "revs", "revolution", "revolutions", "turn", "turns", "rotation", "rotations", "rot"), math.tau
     ),
@@ -67,7 +66,11 @@ UNITS = {  # factor to SI units by the letters of the unit
     | dict.fromkeys(("rots", "rotationss", "rotationspersec", "rotationspersecond", "revolutionspersecond"), math.tau),
     "torque": {"nm": 1.0, "newtonmeter": 1.0, "newtonmeters": 1.0, "newtonmetre": 1.0, "newtonmetres": 1.0}
     | dict.fromkeys(("mnm", "millinewtonmeter"), 1e-3)
-    | {"ncm": 1e-2},
+    | {"ncm": 1e-2, "cnm": 1e-2, "nmm": 1e-3, "knm": 1e3}
+    | dict.fromkeys(("kgfcm", "kgcm"), 9.80665e-2)
+    | dict.fromkeys(("ozfin", "ozin", "inoz", "inozf"), 9.80665 * 0.45359237 / 16 * 0.0254)
+    | dict.fromkeys(("lbfin", "lbin", "inlb", "inlbf"), 9.80665 * 0.45359237 * 0.0254)
+    | dict.fromkeys(("lbfft", "lbft", "ftlb", "ftlbf"), 9.80665 * 0.45359237 * 0.3048),
 }
 ODRIVE = {
     "posestimate": ("position", "rev"),
@@ -97,6 +100,7 @@ RAW_NAMES = {  # names that imply such a unit
     "position": "counts encoder enc encodercounts encodercount ticks encoderticks presentposition rawposition "
     "positionraw shadowcount".split(),
 }
+UNSCALED = frozenset("raw lsb lsbs adc digit digits bits counts count cts norm normalized".split())  # last words
 OUTPUTS = {"duty": "duty", "current": "A"}  # units of a controller's output, by the name of its column
 LINEAR = {"position": {"m": 1.0, "mm": 1e-3}, "velocity": {"ms": 1.0, "mms": 1e-3}, "torque": {"n": 1.0, "kn": 1e3}}
 for _of in (RAW, LINEAR):
@@ -123,12 +127,12 @@ SI = {
     "temperature": "deg C",
 }
 UNIT_NAMES = {  # units in messages
-    "time": "s, ms, us, ns",
+    "time": "s, ms, us, ns, min, h",
     "position": "rad, mrad, deg, rev, counts",
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
-    "torque": "Nm, mNm, Ncm, A, mA, V, duty",
+    "torque": "Nm, mNm, Ncm, A, mA, V, duty, cNm, Nmm, kgfcm, ozfin, lbfin, lbfft",
     "reference": "rad, mrad, deg, rev, counts, rad/s, deg/s, rpm, rev/s",
-    "load_torque": "Nm, mNm, Ncm",
+    "load_torque": "Nm, mNm, Ncm, cNm, Nmm, kgfcm, ozfin, lbfin, lbfft",
     "supply": "V, mV",
     "temperature": "degC",
 }
@@ -176,6 +180,9 @@ def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
                 stems |= dict.fromkeys((carrier + alias for carrier in CARRIERS), Rank.ESTIMATED)
             if quantity != "time":
                 stems |= {alias + "estimate": Rank.ESTIMATED}  # before an alias, `estimate dq` would be `estimated q`
+        if quantity == "reference":
+            positions = ALIASES["position"].split()
+            stems |= {stem: Rank.MEASURED for p in positions for word in COMMANDED for stem in (p + word, word + p)}
         if quantity == "torque":
             stems |= {"u": Rank.COMMANDED}  # input in control theory
         for stem, rank in stems.items():

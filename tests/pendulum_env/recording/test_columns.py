@@ -167,3 +167,49 @@ def test_the_motor_current_is_proposed_before_other_currents_and_the_duty():
     headers = "time,position,duty_cycle,current_in,current_motor".split(",")
     with pytest.raises(RecordingError, match="torque=current_motor:A"):
         find_columns(headers)
+
+
+@pytest.mark.parametrize(
+    ("unit", "torque"),  # [N m]
+    [
+        ("cNm", 0.01),
+        ("N mm", 0.001),
+        ("kgf.cm", 9.80665 / 100),
+        ("kgcm", 9.80665 / 100),
+        ("oz-in", 9.80665 * 0.45359237 / 16 * 0.0254),
+        ("lbf in", 9.80665 * 0.45359237 * 0.0254),
+        ("ft-lb", 9.80665 * 0.45359237 * 0.3048),
+    ],
+)
+def test_torque_converts_from_units_of_datasheets(unit: str, torque: float) -> None:
+    time = np.arange(1000) / 100
+    log, drive = {"time": time, "position": np.sin(time)}, np.cos(3 * time)
+    by_name, by_option = {f"tau [{unit}]": drive}, {"tau": drive}
+    for recording in (
+        read_recording(log | by_name),
+        read_recording(log | by_option, columns={"torque": f"tau:{unit}"}),
+    ):
+        np.testing.assert_allclose(recording.torque, torque * drive, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("column", "named"),
+    [
+        ("torque_raw", {"torque": "torque_raw"}),
+        ("tau lsb", {"torque": "tau lsb"}),
+        ("speed_rpm", {"position": "speed_rpm"}),
+        ("velocity", {"position": "velocity"}),
+    ],
+)
+def test_columns_of_another_quantity_or_without_unit_are_read_with_a_unit_or_gain_alone(
+    column: str, named: dict[str, str]
+) -> None:
+    time = np.arange(1000) / 100
+    log = {"time": time, "position": np.sin(time), "torque": np.cos(3 * time)}
+    (quantity,) = named
+    log[column] = log.pop(quantity)
+    for columns in ({}, named):
+        with pytest.raises(RecordingError):
+            read_recording(log, columns=columns)
+    recording = read_recording(log, columns={quantity: f"{column}*0.5"})
+    np.testing.assert_allclose(getattr(recording, quantity), 0.5 * log[column], rtol=0, atol=1e-12)
