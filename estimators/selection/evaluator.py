@@ -461,9 +461,10 @@ class ModelEvaluator:
     def find_violations(self, terms: Terms) -> list[Gate]:
         """Return a failed gate for each physical bound that a fit of the terms violates at joints of its effects."""
         joints = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
-        return find_violations(
-            self._screened_model(terms), {at: x for at, x in self.train.motions.items() if at in joints}
-        )
+        motions = {at: x for at, x in self.train.motions.items() if at in joints}
+        if not find_violations(self._screened_model(terms), motions):
+            return []
+        return find_violations(self._exact_model(terms).mark_unknown(self._unknown), motions)  # with standard errors
 
     def is_confirmed(self, after: Step, before: Step) -> bool:
         """Return whether held-out errors of `after` are below those of `before` and its parameters are possible."""
@@ -472,11 +473,16 @@ class ModelEvaluator:
     def make_confirmation_gates(self, after: Step, before: Step) -> list[Gate]:
         """Return the gates of physical bounds and held-out errors; see `make_confirmation_gates`.
 
-        If only free motion shows the effects, torque errors may rise by `criterion.error_margin`.
+        If only free motion shows the effects, torque errors may rise by `criterion.error_margin`. Bounds that a fit
+        without standard errors violates are tested again with these.
         """
         terms = after.model.terms, before.model.terms
         margin = self.criterion.error_margin if self._is_hidden_in_torque(*terms) else 0.0
-        return make_confirmation_gates(after, before, self.train.motions, margin)
+        gates = make_confirmation_gates(after, before, self.train.motions, margin)
+        if not gates[0].passed and not any(estimate.std for estimate in after.model.estimates.values()):
+            after = replace(after, model=self.fit_with_std(terms[0]).model)
+            gates = make_confirmation_gates(after, before, self.train.motions, margin)
+        return gates
 
     def keeps_base(self, after: Terms, before: Terms) -> bool:
         """Return whether a larger model keeps the base parameters of a smaller one; see `make_base_gates`."""

@@ -28,7 +28,6 @@ from pendulum_env.physics.potential import HardStop
 from pendulum_env.physics.term import return_zero
 from pendulum_env.physics.terms import list_forms
 
-MAX_NEGATIVE = 0.1  # share of the samples at which the power of friction may be negative
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
 
 
@@ -36,7 +35,7 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     """Return a failed gate for each physical bound that a fitted model violates at the joints of `motions`.
 
     `motions` are the samples of joints, by name. A single friction parameter may be negative if friction in total
-    dissipates power in most samples.
+    dissipates power.
     """
     at_joints = replace(
         model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
@@ -63,19 +62,16 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
 
     Dry friction is too large if it exceeds the largest torque that drives the joint: the recorded torque less that of
     load, potential and time-varying terms. Stops limit the range: one is too soft if the motion presses it in by more
-    than the range between them. The power of friction is not tested at a coupled joint, dry friction not in an arm.
+    than the range between them. Friction drives the joint if its power in a sample is negative by more than 3 standard
+    errors. The power of friction is not tested at a coupled joint, dry friction not in an arm.
     """
     gates, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         gates.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
     friction = [(term, column, value) for term, column, value in _list_parts(model) if _is_friction(term)]
-    power = sum(
-        (value * column.power(x) for term, column, value in friction if not term.has_hidden_state),
-        np.zeros_like(x.time),
-    )
-    share = float(np.mean(power < 0))
-    if share > MAX_NEGATIVE and not is_coupled:
-        gates.append(Gate("driving_friction", share, MAX_NEGATIVE, False))
+    share = _compute_driving_share(model, x)
+    if share > 0 and not is_coupled:
+        gates.append(Gate("driving_friction", share, 0.0, False))
     driving = [(column, value) for term, column, value in _list_parts(model) if _drives_joint(term)]
     driving_torque = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *driving]), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - driving_torque).max())
@@ -92,6 +88,21 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     if dry > limit and x.torque.any() and not is_arm:
         gates.append(Gate("dry_friction", float(dry), limit, False, model.units().unit("N m")))
     return gates
+
+
+def _compute_driving_share(model: Model, x: Samples) -> float:
+    """Return the share of the samples in which the power of all friction is significantly negative."""
+    is_counted = [_is_friction(term) and not term.has_hidden_state for term, *_ in _list_parts(model)]
+    parts = [part for part, counts in zip(_list_parts(model), is_counted, strict=True) if counts]
+    if not parts:
+        return 0.0
+    power = np.column_stack([np.broadcast_to(column.power(x), x.time.shape) for _, column, _ in parts])  # (N, P)
+    total = power @ np.array([value for *_, value in parts])
+    index = [list(model.estimates).index(column.name) for _, column, _ in parts]
+    covariance = model.assumed_covariance[np.ix_(index, index)]
+    std = np.sqrt(np.maximum(np.einsum("np,pq,nq->n", power, covariance, power), 0.0))
+    rounding = 1e-9 * np.abs(total).max()
+    return float(np.mean(total < -SIGNIFICANT * std - rounding))
 
 
 def _is_friction(term: Term) -> bool:
@@ -202,9 +213,10 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
     Inertia must keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
     It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where the smaller
     model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
-    With a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
-    leave it undetermined cancel it and imitate another law. Models with a link have no gates, as they are
-    uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
+    With a tilt it may have any sign. The standard error of a base parameter may not exceed its former value: an effect
+    that leaves it undetermined imitates it. Such friction has a failed gate `undetermined_` plus its name. Models with
+    a link have no gates, as they are uncertain before the link's states are fitted. `motions` are the samples of
+    joints, by name.
     """
     gates: list[Gate] = []
     shared = before.estimates.keys() & after.estimates.keys()
@@ -221,6 +233,10 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
         share, std = new.value / old.value, new.std / abs(old.value)
         keeps_sign = "gravity_tilt" in after.estimates or share + SIGNIFICANT * std >= 0
         gates.append(Gate("kept_gravity", share, 0.0, keeps_sign and std <= 1.0, std=std))
+    for name in {"viscous", "coulomb"} & shared:
+        value, std = before.estimates[name].value, after.estimates[name].std
+        if compute_significant_sign(before, name) and std > abs(value):
+            gates.append(Gate(f"undetermined_{name}", std / abs(value), 1.0, False))
     return gates
 
 
