@@ -258,10 +258,9 @@ class FitData:
     @property
     def conventions(self) -> tuple[Finding, ...]:
         """Findings on conventions of drives: laws of controllers, the position that they read, and course of goals."""
-        kinds = (Kind.CONTROLLER_READ, Kind.POSITION_READ, Kind.COUNTS_UNSEEN)
-        controller = [treatment for treatment in self.treatments if treatment.kind in kinds]
-        goals = [treatment for treatment in self.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
-        return (*controller, *goals[-1:])
+        laws = (Kind.CONTROLLER_READ, Kind.COUNTS_UNSEEN), (Kind.POSITION_READ,), (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)
+        several, *single = ([finding for finding in self.treatments if finding.kind in kinds] for kinds in laws)
+        return (*several, *(finding for found in single for finding in found[-1:]))  # the last decision holds
 
     @property
     def corrections(self) -> list[Finding]:

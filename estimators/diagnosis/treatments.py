@@ -69,13 +69,15 @@ def is_better(error_ratio: float, assumptions: int, before: int, margin: float) 
 
 
 def count_assumptions(trial: Trial) -> int:
-    """Return the number of effects, payloads, treatments of windows and goals, added base terms, and corrected timing.
+    """Return the number of effects, payloads, treatments of windows, added base terms, and corrected timing.
 
-    Excluded recordings do not count, as a test detected them.
+    Goals that run on count as one, since held goals are the default. Excluded recordings do not count, as a test
+    detected them.
     """
-    counted = (*WINDOWS, *GOALS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
-    counted_treatments = [treatment for treatment in trial.data.treatments if treatment.kind in counted]
-    return len(trial.result.steps) - 1 + trial.data.has_moved + len(counted_treatments)
+    counted = (*WINDOWS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
+    kinds = [treatment.kind for treatment in trial.data.treatments]
+    run_on = [kind for kind in kinds if kind in GOALS][-1:] == [Kind.GOALS_RUN_ON]
+    return len(trial.result.steps) - 1 + trial.data.has_moved + sum(kind in counted for kind in kinds) + run_on
 
 
 def narrow_windows(trial: Trial) -> FitData | None:

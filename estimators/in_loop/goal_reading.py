@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -13,44 +14,50 @@ from estimators.in_loop.convention_fits import TIE
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.refit import refine_rows
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, drop_effect
 from estimators.weak_form.point import Point
-from pendulum_env.servo.drive import Goal
+from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import replace_drive
+
+GOALS = {Kind.GOALS_HELD: "ramp", Kind.GOALS_RUN_ON: "held"}  # with the other reading
 
 
 def reread_goals(trial: Trial) -> FitData | None:
-    """Read the goals the other way if the base model leaves the reading open, but the found model does not.
+    """Read the goals the other way if the found model leaves more than the noise of the encoder.
 
-    The found model is refitted under the other reading. The goals are read the other way if it then predicts held-out
-    motion better, or does not need one of its effects.
+    The base model decided the reading, but a missing effect may favour the wrong one. Held goals are the default, so
+    goals that run on are always read again as held goals. Held goals are read again only if the base model leaves the
+    reading open, and the found model then predicts held-out motion better.
     """
     data, unseen = trial.data, refine_rows(trial.evaluator)[1]
-    readings = [treatment for treatment in data.treatments if treatment.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+    readings = [treatment for treatment in data.treatments if treatment.kind in GOALS]
     error = trial.result.steps[-1].errors["holdout"].total
     if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
         return None
-    gain = readings[0].numbers.get("gain")
-    if gain is None or abs(gain.value) > TIE * (gain.std or 0.0):
+    gain, is_held = readings[0].numbers.get("gain"), readings[0].kind is Kind.GOALS_HELD
+    if is_held and (gain is None or abs(gain.value) > TIE * (gain.std or 0.0)):
         return None
-    goal: Goal = "ramp" if readings[0].kind is Kind.GOALS_HELD else "held"
-    fitted, held_out = (
-        tuple(replace_drive(r, replace(r.drive, goal=goal)) for r in part if r.drive is not None)
-        for part in (data.recordings, data.holdout)
-    )
+    reread = declare_goals(trial, GOALS[readings[0].kind])
+    return reread if not is_held or predict_held_out(trial, reread) < error else None
+
+
+def declare_goals(trial: Trial, goal: str) -> FitData:
+    """Return the data of a trial with another reading of the goals; how controllers read positions is decided again."""
+    data, changes = trial.data, dict[str, Any](goal=goal)
+    if data.has_treatment(Kind.POSITION_READ):
+        changes["reads"] = None
+
+    def declare(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
+        return tuple(replace_drive(r, replace(r.drive, **changes)) for r in recordings if r.drive is not None)
+
     finding = Finding(Kind.GOALS_HELD if goal == "held" else Kind.GOALS_RUN_ON)
-    data = data.with_treatment(finding, recordings=fitted, holdout=held_out)
-    state = refit_state(trial, trial.case.evaluator(data, trial.setting))
-    is_likelier = state.evaluator.fit(state.terms).errors["holdout"].total < error
-    return data if is_likelier or drop_effect(state) is not None else None
+    data = data.with_treatment(finding, recordings=declare(data.recordings), holdout=declare(data.holdout))
+    return data.decide_conventions(trial.setting.base) if "reads" in changes else data
 
 
-def refit_state(trial: Trial, evaluator: ModelEvaluator) -> SearchState:
-    """Return the state of a search that reached the model of a trial, refitted from its parameters to other data."""
-    first, last = trial.result.steps[0].model, trial.result.steps[-1].model
-    start = Point.from_parameters(last.terms, np.asarray(last.theta))
+def predict_held_out(trial: Trial, data: FitData) -> float:
+    """Return the held-out error of the model of a trial, refitted from its parameters to other data [rad]."""
+    model, evaluator = trial.result.steps[-1].model, trial.case.evaluator(data, trial.setting)
     rows = evaluator.train.rollouts
     assert isinstance(rows, RolloutRows)
-    rows.set_start(start)
-    return SearchState(evaluator, first.terms, start.terms).refit(start.terms)
+    rows.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
+    return evaluator.fit(model.terms).errors["holdout"].total
