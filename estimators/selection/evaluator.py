@@ -248,18 +248,17 @@ class ModelEvaluator:
         friction are compared in free motion, so the penalty counts them alone.
         """
         by_torque = self.gain(after, before)
-        if not self._is_hidden_in_torque(after, before):
+        if by_torque.p_value <= self.criterion.p_value or not self._may_act_at_rest(after, before):
             return by_torque
         by_motion = self._gain_in_friction(after, before)
         return by_motion if by_motion.p_value <= self.criterion.p_value else by_torque
 
-    def _is_hidden_in_torque(self, after: Terms, before: Terms) -> bool:
-        """Return whether free motion alone may show the added terms: dry friction that gains little in torque."""
-        is_candidate = self._adds_dry_friction(after, before) and not self.is_significant(after, before)
-        return is_candidate and self.has_misfit(before)
+    def _may_act_at_rest(self, after: Terms, before: Terms) -> bool:
+        """Return whether dry friction alone is added to a misfit to the motion."""
+        return self._adds_dry_friction(after, before) and self.has_misfit(before)
 
     def _adds_dry_friction(self, after: Terms, before: Terms) -> bool:
-        """Return whether dry friction alone is added: free motion may show it although windows of torque do not."""
+        """Return whether a model has further terms, all of dry friction."""
         known = list_ids(before)
         added = [term for term in after if term.id not in known]
         return bool(added) and all(map(is_dry, added))
@@ -477,7 +476,8 @@ class ModelEvaluator:
         without standard errors violates are tested again with these.
         """
         terms = after.model.terms, before.model.terms
-        margin = self.criterion.error_margin if self._is_hidden_in_torque(*terms) else 0.0
+        is_hidden = not self.is_significant(*terms) and self._may_act_at_rest(*terms)
+        margin = self.criterion.error_margin if is_hidden else 0.0
         gates = make_confirmation_gates(after, before, self.train.motions, margin)
         if not gates[0].passed and not any(estimate.std for estimate in after.model.estimates.values()):
             after = replace(after, model=self.fit_with_std(terms[0]).model)

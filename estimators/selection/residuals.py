@@ -55,9 +55,7 @@ class Residuals:
         self.joints = tuple(self.train.layout.joints)
         self.inertia = self.train.inertias(self.base)
         self.floors = self.train.floors
-        self._is_pendulum = self.train.layout.predicts_torque and self.joints == (
-            "",
-        )  # rows of the torque of one joint
+        self._is_pendulum = self.train.layout.predicts_torque and self.joints == ("",)  # torque of one joint
         self._recordings = [*self.train.recordings, *self.holdout.recordings]
         self.holdout_floors = {at: self.holdout.layout.noise(at, self.inertia[at]) for at in self.joints}
 
@@ -228,10 +226,9 @@ def set_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
     terms_on_grid = list[Term]()
     for term in terms:
         if isinstance(term, Table) and not term.covers(x := part.data.part(term.at).samples):
-            grid = [cast(Table, table) for table in make_grid(type(term), x, np.empty(0))]
-            same_size = [table for table in grid if table.extent.pieces == term.extent.pieces]
-            nearest = sorted(grid, key=lambda table: -abs(len(table.columns) - len(term.columns)))
-            others = [other for other in terms if other is not term]
-            term = (same_size or nearest)[-1].without_known_functions(others) if grid else term
+            grid = [cast(Table, table) for table in make_grid(type(term), x, np.empty(0))[::-1]]
+            same_size, count = [table for table in grid if table.extent.pieces == term.extent.pieces], len(term.columns)
+            nearest = min(same_size[:1] or grid, key=lambda table: abs(len(table.columns) - count), default=term)
+            term = nearest.without_known_functions([other for other in terms if other is not term])
         terms_on_grid.append(term)
     return tuple(terms_on_grid)

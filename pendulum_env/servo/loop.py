@@ -216,6 +216,14 @@ class ServoInputs(NamedTuple):
     goal_speed: Any = 0.0
 
 
+class Controller(NamedTuple):
+    """Law of a controller: gains by name, weights of the last outputs, newest first, and the controlled quantity."""
+
+    gains: Mapping[str, Any]
+    taps: Sequence[Any]
+    acts_on_speed: bool
+
+
 def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: int = 1) -> Array:
     """Simulate B servos with V models each.
 
@@ -267,8 +275,9 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
         output, *past = rows[len(stack_rows(x)) :]
         past_outputs, (filtered, velocity, *integral) = past[: len(weights) - 1], past[len(weights) - 1 :]
         state = ControllerState(output, tuple(past_outputs), integral[0] if has_integral else 0.0, filtered, velocity)
-        options = ServoInputs(*inputs), dict(zip(names, gains, strict=True)), [*weights], speed, h, servos.at_output
-        return _flatten_state(*step_servo(balance, unstack_rows(rows, x), state, *options), has_integral)
+        controller = Controller(dict(zip(names, gains, strict=True)), [*weights], speed)
+        options = state, ServoInputs(*inputs), controller, h, servos.at_output
+        return _flatten_state(*step_servo(balance, unstack_rows(rows, x), *options), has_integral)
 
     return repeat_step(simulate_step, servos.inputs, states, every)[:, encoder_row]
 
@@ -310,15 +319,13 @@ def step_servo(
     x: Samples,
     state: ControllerState,
     inputs: ServoInputs,
-    gains: Mapping[str, Any],
-    taps: Sequence[Any],
-    is_speed_control: bool,
+    controller: Controller,
     h: ArrayLike,
     at_output: bool,
 ) -> tuple[Samples, ControllerState]:
     """Advance servos and controllers by one step of h [s], in symbols or arrays."""
     encoder = read_encoder(x, balance.terms, at_output)
-    torque, state = compute_control(encoder, state, inputs, gains, taps, is_speed_control)
+    torque, state = compute_control(encoder, state, inputs, controller)
     measured = {BackEmf.id: (inputs.is_on,), TemperatureDependentFriction.id: (inputs.temperature, 0.0)}
     memory: Any = {id: measured.get(id, memory) for id, memory in x.memory.items()}
     load = x.load._replace(torque=inputs.load_torque)
@@ -327,14 +334,10 @@ def step_servo(
 
 
 def compute_control(
-    x: Samples,
-    state: ControllerState,
-    inputs: ServoInputs,
-    gains: Mapping[str, Any],
-    taps: Sequence[Any],
-    is_speed_control: bool,
+    x: Samples, state: ControllerState, inputs: ServoInputs, controller: Controller
 ) -> tuple[Any, ControllerState]:
     """Return the commanded torque over a step and the controller's state, in symbols or arrays."""
+    gains, taps, acts_on_speed = controller
     is_sampled = inputs.has_sample > 0
     position = x.position + inputs.sample_time * x.velocity if may_be_true(inputs.sample_time != 0.0) else x.position
     reading = x.velocity
@@ -346,8 +349,8 @@ def compute_control(
         measured = x.velocity - inputs.previous_weight * (x.velocity - state.velocity)
     measured = measured - inputs.goal_speed if may_be_true(inputs.goal_speed != 0.0) else measured
     filtered_speed = np.where(is_sampled, state.speed + gains["speed_weight"] * (measured - state.speed), state.speed)
-    error = inputs.goal - (filtered_speed if is_speed_control else position)
-    damping = 0.0 if is_speed_control else gains["kd"] * filtered_speed
+    error = inputs.goal - (filtered_speed if acts_on_speed else position)
+    damping = 0.0 if acts_on_speed else gains["kd"] * filtered_speed
     output, new_integral = compute_output(error, damping, state.integral, gains)
     integral = np.where(is_sampled, new_integral, state.integral)
     integral = np.where(inputs.is_on > 0, integral, 0.0)  # reset without power
@@ -374,7 +377,7 @@ def compute_output(error: Any, damping: Any, integral: Any, gains: Mapping[str, 
 
 def _compile_step(
     terms: Sequence[Term],
-    is_speed_control: bool,
+    acts_on_speed: bool,
     taps: int,
     has_load: bool,
     has_integral: bool,
@@ -396,8 +399,8 @@ def _compile_step(
     state = ControllerState(held_output, past_outputs, integral, speed, reading)
     try:
         balance, x, nonlinear = write_balance(terms, has_load)
-        used_gains = gains if has_integral else gains | {"ki": 0.0}
-        after, state_after = step_servo(balance, x, state, inputs, used_gains, weights, is_speed_control, h, at_output)
+        controller = Controller(gains if has_integral else gains | {"ki": 0.0}, weights, acts_on_speed)
+        after, state_after = step_servo(balance, x, state, inputs, controller, h, at_output)
         shared = [*gains.values(), *(x.load[:2] if has_load else ()), *weights, h]
         constants: Any = [*balance.theta, *nonlinear, *shared]
         rows = (_flatten_state(x, state, has_integral), _flatten_state(after, state_after, has_integral))

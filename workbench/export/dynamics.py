@@ -16,7 +16,15 @@ from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording.vocabulary import SI
 from pendulum_env.servo import OUTPUT_UNITS, ServoDrive
-from pendulum_env.servo.loop import GAINS, ControllerState, ServoInputs, compute_control, compute_gains, compute_taps
+from pendulum_env.servo.loop import (
+    GAINS,
+    Controller,
+    ControllerState,
+    ServoInputs,
+    compute_control,
+    compute_gains,
+    compute_taps,
+)
 from workbench.export.request import ExportError
 from workbench.export.servo import Motor, Servo, get_supply
 
@@ -191,7 +199,7 @@ class _StepBuilder:
         goal_speed = (goal - last_goal) / max(seconds, period) if has_goal_speed else 0.0
         times = {"share": share, "sample_time": sample_time, "previous_weight": previous_weight}
         inputs = ServoInputs(goal, scale, is_on, has_sample, **times, goal_speed=goal_speed)
-        torque, after = compute_control(x, state, inputs, gains, weights, drive.acts_on_speed)
+        torque, after = compute_control(x, state, inputs, Controller(gains, weights, drive.acts_on_speed))
         memory = {id: (is_on,) if id == BackEmf.id else memory for id, memory in x.memory.items()}
         self.x = replace(x, torque=torque, memory=memory)
         next_phase = np.where(has_sample > 0, phase + 1.0, phase) - samples_per_step
