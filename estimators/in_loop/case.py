@@ -45,9 +45,11 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     Raises:
         IdentificationError: if the recordings have too little motion.
     """
-    fitted, held_out = data.recordings, data.holdout or data.recordings
+    recordings, held_out = data.recordings, data.holdout or data.recordings
     train_part, check_part = choose_parts(data.holdout)
-    train = RolloutRows(Rollouts(fitted, shares=train_part), TorqueRows(prepare_windows(fitted, part=train_part)))
+    train = RolloutRows(
+        Rollouts(recordings, shares=train_part), TorqueRows(prepare_windows(recordings, part=train_part))
+    )
     windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
     check = RolloutRows(Rollouts(held_out, shares=check_part), windows, guide=train)
     return add_back_emf(data, setting).evaluator((train.data, check.data))

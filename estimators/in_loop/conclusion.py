@@ -64,8 +64,8 @@ def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
 
     Drives with an integral part are not tested: the requested torque is that without it.
     """
-    tested = [r for r in recordings if r.drive and not r.drive.ki and r.torque_unit == r.drive.unit]
-    recorded = [r for r in tested if r.has_logged_torque]
+    logs = [r for r in recordings if r.drive and not r.drive.ki and r.torque_unit == r.drive.unit]
+    recorded = [r for r in logs if r.has_logged_torque]
     if not recorded:
         return None
     logged, requested = (

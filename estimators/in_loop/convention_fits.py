@@ -77,14 +77,14 @@ def complete_drives(recordings: Sequence[Recording], settings: Mapping[str, Any]
 
     A convention that one drive declares holds for all of its group, see `group_by_loop`.
     """
-    completed = list(recordings)
+    result = list(recordings)
     for numbers in group_by_loop(recordings):
-        declared = find_declared_conventions([recordings[k].actuator for k in numbers])
+        declarations = find_declared_conventions([recordings[k].actuator for k in numbers])
         for k in numbers:
             drive = recordings[k].drive
             if drive is not None:
-                completed[k] = replace_drive(recordings[k], drive.complete_conventions({**settings, **declared}))
-    return tuple(completed)
+                result[k] = replace_drive(recordings[k], drive.complete_conventions({**settings, **declarations}))
+    return tuple(result)
 
 
 def fit_conventions(

@@ -66,8 +66,8 @@ def decide_conventions(
         deciding = [k for k in numbers if k < count] or numbers
         if not are_driven([every[k] for k in deciding]):
             continue
-        decided, own_findings = _decide_together([every[k] for k in numbers], len(deciding), base)
-        for k, recording in zip(numbers, decided, strict=True):
+        group, own_findings = _decide_together([every[k] for k in numbers], len(deciding), base)
+        for k, recording in zip(numbers, group, strict=True):
             every[k] = recording
         names = () if deciding == list(range(count)) else tuple(every[k].name for k in deciding)
         findings += [replace(finding, recordings=names) for finding in own_findings]
@@ -79,12 +79,12 @@ def _decide_together(
 ) -> tuple[Recordings, list[Finding]]:
     """Decide the conventions of drives of one kind by their first `count` recordings; return findings as well."""
     base, part = make_base(recordings[:count], base), choose_parts(recordings[count:])[0]
-    decided = complete_drives(recordings, {})
+    result = complete_drives(recordings, {})
     findings: list[Finding] = []
     for decide in (_decide_controller, _decide_counts):
-        settings, found = decide(decided[:count], base, part)
-        decided, findings = complete_drives(decided, settings), findings + found
-    return decided, findings
+        settings, own_findings = decide(result[:count], base, part)
+        result, findings = complete_drives(result, settings), findings + own_findings
+    return result, findings
 
 
 def _decide_controller(recordings: Recordings, base: Terms, part: Part) -> Decision:
@@ -126,9 +126,9 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part) -> Decision:
     Declared counts are a finding if the log shows no step of the encoder: then exact positions are simulated.
     """
     choices = list_open_conventions([r.actuator for r in recordings], ("reads",))
-    declared = {r.actuator.reads for r in recordings}
+    readings = {r.actuator.reads for r in recordings}
     if find_encoder_step(recordings) is None:
-        return {}, [Finding(Kind.COUNTS_UNSEEN)] if "counts" in declared else []
+        return {}, [Finding(Kind.COUNTS_UNSEEN)] if "counts" in readings else []
     if len(choices) == 1:
         return {}, []
     choice = choose_fit(fit_conventions(recordings, choices, base, part, has_counts=True), ("reads",), COUNTS_TIE)

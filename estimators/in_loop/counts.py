@@ -38,12 +38,12 @@ def find_encoder_step(recordings: Sequence[Recording]) -> float | None:
     step = find_least_change(recordings)
     if not np.isfinite(step):
         return None
-    moved = np.concatenate([recording.position - recording.position[0] for recording in recordings])
+    displacement = np.concatenate([recording.position - recording.position[0] for recording in recordings])
     for reach in REACHES:
-        near = moved[np.abs(moved) < (reach + 0.5) * step]
+        near = displacement[np.abs(displacement) < (reach + 0.5) * step]
         whole = np.rint(near / step)
         step = float(whole @ near / max(whole @ whole, 1.0)) or step
-    is_grid = np.abs(moved / step - np.rint(moved / step)).max() < OFF_GRID
+    is_grid = np.abs(displacement / step - np.rint(displacement / step)).max() < OFF_GRID
     return step if is_grid else None
 
 

@@ -202,9 +202,9 @@ def fit_rollouts(
     """
     has_minima = nonlinear and has_local_minima(point.terms)
     for length in secants if has_minima else LOOP.differences[-1 if share else 0 :]:
-        found = _fit_by_steps(rollouts, point, typical, nonlinear, share, length)
-        point = found.point
-    return found
+        fit = _fit_by_steps(rollouts, point, typical, nonlinear, share, length)
+        point = fit.point
+    return fit
 
 
 def _fit_by_steps(

@@ -17,7 +17,6 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.weak_form.point import Point
 from pendulum_env.physics import SIGNIFICANT, Model, Term, list_ids
-from pendulum_env.recording import Recording
 
 
 def refit(result: SearchResult, start: Model | None = None) -> SearchResult:
@@ -37,7 +36,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     last = result.steps[-1]
     train, held_out = refine_rows(result.evaluator)
     evaluator, steps = replace(result.evaluator, train=train.data, holdout=held_out.data), result.steps
-    fitted = {list_ids(step.model.terms): step.model.terms for step in steps}
+    terms_by_ids = {list_ids(step.model.terms): step.model.terms for step in steps}
     terms, effects = result.terms, [step.added for step in steps[1:]]
 
     def without(*left_out: str | None) -> Terms:
@@ -58,7 +57,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     while idle := find_idle():
         effects.remove(idle[-1])
         remaining = without(idle[-1])
-        terms = fitted.get(list_ids(remaining)) or train.with_nonlinear(remaining)
+        terms = terms_by_ids.get(list_ids(remaining)) or train.with_nonlinear(remaining)
         last = fit_step(result.evaluator, effects[-1] if effects else None, terms)
     if len(effects) == len(steps) - 1:
         return result, ()
@@ -98,15 +97,10 @@ def fit_step(evaluator: ModelEvaluator, added: str | None, terms: Sequence[Term]
     terms = train.fit(terms).terms
     profile = train.fit_by_profile(terms)
     terms = terms if profile is None else profile.point.terms
-    model = widen_errors(fit_terms(train.data, terms)[0], train, profile)
-    model = _convert_to_torque_unit(model, train.rollouts.recordings[0])
+    model, recording = widen_errors(fit_terms(train.data, terms)[0], train, profile), train.rollouts.recordings[0]
+    constant = recording.torque_constant  # its error widens all standard errors
+    model = model.convert_units(recording.units) if constant is None else widen_by_constant(model, constant)
     return Step(added, model, {"train": train.data.errors(model), "holdout": held_out.data.errors(model)})
-
-
-def _convert_to_torque_unit(model: Model, recording: Recording) -> Model:
-    """Return a model in the unit of the torque; with a torque constant, its error widens all standard errors."""
-    constant = recording.torque_constant
-    return model.convert_units(recording.units) if constant is None else widen_by_constant(model, constant)
 
 
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:

@@ -27,6 +27,7 @@ from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.search_hints import find_hints
+from estimators.selection.errors import Errors
 from estimators.simulation.multiple_shooting import add_link_friction
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_nonlinear_names
@@ -67,7 +68,7 @@ class RolloutRows:
             blocks=self.rollouts.blocks,
             noise=lambda at, inertia: self.rollouts.noise,
             structure=lambda at, residual, inertia: self.rollouts.measure_structure(residual),
-            errors=self.rollouts.measure_errors,
+            errors=Errors(np.nan, np.nan).with_loop_errors,
             predicts_torque=False,
             has_fast_fits=False,
         )
@@ -225,12 +226,15 @@ class RolloutRows:
         Parameters that the similar model lacks are 0, or their typical size times 1 or 3. A link also starts from the
         likeliest model with another link, with the same inertia.
         """
-        known = {term.id for term in terms}
+        ids = {term.id for term in terms}
         parents = sorted(
-            self._linear, key=lambda other: (len(known ^ {term.id for term in other}), -len(set(other) & set(terms)))
+            self._linear, key=lambda other: (len(ids ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
-        if not parents:
-            return self._starts.get(terms) or choose_likeliest_point(self.rollouts, self._list_first_starts(terms))[0]
+        if not parents:  # parameters fitted to the torque, with several minimum sizes
+            theta, typical = self.torque.solve(terms), self.list_typical_sizes(terms)
+            sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
+            first_starts = [Point.from_parameters(terms, values) for values in sizes]
+            return self._starts.get(terms) or choose_likeliest_point(self.rollouts, first_starts)[0]
         parent = self._linear[parents[0]].point
         values = parent.linear_values
         names = [column.name for term in terms for column in term.columns]
@@ -260,12 +264,6 @@ class RolloutRows:
             return []
         likeliest = min(similar, key=lambda linear: compute_likelihood_scale(self.rollouts, linear.error))
         return [Point.from_parameters(terms, likeliest.point.theta)]
-
-    def _list_first_starts(self, terms: Key) -> list[Point]:
-        """Return starts of the first fit: parameters fitted to the torque, with several minimum sizes."""
-        theta, typical = self.torque.solve(terms), self.list_typical_sizes(terms)
-        sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
-        return [Point.from_parameters(terms, values) for values in sizes]
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows around the fit of some terms, weighted by the size of each error; `by_noise` is not used."""
@@ -325,8 +323,8 @@ class RolloutRows:
 
         A variant with a fixed law, or a link before the encoder, moves the positions even if its parameters are zero.
         """
-        kept, values = tuple(term for term in point.terms if term.id != variants[0].id), point.linear_values
-        point = Point(kept, np.array([values[column.name] for term in kept for column in term.columns]))
+        others, values = tuple(term for term in point.terms if term.id != variants[0].id), point.linear_values
+        point = Point(others, np.array([values[column.name] for term in others for column in term.columns]))
         points, places = [], []
         for variant in variants:
             size, at_zero = self._compute_typical_sizes(variant), 0  # column of the model without the effect

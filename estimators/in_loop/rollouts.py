@@ -17,7 +17,6 @@ from estimators.in_loop.counts import (
     make_quantisation_noise,
 )
 from estimators.in_loop.servo_inputs import make_servos
-from estimators.selection.errors import Errors
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.weak_form.point import Point
 from estimators.weak_form.windows import WHOLE, Part
@@ -231,12 +230,8 @@ class Rollouts:
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
         """Return the block of `length` seconds and the recording of each row (R,); the recording of each block (S,)."""
         pairs = np.column_stack([self.recording_of, (self.time / length).astype(np.intp)])
-        known, block = np.unique(pairs, axis=0, return_inverse=True)
-        return block.ravel(), self.recording_of, known[:, 0]
-
-    def measure_errors(self, residual: Array) -> Errors:
-        """Return the errors of a model with a residual (R,) [rad]."""
-        return Errors(np.nan, np.nan).with_loop_errors(residual)
+        blocks, block = np.unique(pairs, axis=0, return_inverse=True)
+        return block.ravel(), self.recording_of, blocks[:, 0]
 
     def measure_structure(self, residual: Array) -> ResidualStructure:
         """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.

@@ -156,9 +156,9 @@ def _list_reductions(evaluator: ModelEvaluator, effect: Term) -> list[Term]:
     for reduced in effect.reductions:
         variants = [kind() for kind in evaluator.library.values() if (kind.id, kind.at) == (reduced.id, effect.at)]
         for variant in variants:
-            sought = list_continuous_parameters(variant)
+            parameters = list_continuous_parameters(variant)
             reductions.append(
-                set_values(variant, sought, [reduced.nonlinear_values[parameter.name] for parameter in sought])
+                set_values(variant, parameters, [reduced.nonlinear_values[parameter.name] for parameter in parameters])
             )
     return reductions
 

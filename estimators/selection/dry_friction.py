@@ -26,9 +26,9 @@ def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
     """
     if not evaluator.has_misfit(terms):
         return []
-    known, models = list_ids(terms), list[Terms]()
+    ids, models = list_ids(terms), list[Terms]()
     for id, kind in evaluator.library.items():
-        if id in known or not is_dry(kind()):
+        if id in ids or not is_dry(kind()):
             continue
         evaluator.progress(f"fitting {id} to the motion", 0.5)
         x = evaluator.train.motions[kind.at]

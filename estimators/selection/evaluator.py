@@ -124,9 +124,12 @@ class ModelEvaluator:
         of_torque, (first, second) = self._density_of_torque(terms), self._blocks
         train, holdout = (part.equations(terms, by_noise=True).unfiltered for part in self.parts)
         if train is not None and holdout is not None:
-            fitted = replace(train, weights=self.train.equations(terms).weights)
+            weighted_equations = replace(train, weights=self.train.equations(terms).weights)
             recorded = np.concatenate(
-                [cross_validate_density(fitted, first), predict_density(fitted.solve(), holdout, second)]
+                [
+                    cross_validate_density(weighted_equations, first),
+                    predict_density(weighted_equations.solve(), holdout, second),
+                ]
             )
             for lag in (term for term in terms if term.lead):
                 without = tuple(other for other in terms if other is not lag)
@@ -215,14 +218,14 @@ class ModelEvaluator:
 
         It is at least one.
         """
-        known = {other.id: other for other in before}
-        counts = [count_tried(self.train, before, type(term)) for term in after if term.id not in known]
+        terms_before = {other.id: other for other in before}
+        counts = [count_tried(self.train, before, type(term)) for term in after if term.id not in terms_before]
         freed = [
             parameter
             for term in after
-            if term.id in known
+            if term.id in terms_before
             for parameter in term.free
-            if parameter not in known[term.id].free
+            if parameter not in terms_before[term.id].free
         ]
         return max(
             1, sum(counts) + sum(int(parameter.high - parameter.low) for parameter in freed if parameter.integer)
@@ -259,14 +262,14 @@ class ModelEvaluator:
 
     def _adds_dry_friction(self, after: Terms, before: Terms) -> bool:
         """Return whether a model has further terms, all of dry friction."""
-        known = list_ids(before)
-        added = [term for term in after if term.id not in known]
+        ids = list_ids(before)
+        added = [term for term in after if term.id not in ids]
         return bool(added) and all(map(is_dry, added))
 
     def _gain_in_friction(self, after: Terms, before: Terms) -> Gain:
         """Return the gain in free motion of a model over another with less dry friction."""
-        compared = sum(is_dry(kind()) for kind in self.library.values())
-        penalty = float(np.log(max(1, compared * self.count_compared_variants(after, before))))
+        n_effects = sum(is_dry(kind()) for kind in self.library.values())
+        penalty = float(np.log(max(1, n_effects * self.count_compared_variants(after, before))))
         return self.gain_in_motion(after, before, penalty)[0]
 
     @memoized
@@ -403,11 +406,6 @@ class ModelEvaluator:
         """Fit the terms to the training data, without standard errors."""
         return Model.build(*self.train.maker.fit(terms)).mark_unknown(self._unknown)
 
-    def _screened_model(self, terms: Terms) -> Model:
-        """Return the model of the terms with the parameters of `fit_folds`, on which the score depends."""
-        fits = self.train.maker.fit_folds(terms)
-        return Model.build(fits.terms, fits.theta).mark_unknown(self._unknown)
-
     def _find_unknown(self) -> frozenset[str]:
         """Return the name of an inertia to withhold, insignificant by noise alone; else an empty set."""
         if not self.train.layout.predicts_torque or "inertia" not in list_ids(self.base):
@@ -461,7 +459,8 @@ class ModelEvaluator:
         """Return a failed gate for each physical bound that a fit of the terms violates at joints of its effects."""
         joints = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
         motions = {at: x for at, x in self.train.motions.items() if at in joints}
-        if not find_violations(self._screened_model(terms), motions):
+        fits = self.train.maker.fit_folds(terms)  # the score depends on these parameters
+        if not find_violations(Model.build(fits.terms, fits.theta).mark_unknown(self._unknown), motions):
             return []
         return find_violations(self._exact_model(terms).mark_unknown(self._unknown), motions)  # with standard errors
 

@@ -105,10 +105,10 @@ def improves_form(evaluator: ModelEvaluator, longer: Terms, terms: Terms) -> boo
 
     The form must lower the held-out torque error; the effect must lower all held-out errors.
     """
-    changed = {id for id, *_ in list_forms(longer) ^ list_forms(terms)}
-    if list_ids(longer) != list_ids(terms) or len(changed) != 1 or not evaluator.train.layout.predicts_torque:
+    ids = {id for id, *_ in list_forms(longer) ^ list_forms(terms)}
+    if list_ids(longer) != list_ids(terms) or len(ids) != 1 or not evaluator.train.layout.predicts_torque:
         return False
-    (effect,) = (term for term in longer if term.id in changed)
+    (effect,) = (term for term in longer if term.id in ids)
     after, before = (evaluator.fit(model).errors["holdout"].get_joint_error(effect.at) for model in (longer, terms))
     return after < before and evaluator.lowers_errors(longer, remove_term(longer, effect))
 
@@ -171,8 +171,8 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     for alone in (longer, *trials):
         trials += [larger for larger in screen_effects(evaluator, alone)[:1] if evaluator.is_significant(larger, alone)]
     others = [fit_link_states(state, trial) for trial in trials]
-    fitted = [linked, *(alternative for alternative in others if alternative is not None)]
-    return min(fitted, key=lambda candidate: candidate.evaluator.cost_with_link)
+    states = [linked, *(alternative for alternative in others if alternative is not None)]
+    return min(states, key=lambda candidate: candidate.evaluator.cost_with_link)
 
 
 def leave_limits(state: SearchState, found: SearchState) -> SearchState:
@@ -249,10 +249,10 @@ def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
 def revise(state: SearchState) -> SearchState:
     """Drop and swap effects, and refit nonlinear parameters, until neither move changes the state."""
     for _ in range(2 * state.evaluator.criterion.max_effects):
-        changed = drop_effect(state) or swap_effect(state)
-        if changed is None:
+        revision = drop_effect(state) or swap_effect(state)
+        if revision is None:
             break
-        state = changed.refit(changed.terms)
+        state = revision.refit(revision.terms)
     return state
 
 

@@ -147,8 +147,10 @@ def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, Nonlinea
     """
     at_limit = []
     for term in terms:
-        sought = {parameter.name: parameter for parameter in effects().get(term.id, type(term)).nonlinear_parameters}
-        parameters = (sought[parameter.name] for parameter in list_continuous_parameters(term))
+        parameters_by_name = {
+            parameter.name: parameter for parameter in effects().get(term.id, type(term)).nonlinear_parameters
+        }
+        parameters = (parameters_by_name[parameter.name] for parameter in list_continuous_parameters(term))
         at_limit += [
             (term, parameter) for parameter in parameters if term.nonlinear_values[parameter.name] >= parameter.high
         ]
@@ -257,16 +259,16 @@ def make_confirmation_gates(
     new, old = after.errors["holdout"], before.errors["holdout"]
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
     others = [term for step in (after, before) for term in step.model.terms if list_forms([term]).isdisjoint(common)]
-    changed = {joint for term in others for joint in list_loads(term.at)} or set(motions)
+    joints = {joint for term in others for joint in list_loads(term.at)} or set(motions)
     violated = find_violations(
-        after.model, {joint_name: motions[joint_name] for joint_name in motions if joint_name in changed}
+        after.model, {joint_name: motions[joint_name] for joint_name in motions if joint_name in joints}
     )
     if violated:
         return violated
     gates = [Gate("physical_bounds", 0, 0, True)]
     angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
     errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
-    for joint_name in (joint for joint in new.joints if joint in changed):
+    for joint_name in (joint for joint in new.joints if joint in joints):
         unit = after.model.units(joint_name).unit("N m")
         limit = (1.0 + torque_margin) * old.get_joint_error(joint_name)
         errors.append(

@@ -66,8 +66,8 @@ class Residuals:
     @memoized
     def structures(self, terms: Terms) -> tuple[dict[str, ResidualStructure], dict[str, ResidualStructure]]:
         """Return the structure of a fit's residual at each joint, on training and on held-out data."""
-        fitted = self._structures_in(self.train, self.train.residual(terms))
-        return fitted, self._structures_in(self.holdout, self.holdout_residual(terms))
+        of_train = self._structures_in(self.train, self.train.residual(terms))
+        return of_train, self._structures_in(self.holdout, self.holdout_residual(terms))
 
     def _structures_in(self, part: RegressionData, residual: Array) -> dict[str, ResidualStructure]:
         """Return the structure at each joint of a residual (R,) [N m] of a part of the data."""
@@ -115,8 +115,8 @@ class Residuals:
         In motion of one frequency it is not determined (`frequencies`). In a closed loop its residual must be noise:
         the controller reacts to each torque that the model lacks, and a lag or delay fits this reaction.
         """
-        known = list_ids(before)
-        if not any((term.lead or term.delay) and term.id not in known for term in after):
+        ids = list_ids(before)
+        if not any((term.lead or term.delay) and term.id not in ids for term in after):
             return []
         if self.has_one_frequency:
             return [Gate("frequencies", 1, 2, False)]

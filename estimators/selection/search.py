@@ -169,7 +169,7 @@ def find_model_path(state: SearchState) -> list[Step]:
     other orders follow, and then the same orders with parameters refitted to the motion. If windows of torque do not
     show each effect, the refitted orders come first. If none is confirmed, the first order is returned.
     """
-    evaluator, terms, known = state.evaluator, state.terms, list_ids(state.start)
+    evaluator, terms, base_ids = state.evaluator, state.terms, list_ids(state.start)
     order: list[Term] = []
     remaining = terms
     while effects := remaining[len(state.start) :]:
@@ -178,15 +178,15 @@ def find_model_path(state: SearchState) -> list[Step]:
         remaining = shorter
     has_few = len(order) <= evaluator.criterion.max_ordered
     orders = list(permutations(order)) if has_few else [tuple(order)]
-    fitted: dict[Terms, Step] = {}
+    step_of_terms: dict[Terms, Step] = {}
 
     def fit_steps(order: Sequence[Term], refit: Callable[[Step], Step]) -> list[Step]:
         steps = []
         for count in range(len(order) + 1):
-            present = tuple(term for term in terms if term.id in known or term in order[:count])
-            if present not in fitted:
-                fitted[present] = evaluator.fit_with_std(present)
-            steps.append(refit(replace(fitted[present], added=order[count - 1].id if count else None)))
+            present = tuple(term for term in terms if term.id in base_ids or term in order[:count])
+            if present not in step_of_terms:
+                step_of_terms[present] = evaluator.fit_with_std(present)
+            steps.append(refit(replace(step_of_terms[present], added=order[count - 1].id if count else None)))
         return steps
 
     refits: list[Callable[[Step], Step]] = [lambda step: step, evaluator.refit_to_motion]

@@ -34,8 +34,8 @@ def replace_by_table(state: SearchState) -> SearchState:
     of_table = [terms for terms in totals if get_table(state, terms).id == get_table(state, likeliest).id]
     tied = [terms for terms in of_table if not state.evaluator.is_needed(likeliest, terms)]
     shortest = min([likeliest, *tied], key=lambda terms: (len(terms), -totals[terms]))
-    found = add_beside_table(state.with_terms(shortest))
-    return replace(found, terms=remove_table(found.evaluator, found.terms), table=get_table(found, found.terms))
+    final = add_beside_table(state.with_terms(shortest))
+    return replace(final, terms=remove_table(final.evaluator, final.terms), table=get_table(final, final.terms))
 
 
 def _compute_table_gain(state: SearchState, terms: Terms) -> float | None:
@@ -89,8 +89,8 @@ def add_beside_table(state: SearchState) -> SearchState:
     evaluator = state.evaluator
     while len(state.effects) <= evaluator.criterion.max_effects and not state.is_noise:
         terms = state.terms
-        tried = screen_effects(evaluator, terms)[: evaluator.criterion.max_tried]
-        longer = next((candidate for candidate in tried if evaluator.is_needed(candidate, terms)), None)
+        candidates = screen_effects(evaluator, terms)[: evaluator.criterion.max_tried]
+        longer = next((candidate for candidate in candidates if evaluator.is_needed(candidate, terms)), None)
         if longer is None:
             break
         others = [
@@ -149,7 +149,7 @@ def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[
     """
     residuals, least_share = evaluator.residuals, evaluator.criterion.explained_share
     trials = [find_best_variant(evaluator, terms, law) for law in laws if law.id not in list_ids(terms)]
-    found = [
+    models = [
         trial.terms
         for trial in trials
         if trial is not None
@@ -157,7 +157,7 @@ def find_explaining_law(evaluator: ModelEvaluator, terms: Terms, laws: Iterable[
         and (residuals.explained_share(trial.terms, terms) > least_share or evaluator.is_needed(trial.terms, terms))
         and evaluator.lowers_errors(trial.terms, terms)
     ]
-    best = max(found, key=lambda longer: float(np.sum(evaluator.density(longer)[evaluator.held_out])), default=None)
+    best = max(models, key=lambda longer: float(np.sum(evaluator.density(longer)[evaluator.held_out])), default=None)
     return best[-1].id if best else None
 
 

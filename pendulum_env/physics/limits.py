@@ -25,16 +25,16 @@ def make_limits(fixed: Mapping[str, float], bounds: Bounds) -> dict[str, tuple[f
         UserError: if a parameter is both fixed and bounded, or its limits are empty.
         TypeError: if a value is not a number, or a bound is not a pair.
     """
-    known = {name: float(value) for name, value in _refuse_other_values(fixed, "fixed", "{'gravity': 2.0}").items()}
+    values = {name: float(value) for name, value in _refuse_other_values(fixed, "fixed", "{'gravity': 2.0}").items()}
     ends = _refuse_other_values(bounds, "bounds", "{'viscous': (0.0, None)}", is_pair=True)
-    bounded = {name: (-np.inf if a is None else a, np.inf if b is None else b) for name, (a, b) in ends.items()}
+    ranges = {name: (-np.inf if a is None else a, np.inf if b is None else b) for name, (a, b) in ends.items()}
     repeated = sorted(set(fixed) & set(bounds))
     if repeated:
         raise UserError(f"{repeated[0]} is fixed and bounded: do one or the other")
-    for name, (low, high) in bounded.items():
+    for name, (low, high) in ranges.items():
         if not low <= high:
             raise UserError(f"{name} cannot lie from {low:g} to {high:g}: give the smaller bound first")
-    limits = {name: (value, value) for name, value in known.items()} | bounded
+    limits = {name: (value, value) for name, value in values.items()} | ranges
     for name, (low, high) in limits.items():
         if np.isnan([low, high]).any() or low == np.inf or high == -np.inf:
             raise UserError(f"{name} cannot be {low:g}: give a number")
@@ -92,9 +92,9 @@ def limit_kind(kind: type[Term], limits: Limits) -> type[Term]:
     """
     kind, earlier = getattr(kind, "bare", (kind, ()))
     names = {column.name for column in kind().columns} | {f"{kind.id}.{p.name}" for p in kind.nonlinear_parameters}
-    merged = {name: (low, high) for name, low, high in earlier}
-    merged |= {name: ends for name, ends in limits.items() if name in names}
-    entries = tuple(sorted((name, low, high) for name, (low, high) in merged.items()))
+    by_name = {name: (low, high) for name, low, high in earlier}
+    by_name |= {name: ends for name, ends in limits.items() if name in names}
+    entries = tuple(sorted((name, low, high) for name, (low, high) in by_name.items()))
     return _make_limited_kind(kind, entries) if entries else kind  # type: ignore[arg-type]  # classes are hashable
 
 
@@ -118,8 +118,8 @@ def limit_term(term: Term, limits: Limits) -> Term:
 def release_term(term: Term) -> Term:
     """Free the known parameters of a term, and keep its bounds."""
     kind, limits = getattr(type(term), "bare", (type(term), ()))
-    bounded = {name: (low, high) for name, low, high in limits if low < high}
-    return term if len(bounded) == len(limits) else limit_kind(kind, bounded)(**term.nonlinear_values)
+    bounds = {name: (low, high) for name, low, high in limits if low < high}
+    return term if len(bounds) == len(limits) else limit_kind(kind, bounds)(**term.nonlinear_values)
 
 
 def _round_inwards(low: float, high: float) -> tuple[float, float]:
@@ -155,5 +155,5 @@ def _make_limited_kind(kind: type[Term], limits: tuple[tuple[str, float, float],
 def clip_term(term: Term) -> Term:
     """Clip the nonlinear parameters of a term to their bounds, except nominal values."""
     values = term.nonlinear_values
-    fitted = [p for p in term.nonlinear_parameters if values[p.name] != p.nominal]
-    return replace(term, **{p.name: float(np.clip(values[p.name], p.low, p.high)) for p in fitted})
+    parameters = [p for p in term.nonlinear_parameters if values[p.name] != p.nominal]
+    return replace(term, **{p.name: float(np.clip(values[p.name], p.low, p.high)) for p in parameters})

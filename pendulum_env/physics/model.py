@@ -202,9 +202,9 @@ class Model(Mapping[str, Estimate], Shown):
             find("parameter of the model", name, self.estimates)
             if not np.isfinite(value) or (name == "inertia" and value <= 0):
                 raise model_file.ModelError(f"{name} of a model cannot be {value:g}: give a positive number")
-        changed = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in values.items()}
+        estimates = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in values.items()}
         terms = set_nonlinear_values(self.terms, values)
-        return replace(self, terms=terms, estimates={**self.estimates, **changed}, correlation=())
+        return replace(self, terms=terms, estimates={**self.estimates, **estimates}, correlation=())
 
     def units(self, joint: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
@@ -214,8 +214,8 @@ class Model(Mapping[str, Estimate], Shown):
         """Return the model with other units of torque or joint; the values are unchanged."""
         pairs = [(term, p) for term in self.terms for p in term.nonlinear_parameters]
         special = {term.get_full_name(p.name): p.get_unit(units) for term, p in pairs}
-        converted = {id: replace(e, unit=special.get(id) or units.unit(e.unit)) for id, e in self.estimates.items()}
-        return replace(self, estimates=converted, torque_unit=units.torque_unit, is_prismatic=units.is_prismatic)
+        estimates = {id: replace(e, unit=special.get(id) or units.unit(e.unit)) for id, e in self.estimates.items()}
+        return replace(self, estimates=estimates, torque_unit=units.torque_unit, is_prismatic=units.is_prismatic)
 
     def get_parameters(self, id: str) -> dict[str, Estimate]:
         """Return the parameters of the term `id` by name."""

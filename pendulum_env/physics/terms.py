@@ -75,13 +75,13 @@ def is_hidden(term: Term) -> bool:
 
 def set_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike]) -> tuple[Term, ...]:
     """Set nonlinear parameters of terms by full name; equal values of a batch become one number."""
-    changed = []
+    result = []
     for term in terms:
         names = {parameter.name: term.get_full_name(parameter.name) for parameter in term.nonlinear_parameters}
         arrays = {short: np.asarray(values[name]) for short, name in names.items() if name in values}
         changes = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in arrays.items()}
-        changed.append(replace(term, **changes) if changes else term)
-    return tuple(changed)
+        result.append(replace(term, **changes) if changes else term)
+    return tuple(result)
 
 
 def find_untested_ends(term: Term, low: float, high: float, units: JointUnits = TURNING) -> dict[str, Quantity]:

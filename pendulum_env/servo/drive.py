@@ -186,8 +186,8 @@ class ServoDrive:
     def get_settings(self) -> dict[str, str | float]:
         """Return the settings that differ from the defaults, for `from_settings`."""
         default, values = vars(ServoDrive()), {name: getattr(self, name) for name in vars(ServoDrive())}
-        given = {name: value for name, value in values.items() if name == "kp" or value != default[name]}
-        return {name: value if isinstance(value, str) else float(value) for name, value in given.items()}
+        settings = {name: value for name, value in values.items() if name == "kp" or value != default[name]}
+        return {name: value if isinstance(value, str) else float(value) for name, value in settings.items()}
 
 
 @dataclass(frozen=True)

@@ -90,9 +90,9 @@ def replace_drive(recording: Recording, drive: ServoDrive) -> Recording:
     """Return the recording with another drive, and its commanded torque if none was logged."""
     if drive == recording.drive:
         return recording
-    changed = replace(recording, drive=drive)
+    result = replace(recording, drive=drive)
     is_recomputed = depends_on_past(drive) and not recording.has_logged_torque
-    return replace(changed, torque=compute_commanded_torque(changed)) if is_recomputed else changed
+    return replace(result, torque=compute_commanded_torque(result)) if is_recomputed else result
 
 
 def complete_torque(recording: Recording) -> Recording:
