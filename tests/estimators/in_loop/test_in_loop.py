@@ -644,14 +644,15 @@ def test_no_dead_time_of_half_a_sample_is_named(is_held):
     assert abs(own.value - 0.2) < 3 * own.std
 
 
+@pytest.mark.parametrize("gain", [0.0, 50.0])  # [nat], of the base model, which may be wrong
 @pytest.mark.parametrize("is_held", [True, False])
-def test_goals_are_read_the_other_way_only_if_the_found_model_predicts_better_so(is_held):
+def test_goals_are_read_the_other_way_only_if_the_found_model_predicts_better_so(is_held, gain):
     """The goals are held. The model lacks the tilt of the horn, which leaves an error under either reading."""
     tilt = 0.1  # [rad]
     straight = [logged_slowly(True, 0.0, kp, k) for k, kp in enumerate((4.0, 7.0, 5.0))]
     tilted = [replace(own, position=own.position + tilt, reference=own.reference + tilt) for own in straight]
     first, second, last = with_goals(tilted, is_held)
-    tie = Finding(Kind.GOALS_HELD if is_held else Kind.GOALS_RUN_ON, {"gain": Quantity(0.0, 1.0)})
+    tie = Finding(Kind.GOALS_HELD if is_held else Kind.GOALS_RUN_ON, {"gain": Quantity(gain, 1.0)})
     data = FitData.from_recordings([first, second], [last], BASE).with_treatment(tie)
     changed = reread_goals(Trial.search(SERVO, data, Setting(BASE, {"dead_time": effects()["dead_time"]})))
     goals = None if changed is None else {own.drive.goal for own in changed.recordings if own.drive}

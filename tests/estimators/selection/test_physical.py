@@ -96,6 +96,25 @@ def test_only_the_sum_of_friction_that_changes_with_time_has_to_be_possible():
     assert driving.name == "driving_friction"
 
 
+@pytest.mark.parametrize(("std", "names"), [(0.001, ["driving_friction"]), (0.1, [])])
+def test_friction_that_is_negative_at_few_angles_drives_unless_its_error_allows_none(std, names):
+    """Dry friction 0.3 + 0.32 sin q is negative within 0.36 rad of a quarter turn back."""
+    terms = [*BASE, effect("position_dependent_friction")()]
+    model = Model.build(terms, [0.1, 2.0, 0.0, 0.3, 0.32, 0.0], std)
+    x = swinging()
+    assert 0 < np.mean(0.3 + 0.32 * np.sin(x.position) < 0) < 0.3
+    assert [own.name for own in find_violations(model, {"": x})] == names
+
+
+@pytest.mark.parametrize("degree", [1.0, 3.0])
+def test_a_spring_pulls_back(degree):
+    values = np.zeros(len(effect("spring")(degree).columns))
+    for stiffness, names in ((0.3, []), (-0.3, ["spring.stiffness"])):
+        values[0] = stiffness
+        model = Model.build([*BASE, effect("spring")(degree)], [0.1, 2.0, 0.1, 0.1, *values])
+        assert [own.name for own in find_violations(model, {"": swinging()})] == names
+
+
 def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
     dropped, stopped, bristles = (effect(id) for id in ("payload_change", "hard_stop", "presliding"))
     assert find_violations(Model.build([*BASE, dropped(5.0)], [0.1, 0.1, 0.01, 0.3, 0.0, 2.0]), {"": swinging()}) == []
@@ -215,6 +234,15 @@ def test_effects_of_the_angle_that_leave_gravity_undetermined_draw_a_curve_of_th
     for gravity in (2.0, -20.0):
         after = Model.build(terms, [0.1, gravity, 0.1, 0.1, 0.5], [0.001, std, 0.01, 0.01, std])
         assert [gate.passed for gate in make_base_gates(after, before, {"": X}, LEAST)] == [True, passed]
+
+
+@pytest.mark.parametrize(("std", "failed"), [(0.3, []), (2.0, ["undetermined_coulomb"])])
+def test_friction_that_the_smaller_model_determines_stays_determined(std, failed):
+    """Friction that decays for much longer than the recording equals constant friction and a line."""
+    before = Model.build(BASE, [0.1, 2.0, 0.1, 0.5], 0.01)
+    terms = [*BASE, effect("friction_drift")(1e4)]
+    after = Model.build(terms, [0.1, 2.0, 0.1, 0.1, 0.0, 0.4], [0.001, 0.01, 0.01, std, 0.01, std])
+    assert [gate.name for gate in make_base_gates(after, before, {"": X}, LEAST) if not gate.passed] == failed
 
 
 def test_inertia_has_to_keep_half_of_what_the_smaller_model_shows_beyond_three_standard_errors():
