@@ -37,17 +37,14 @@ def find_violations(model: Model, motions: Mapping[str, Samples]) -> list[Gate]:
     `motions` are the samples of joints, by name. A single friction parameter may be negative if friction in total
     dissipates power.
     """
-    at_joints = replace(
-        model, terms=tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
-    )
+    loading = tuple(term for term in model.terms if not motions.keys().isdisjoint(list_loads(term.at)))
+    at_joints, units = replace(model, terms=loading), model.units()
     gates = [
-        Gate(column.name, value, column.clamp(value), False, model.units().unit(column.unit))
+        Gate(column.name, value, column.clamp(value), False, units.unit(column.unit))
         for column, value in find_bound_violations(at_joints.terms, at_joints.theta)
     ]
     gates += [
-        Gate(
-            term.get_full_name(parameter.name), parameter.high, parameter.high, False, parameter.get_unit(model.units())
-        )
+        Gate(term.get_full_name(parameter.name), parameter.high, parameter.high, False, parameter.get_unit(units))
         for term, parameter in find_parameters_at_limit(at_joints.terms)
     ]
     for joint, x in motions.items():
@@ -68,16 +65,16 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     gates, inertia = [], model.estimates.get("inertia")
     if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
         gates.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
-    friction = [(term, column, value) for term, column, value in _list_parts(model) if _is_friction(term)]
-    share = _compute_driving_share(model, x)
+    columns = [(term, column) for term in model.terms for column in term.columns]
+    parts = [(*pair, value) for pair, value in zip(columns, model.theta.tolist(), strict=True)]
+    friction = [(term, column, value) for term, column, value in parts if _is_friction(term)]
+    share = _compute_driving_share(model, [column for term, column, _ in friction if not term.has_hidden_state], x)
     if share > 0 and not is_coupled:
         gates.append(Gate("driving_friction", share, 0.0, False))
-    driving = [(column, value) for term, column, value in _list_parts(model) if _drives_joint(term)]
-    driving_torque = sum((value * column.force(x) for column, value in [(LOAD, 1.0), *driving]), np.zeros_like(x.time))
+    driving = [(LOAD, 1.0), *((column, value) for term, column, value in parts if _drives_joint(term))]
+    driving_torque = sum((value * column.force(x) for column, value in driving), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - driving_torque).max())
-    dry = _compute_dry_friction_over_turn(
-        [(column, value) for term, column, value in friction if not column.of_torque], x
-    ).max()
+    dry = _compute_dry_friction_over_turn([part[1:] for part in friction if not part[1].of_torque], x).max()
     for stop in (term for term in model.terms if isinstance(term, HardStop)):
         lowest, highest = float(x.position.min()), float(x.position.max())
         free = min(stop.upper, highest) - max(stop.lower, lowest)
@@ -90,17 +87,14 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     return gates
 
 
-def _compute_driving_share(model: Model, x: Samples) -> float:
-    """Return the share of the samples in which the power of all friction is significantly negative."""
-    is_counted = [_is_friction(term) and not term.has_hidden_state for term, *_ in _list_parts(model)]
-    parts = [part for part, counts in zip(_list_parts(model), is_counted, strict=True) if counts]
-    if not parts:
-        return 0.0
-    power = np.column_stack([np.broadcast_to(column.power(x), x.time.shape) for _, column, _ in parts])  # (N, P)
-    total = power @ np.array([value for *_, value in parts])
-    index = [list(model.estimates).index(column.name) for _, column, _ in parts]
-    covariance = model.assumed_covariance[np.ix_(index, index)]
-    std = np.sqrt(np.maximum(np.einsum("np,pq,nq->n", power, covariance, power), 0.0))
+def _compute_driving_share(model: Model, friction: Sequence[Column], x: Samples) -> float:
+    """Return the share of the samples in which the power of columns of friction is significantly negative."""
+    names = list(model.estimates)
+    place = [names.index(column.name) for column in friction]
+    power = np.array([np.broadcast_to(column.power(x), x.time.shape) for column in friction]).reshape(-1, len(x.time))
+    total = np.array([model.estimates[column.name].value for column in friction]) @ power
+    covariance = np.nan_to_num(model.assumed_covariance[np.ix_(place, place)], posinf=1e150)
+    std = np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", power, covariance, power), 0.0))
     rounding = 1e-9 * np.abs(total).max()
     return float(np.mean(total < -SIGNIFICANT * std - rounding))
 
@@ -113,12 +107,6 @@ def _is_friction(term: Term) -> bool:
 def _drives_joint(term: Term) -> bool:
     """Return whether a term, as gravity does, can set a joint in motion without the motor."""
     return term.kind in ("potential", "time-varying") and term.id != "hard_stop" and not _is_friction(term)
-
-
-def _list_parts(model: Model) -> list[tuple[Term, Column, float]]:
-    """List the linear columns of a model with their terms and parameters."""
-    columns = [(term, column) for term in model.terms for column in term.columns]
-    return [(*pair, float(value)) for pair, value in zip(columns, model.theta, strict=True)]
 
 
 def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Samples) -> Array:
@@ -134,10 +122,8 @@ def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Sa
 
 def find_bound_violations(terms: Sequence[Term], theta: Array) -> list[tuple[Column, float]]:
     """Return the columns with a linear parameter, of theta (P,), outside its bounds, and its value."""
-    columns = [column for term in terms for column in term.columns]
-    return [
-        (column, value) for column, value in zip(columns, theta.tolist(), strict=True) if not column.is_allowed(value)
-    ]
+    columns = (column for term in terms for column in term.columns)
+    return [pair for pair in zip(columns, theta.tolist(), strict=True) if not pair[0].is_allowed(pair[1])]
 
 
 def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, NonlinearParameter]]:
@@ -147,13 +133,9 @@ def find_parameters_at_limit(terms: Sequence[Term]) -> list[tuple[Term, Nonlinea
     """
     at_limit = []
     for term in terms:
-        parameters_by_name = {
-            parameter.name: parameter for parameter in effects().get(term.id, type(term)).nonlinear_parameters
-        }
-        parameters = (parameters_by_name[parameter.name] for parameter in list_continuous_parameters(term))
-        at_limit += [
-            (term, parameter) for parameter in parameters if term.nonlinear_values[parameter.name] >= parameter.high
-        ]
+        limits = {p.name: p for p in effects().get(term.id, type(term)).nonlinear_parameters}
+        values = {limits[p.name]: term.nonlinear_values[p.name] for p in list_continuous_parameters(term)}
+        at_limit += [(term, parameter) for parameter, value in values.items() if value >= parameter.high]
     return at_limit
 
 
@@ -235,16 +217,17 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
         share, std = new.value / old.value, new.std / abs(old.value)
         keeps_sign = "gravity_tilt" in after.estimates or share + SIGNIFICANT * std >= 0
         gates.append(Gate("kept_gravity", share, 0.0, keeps_sign and std <= 1.0, std=std))
-    for name in {"viscous", "coulomb"} & shared:
-        value, std = before.estimates[name].value, after.estimates[name].std
-        if compute_significant_sign(before, name) and std > abs(value):
-            gates.append(Gate(f"undetermined_{name}", std / abs(value), 1.0, False))
+    for name in ("viscous", "coulomb"):
+        if name in shared and compute_significant_sign(before, name):
+            ratio = after.estimates[name].std / abs(before.estimates[name].value)
+            gates += [Gate(f"undetermined_{name}", ratio, 1.0, False)] if ratio > 1.0 else []
     return gates
 
 
 def _compute_mean_inertia(model: Model, x: Samples) -> float:
     """Return the inertia of a model of a pendulum with all its effects, mean over samples (N,) [kg m^2]."""
-    return sum(value * float(np.mean(column.mass(x))) for _, column, value in _list_parts(model))
+    masses = [float(np.mean(column.mass(x))) for column in model.columns]
+    return float(model.theta @ np.array(masses))
 
 
 def make_confirmation_gates(
@@ -260,10 +243,7 @@ def make_confirmation_gates(
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
     others = [term for step in (after, before) for term in step.model.terms if list_forms([term]).isdisjoint(common)]
     joints = {joint for term in others for joint in list_loads(term.at)} or set(motions)
-    violated = find_violations(
-        after.model, {joint_name: motions[joint_name] for joint_name in motions if joint_name in joints}
-    )
-    if violated:
+    if violated := find_violations(after.model, {name: x for name, x in motions.items() if name in joints}):
         return violated
     gates = [Gate("physical_bounds", 0, 0, True)]
     angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
