@@ -10,11 +10,10 @@ from estimators.memoize import memoized
 from estimators.regression.balance import place_columns
 from estimators.regression.least_squares import project_out
 from estimators.search_hints import count_variants, find_hints, make_grid
-from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array
 from pendulum_env.physics import Samples, Table, Term, count_term_parameters
 
-STARTS = 2  # variants per form from which a search over nonlinear parameters starts, the best in their basins
+STARTS = 2  # best variants per form from which a search over nonlinear parameters starts
 COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
 
 
@@ -77,26 +76,10 @@ def refine_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> l
     best = [
         trials[0]
         if is_integer
-        else min((data.maker.refine(start, effect.id) for start in choose_starts(trials)), key=lambda t: t.fitted_rms)
+        else min((data.maker.refine(trial, effect.id) for trial in trials[:STARTS]), key=lambda trial: trial.fitted_rms)
         for trials in forms.values()
     ]
     return sorted(best, key=lambda trial: (count_term_parameters(trial.terms[-1]), trial.fitted_rms))
-
-
-def choose_starts(ranked: list[ScoredTerms]) -> list[ScoredTerms]:
-    """Return the best trials of one form, from which a search starts.
-
-    With a single continuous parameter, the second one is the best in another basin: the neighbour of the best value
-    would lead to the same minimum.
-    """
-    sought = list_continuous_parameters(ranked[0].terms[-1])
-    if len(sought) != 1:
-        return ranked[:STARTS]
-    by_value = sorted(ranked, key=lambda trial: trial.terms[-1].nonlinear_values[sought[0].name])
-    sizes = np.array([np.inf, *(trial.fitted_rms for trial in by_value), np.inf])
-    is_lowest = (sizes[1:-1] <= sizes[:-2]) & (sizes[1:-1] <= sizes[2:])
-    basins = sorted((by_value[k] for k in np.flatnonzero(is_lowest)), key=lambda trial: trial.fitted_rms)
-    return [ranked[0], *(trial for trial in basins if trial is not ranked[0])][:STARTS]
 
 
 def try_variants(data: RegressionData, terms: Terms, variants: Terms) -> list[ScoredTerms]:
