@@ -24,7 +24,7 @@ from pendulum_env.physics import (
     has_link,
     list_loads,
 )
-from pendulum_env.physics.potential import HardStop
+from pendulum_env.physics.potential import HardStop, Spring
 from pendulum_env.physics.term import return_zero
 from pendulum_env.physics.terms import list_forms
 
@@ -75,6 +75,10 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     driving_torque = sum((value * column.force(x) for column, value in driving), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - driving_torque).max())
     dry = _compute_dry_friction_over_turn([part[1:] for part in friction if not part[1].of_torque], x).max()
+    pushing = [
+        (c, v) for term, c, v in parts if isinstance(term, Spring) and c.name.startswith("spring.stiffness") and v < 0
+    ]
+    gates += [Gate(c.name, v, 0.0, False, model.units().unit(c.unit)) for c, v in pushing if c.is_allowed(v)]
     for stop in (term for term in model.terms if isinstance(term, HardStop)):
         lowest, highest = float(x.position.min()), float(x.position.max())
         free = min(stop.upper, highest) - max(stop.lower, lowest)

@@ -228,7 +228,8 @@ def set_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:
         if isinstance(term, Table) and not term.covers(x := part.data.part(term.at).samples):
             grid = [cast(Table, table) for table in make_grid(type(term), x, np.empty(0))[::-1]]
             same_size, count = [table for table in grid if table.extent.pieces == term.extent.pieces], len(term.columns)
-            nearest = min(same_size[:1] or grid, key=lambda table: abs(len(table.columns) - count), default=term)
-            term = nearest.without_known_functions([other for other in terms if other is not term])
+            nearest = min(same_size[:1] or grid, key=lambda table: abs(len(table.columns) - count), default=None)
+            others = [other for other in terms if other is not term]
+            term = term if nearest is None else nearest.without_known_functions(others)
         terms_on_grid.append(term)
     return tuple(terms_on_grid)

@@ -99,12 +99,13 @@ class Spring(Term):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        # a spring pulls back; negative stiffness and gravity together would fit any curve
-        line = _make_power("spring.stiffness", "N m/rad", 1, least=0.0), _make_power("spring.preload", "N m", 0)
+        preload = _make_power("spring.preload", "N m", 0)
         if isinstance(self.degree, float | np.ndarray) and not np.any(np.asarray(self.degree) > 1):  # not symbolic
-            return line
+            return _make_power("spring.stiffness", "N m/rad", 1), preload
+        # negative stiffness and gravity together would fit any curve
+        pulls = _make_power("spring.stiffness", "N m/rad", 1, least=0.0)
         quadratic, cubic = _make_power("spring.quadratic", "N m/rad^2", 2), _make_power("spring.cubic", "N m/rad^3", 3)
-        return *line, quadratic, cubic
+        return pulls, preload, quadratic, cubic
 
     @property
     def fault(self) -> str:
