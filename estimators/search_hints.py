@@ -33,7 +33,6 @@ MOST_ORDERS = 400  # largest number of trial values of a single integer paramete
 COARSE = 60  # cogging: largest order of a complete search
 FINEST, STARTS = 400, 3  # cogging: highest order, twice the ratio of usual gears; number of trial orders above COARSE
 WAVES = 3  # cogging: least number of periods of the longest of several waves within the motion
-LONGEST_WARM_UP = 1.5  # times the last time
 WARMER = 1.0  # [K], least change of the temperature
 PEAKS = 8  # number of highest peaks of a periodogram from which a search starts
 ANGLES, SPEEDS = (6, 12, 24, 48), (4, 8, 16)  # trial numbers of pieces of tables
@@ -202,14 +201,9 @@ def _is_stop(term: HardStop, x: Samples) -> bool:
 
 
 def _list_warm_up_times(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List eight warm-up times, from a twentieth of the last time to `LONGEST_WARM_UP` times it."""
+    """List eight warm-up times, from a twentieth to one and a half of the last time."""
     span = float(np.max(x.time))
-    return [kind(float(warm_up)) for warm_up in np.geomspace(span / 20, span * LONGEST_WARM_UP, 8)]
-
-
-def _is_warm_up(term: FrictionDrift, x: Samples) -> bool:
-    """Require a warm-up within the recorded time: a longer one is a line, whose end the base friction cannot have."""
-    return bool(term.warm_up <= 1.001 * LONGEST_WARM_UP * np.max(x.time))
+    return [kind(float(warm_up)) for warm_up in np.geomspace(span / 20, span * 1.5, 8)]
 
 
 def _list_instants(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
@@ -335,7 +329,7 @@ _HINTS: dict[type[Term], SearchHints] = {
     HardStop: SearchHints(
         _list_stops, is_possible=_is_stop, alternative_starts={"hysteresis": 0.05, "damping_time": 0.005}
     ),
-    FrictionDrift: SearchHints(_list_warm_up_times, is_possible=_is_warm_up),
+    FrictionDrift: SearchHints(_list_warm_up_times),
     PayloadChange: SearchHints(_list_instants),
     PeriodicDisturbance: SearchHints(
         _list_frequencies, n_tried=lambda kind, x, residual: len(_compute_periodogram(x, residual)[0])

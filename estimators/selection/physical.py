@@ -201,10 +201,9 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
     Inertia must keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
     It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where the smaller
     model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
-    With a tilt it may have any sign. The standard error of a base parameter may not exceed its former value: an effect
-    that leaves it undetermined imitates it. Such friction has a failed gate `undetermined_` plus its name. Models with
-    a link have no gates, as they are uncertain before the link's states are fitted. `motions` are the samples of
-    joints, by name.
+    With a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
+    leave it undetermined cancel it and imitate another law. Models with a link have no gates, as they are
+    uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
     """
     gates: list[Gate] = []
     shared = before.estimates.keys() & after.estimates.keys()
@@ -221,10 +220,6 @@ def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples],
         share, std = new.value / old.value, new.std / abs(old.value)
         keeps_sign = "gravity_tilt" in after.estimates or share + SIGNIFICANT * std >= 0
         gates.append(Gate("kept_gravity", share, 0.0, keeps_sign and std <= 1.0, std=std))
-    for name in ("viscous", "coulomb"):
-        if name in shared and compute_significant_sign(before, name):
-            ratio = after.estimates[name].std / abs(before.estimates[name].value)
-            gates += [Gate(f"undetermined_{name}", ratio, 1.0, False)] if ratio > 1.0 else []
     return gates
 
 

@@ -133,8 +133,3 @@ def test_hints_of_a_user_serve_the_effect_at_a_joint_and_within_limits():
         assert [is_possible(own, x) for own in make_grid(kind, x, x.torque)] == [False, True]
     narrow = limit_kind(Own, {"wave.order": (8.0, 10.0)})
     assert [own.order for own in make_grid(narrow, x, x.torque)] == [8.0, 10.0]
-
-
-def test_friction_does_not_warm_up_for_much_longer_than_the_recording():
-    x, kind = recorded(1, rate=50.0, seconds=8.0), effects()["friction_drift"]
-    assert is_possible(kind(10.0), x) and not is_possible(kind(1000.0), x)

@@ -406,9 +406,6 @@ def _describe_gate(finding: Finding) -> str:
         return f"fits only with {value.value:.2g} times the gravity: both terms cancel and imitate a third law"
     if name == "kept_inertia":
         return f"fits only with {value.value:.2g} times the inertia, less than {limit.value:.0%}: it imitates inertia"
-    if name.startswith("undetermined_"):
-        parameter = name.removeprefix("undetermined_")
-        return f"leaves {parameter} undetermined: its standard error is {value.value:.2g} times its former value"
     if name in HELD_OUT:
         place = f" at {at}" if at else ""
         return f"does not lower the held-out {HELD_OUT[name]} ({measure_change(limit, value)}){place}"

@@ -236,15 +236,6 @@ def test_effects_of_the_angle_that_leave_gravity_undetermined_draw_a_curve_of_th
         assert [gate.passed for gate in make_base_gates(after, before, {"": X}, LEAST)] == [True, passed]
 
 
-@pytest.mark.parametrize(("std", "failed"), [(0.3, []), (2.0, ["undetermined_coulomb"])])
-def test_friction_that_the_smaller_model_determines_stays_determined(std, failed):
-    """Friction that decays for much longer than the recording equals constant friction and a line."""
-    before = Model.build(BASE, [0.1, 2.0, 0.1, 0.5], 0.01)
-    terms = [*BASE, effect("friction_drift")(1e4)]
-    after = Model.build(terms, [0.1, 2.0, 0.1, 0.1, 0.0, 0.4], [0.001, 0.01, 0.01, std, 0.01, std])
-    assert [gate.name for gate in make_base_gates(after, before, {"": X}, LEAST) if not gate.passed] == failed
-
-
 def test_inertia_has_to_keep_half_of_what_the_smaller_model_shows_beyond_three_standard_errors():
     after = Model.build([*BASE, ActuatorLag(0.01)], [0.03, 2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
     for std, limit, passed in ((0.001, 0.485, False), (0.02, 0.2, True)):
