@@ -127,7 +127,7 @@ def draw_unix_clock(seed: int, folder: Path) -> Variant:
     """Stamps that count from 1970; in every third variant, noise of the torque moves the machine and is not logged."""
     rng = np.random.default_rng([seed, 1])
     plant, (rate, counts), is_hidden = draw_plant(rng), draw_sensors(rng), seed % 3 == 0
-    noise = 0.02 * plant.gravity / 2 if is_hidden else 0.005 * plant.gravity
+    noise = plant.gravity * (draw_size(np.random.default_rng([seed, 13]), 0.01, 0.04) if is_hidden else 0.005)
     experiment = Experiment(rate, 20.0, seed=seed, counts=counts, torque_noise=noise, noise_in_plant=is_hidden)
     run = move(rng, plant, experiment)
     unit, scale = (("s", 1), ("ms", 10**3), ("ns", 10**9))[int(rng.integers(3))]
