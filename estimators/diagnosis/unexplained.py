@@ -52,6 +52,10 @@ def find_unexplained(result: SearchResult) -> list[Region]:
     if not evaluator.residuals.is_noise_in(holdout, holdout_residual):
         regions_held_out = find_failures(holdout, holdout_residual, floors=evaluator.residuals.holdout_floors)
         return [replace(region, held_out_recordings=holdout.names) for region in regions_held_out]
+    if (noisier := evaluator.residuals.add_process_noise(train, residual)) is not None:
+        pairs = zip(train.segments, noisier.windows, strict=False)
+        segments = tuple(replace(segment, windows=w) for segment, w in pairs)
+        evaluator = replace(evaluator, train=replace(train, segments=segments), drawn=evaluator.bootstrap)
     if not is_misfit_between_contacts(evaluator, last):
         return []
     error, units = last.errors["train"].position_rms, last.model.units()
