@@ -226,10 +226,11 @@ class HasModel(Protocol):
 def check_model(given: Model | HasModel) -> Model:
     """Return a model, or the model of a result, and check that it has inertia or is of an arm."""
     if not isinstance(given := getattr(given, "model", given), Model):
-        result = "one scheme of it" if isinstance(given, Mapping) else "a result"
-        raise TypeError(
-            f"{quote_value(given)} is not a model: read a file with Model.load, or take the model of {result}"
-        )
+        if hasattr(type(given), "windows"):
+            remedy = "take its fit over windows, `.windows`, or the `.model` of one scheme"
+        else:
+            remedy = "read a file with Model.load, or take the `.model` of a result"
+        raise TypeError(f"{quote_value(given)} is not a model: {remedy}")
     if not any(item.kind == "inertial" for item in given.terms):
         raise ModelError(NO_INERTIA)
     return given

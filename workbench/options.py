@@ -34,7 +34,9 @@ class MergeAction(argparse.Action):
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
     ) -> None:
-        """Merge the pairs of one occurrence."""
+        """Merge the pairs of one occurrence; refuse a second value of a name."""
+        if repeated := getattr(namespace, self.dest).keys() & values:
+            raise argparse.ArgumentError(self, f"{min(repeated)} is given twice: give one value")
         setattr(namespace, self.dest, {**getattr(namespace, self.dest), **values})
 
 
@@ -148,10 +150,14 @@ def parse_columns(text: str) -> dict[str, str]:
 
 def _split_pairs(text: str, expected: str) -> Iterator[tuple[str, str]]:
     """Split `NAME=VALUE,...` into names and values; raises InputError with the expected form `expected`."""
+    names = set()
     for part in text.split(","):
         name, equals, value = (word.strip() for word in part.partition("="))
         if not (name and equals):
             raise InputError(f"{quote_value(part)} should be {expected}")
+        if name in names:
+            raise InputError(f"{name} is given twice: give one value")
+        names.add(name)
         yield name, value
 
 

@@ -12,7 +12,7 @@ from pendulum_env.files import check_output, format_json, write_whole
 from pendulum_env.formatting import format_estimate, join_words
 from pendulum_env.physics import Model
 from workbench.errors import InputError
-from workbench.narrator.findings import advise_inertia
+from workbench.narrator.findings import advise_inertia, describe
 from workbench.terminal import Terminal
 
 
@@ -32,22 +32,19 @@ def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> 
             raise InputError(f"{path}: is named for two outputs: name two files")
 
 
-def write_model(model: Model, path: str | None, terminal: Terminal, findings: Sequence[Finding] = ()) -> str | None:
-    """Write a model to a path, if given; return the path, or None if no file was written.
+def write_model(model: Model, path: str | None, findings: Sequence[Finding] = ()) -> str | None:
+    """Write a model to a path, if given; return the path.
 
-    A model without positive inertia is not written, unless its inertia is unknown and no finding calls it negative.
+    Raises InputError for a model without positive inertia, unless its inertia is unknown and no finding calls it
+    negative.
     """
     inertia = model.estimates.get("inertia")
-    is_turned = any(finding.kind is Kind.INERTIA_NEGATIVE for finding in findings)
-    if path is not None and inertia is not None and inertia.value <= 0 and (is_turned or not inertia.is_unknown):
-        remark, advice = ", what is there is that of before" if Path(path).is_file() else "", advise_inertia()
-        terminal.print(
-            f"warning: {path} is not written{remark}: inertia came out as "
-            f"{format_estimate(inertia.value, inertia.std)} {inertia.unit}, and no body has that: "
-            f"{advice[0].lower()}{advice[1:]}",
-            style="yellow",
-        )
-        return None
+    turned = next((finding for finding in findings if finding.kind is Kind.INERTIA_NEGATIVE), None)
+    if path is not None and inertia is not None and inertia.value <= 0 and (turned or not inertia.is_unknown):
+        remark = " (the earlier file stays)" if Path(path).is_file() else ""
+        value = f"{format_estimate(inertia.value, inertia.std)} {inertia.unit}"
+        reason = describe(turned) if turned else f"The inertia came out as {value}. {advise_inertia()}"
+        raise InputError(f"{path} is not written{remark}. {reason}")
     if path is not None:
         model.save(path)
     return path

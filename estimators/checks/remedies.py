@@ -44,7 +44,9 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
         return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=remedies)]
     if is_significantly_negative(model, "inertia"):
         remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("torque"))
-        return [Finding(Kind.INERTIA_NEGATIVE, parameters=("inertia",), remedies=remedies)]
+        inertia = model.estimates["inertia"]
+        numbers = {"inertia": Quantity(inertia.value, inertia.std, inertia.unit)}
+        return [Finding(Kind.INERTIA_NEGATIVE, numbers, ("inertia",), remedies=remedies)]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
     load_gravities = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
     if gravity is None or gravity.std == 0:  # no gravity, or fixed by the user

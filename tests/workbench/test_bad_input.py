@@ -71,6 +71,8 @@ WORDS = [  # with files of `folder`
     ("record --excitation suggested --diagnosis d.json --amplitude 2 -o x.csv", "`diagnose --max-torque` bounds"),
     ("record --backend replay -o x.csv", "--replay FILE belong together"),
     ("diagnose run.csv --fix gravity", "NAME=VALUE"),
+    ("diagnose run.csv --fix gravity=1 --fix gravity=2", "gravity is given twice"),
+    ("diagnose run.csv --bound viscous=0:1,viscous=0:2", "viscous is given twice"),
     ("diagnose run.csv --bound gravity=1", "NAME=LOW:HIGH"),
     *(
         (

@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
                 raise
             raise InputError(f"{error}: it takes {find_description(error.effect).informative_experiment}") from error
     print_parts(narrate_addition(addition), terminal)
-    report_files([write_model(addition.after.model, arguments.output, terminal)], terminal)
+    report_files([write_model(addition.after.model, arguments.output)], terminal)
 
 
 def _convert_effect(text: str) -> str:

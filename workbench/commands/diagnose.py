@@ -84,5 +84,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         reason = "there is no experiment" if diagnosis.suggestion is None else "the experiment has no torque"
         terminal.print(f"{arguments.experiment} is not written: {reason}")
         outputs[0] = None
-    outputs[-1] = write_model(diagnosis.model, arguments.output, terminal)
-    report_files(outputs, terminal)
+    causes = [region.cause for region in diagnosis.unexplained if region.cause is not None]
+    outputs[-1] = None
+    try:
+        outputs[-1] = write_model(diagnosis.model, arguments.output, [*diagnosis.findings, *causes])
+    finally:
+        report_files(outputs, terminal)

@@ -81,9 +81,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         terminal.print(f"warning: {text}", style="yellow")
     if nearest is not None:
         terminal.print(f"{primary.scheme}: {describe_nearest_body(nearest)}")
-    if model is not None:
-        outputs[1] = write_model(model, arguments.output, terminal, identification.findings)
-    report_files(outputs, terminal)
+    outputs[1] = None
+    try:
+        outputs[1] = None if model is None else write_model(model, arguments.output, identification.findings)
+    finally:
+        report_files(outputs, terminal)
     if outputs[1] is not None and model is not None:
         terminal.print(f"{outputs[1]} has {fit}")
 

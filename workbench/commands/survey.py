@@ -16,6 +16,7 @@ from workbench.survey.run import open_cluster, run_survey
 from workbench.survey.table import find_series, tabulate_changes, tabulate_recordings, write_table
 from workbench.terminal import Terminal
 
+FILE_SUFFIXES = (".html", ".json", ".csv", ".parquet")
 PRINTED = 20  # largest number of printed rows
 
 
@@ -50,6 +51,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     folder, output = Path(arguments.folder), Path(arguments.output)
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file: name a folder for the table")
+    if output.suffix in FILE_SUFFIXES and not output.is_dir():
+        raise InputError(f"{output}: is the name of a file: name a folder, which gets survey.csv and survey.parquet")
     _check_options(arguments)
     settings, files = Settings.from_arguments(arguments), find_recordings(folder, arguments)
     start = open_local_workers if arguments.scheduler is None else lambda _: open_cluster(arguments.scheduler)

@@ -195,7 +195,8 @@ def _make_column_text(text: str, otherwise: str = "") -> Callable[[Finding], str
             f"{format_setting('columns', remedy.columns)} instead."
             for remedy in finding.remedies
         ]
-        return " ".join([f"{text}.", *(options or filter(None, [otherwise]))])
+        sentence = f"{text.format(**_collect_words(finding))}."
+        return " ".join([sentence, *(options or filter(None, [otherwise]))])
 
     return describe_column
 
@@ -541,7 +542,8 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "The motion follows load_torque with the opposite sign: a load torque that drives the joint is positive"
     ),
     Kind.INERTIA_NEGATIVE: _make_column_text(
-        "The inertia came out negative: torque and position have opposite signs", "Give one of them a minus sign."
+        "The inertia came out negative ({inertia:2}): torque and position have opposite signs",
+        "Give one of them a minus sign.",
     ),
     Kind.ZERO_SHIFTED: _describe_zero,
     Kind.ZERO_UPRIGHT: _make_column_text(
