@@ -87,5 +87,5 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
 
 def _prepare_recording(recording: Recording, model: Model, horizon: float | None) -> RegressionData:
     """Prepare a recording with the horizon [s] of free runs, and with contacts at the stops of a model."""
-    data = RegressionData.from_recordings([recording])
+    data = RegressionData.from_recordings([recording], inertia=abs(model.estimates["inertia"].value))
     return (data if horizon is None else data.with_horizon(horizon)).with_contacts(model)

@@ -45,6 +45,7 @@ class Kind(StrEnum):
     # treatments of the recordings before a model is fitted
     TORQUE_CONSTANT = "torque_constant"  # torque_constant
     NARROWER_WINDOWS = "narrower_windows"  # share of the length
+    WINDOWS_BY_INERTIA = "windows_by_inertia"  # inertia of the model, and that of the base model
     IMPACTS_INCLUDED = "impacts_included"
     RECORDINGS_EXCLUDED = "recordings_excluded"
     TIMED_BESIDE = "timed_beside"

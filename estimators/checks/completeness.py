@@ -13,6 +13,7 @@ from estimators.checks.closed_loop import find_feedback
 from estimators.checks.homogeneity import RecordingFit, find_disagreements, find_misfits, fit_each_recording
 from estimators.checks.remedies import find_wrong_columns
 from estimators.data.fit_data import FitData
+from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
@@ -51,7 +52,9 @@ def check_results(
         return None, findings, results
     windows, findings = None, find_wrong_columns(first, fit_data.recordings) or find_driving_friction(first)
     with suppress(IdentificationError):  # windows need more motion than some schemes
-        windows = prepare_windows(fit_data.recordings)
+        windows = prepare_windows(fit_data.recordings, inertia=fit_data.inertia)
+        if (inertia := find_inertia_of_noise(RegressionData(windows), terms)) is not None:
+            windows = prepare_windows(fit_data.recordings, inertia=inertia.value)
         findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms), terms)]
         if not findings:
             findings, results = _check_completeness(results, RegressionData(windows), terms)

@@ -38,6 +38,7 @@ class FitData:
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque is corrected. Empty before `with_timing`.
         window_share: factor on the window lengths chosen by noise.
+        inertia: known inertia of a pendulum, which scales encoder noise [kg m^2]; None if the base model gives it.
         contact_terms: terms of the residual that showed contacts with a stop; None without contacts.
         terms: terms that may be fitted to an arm, the links first; empty for a pendulum.
         treatments: findings on each treatment, in order.
@@ -52,6 +53,7 @@ class FitData:
     doubt: Finding | None = None
     alignments: tuple[Alignment, ...] = ()
     window_share: float = 1.0
+    inertia: float | None = None
     contact_terms: tuple[Term, ...] | None = None
     terms: tuple[type[Term] | Term, ...] = ()
     treatments: tuple[Finding, ...] = ()
@@ -89,7 +91,7 @@ class FitData:
         if not find_body(terms).can_simulate:
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
         known = find_known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
-        data = cls(*calibrate(recordings, holdout, constant, known))
+        data = cls(*calibrate(recordings, holdout, constant, known), inertia=known.get("inertia"))
         if data.constant is not None:
             quantity = Quantity(data.constant.value, data.constant.std, data.constant.unit)
             data = data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": quantity}))
@@ -207,7 +209,7 @@ class FitData:
         if self.terms:
             train, holdout = split_arm(self.recordings, self.holdout)
             return RegressionData.from_arm(train, self.terms), RegressionData.from_arm(holdout, self.terms)
-        parts = split_recordings(self.recordings, self.holdout, self.window_share)
+        parts = split_recordings(self.recordings, self.holdout, self.window_share, self.inertia)
         parts = parts if self.contact_terms is None else add_contacts(parts, self.contact_terms)
         if self.horizon is None:
             return parts

@@ -9,10 +9,11 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.rows import Terms
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.least_squares import Fit, project_out, solve_least_squares
+from estimators.selection.criterion import Criterion
 from estimators.weak_form.columns import list_law_bounds, mark_bounds
 from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
 from pendulum_env._typing import Array, Mask
-from pendulum_env.physics import Model, NonlinearParameter, Term
+from pendulum_env.physics import SIGNIFICANT, Estimate, Model, NonlinearParameter, Term, has_link
 
 INSTANTS, EDGES = (1e-3, 10.0), (1e-5, 0.7)  # least and largest tried displacement: of an instant [s]; [step units]
 DISPLACEMENTS, WITHIN = 40, (0.6827, 0.9545, 0.9973)  # displacements; probability within 1, 2, 3 standard errors
@@ -47,6 +48,24 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     columns = [column.name for term in terms for column in term.columns]
     model = Model.build(terms, theta, fit.std[:count], **nonlinear_std)
     return mark_bounds(model).with_covariance([*columns, *names], fit.covariance), fit
+
+
+def find_inertia_of_noise(data: RegressionData, terms: Terms) -> Estimate | None:
+    """Fit the inertia of a pendulum with some terms, by which the noise floor differs from that of the data.
+
+    The inertia scales encoder noise. A base model that lacks an effect may have another inertia, by which the windows
+    were chosen. None is returned for a known or insignificant inertia, the same floor within
+    `Criterion.error_margin`, and a link, whose inertia is not that of the encoder's side.
+    """
+    if not data.layout.predicts_torque or has_link(terms) or all(w.inertia for w in data.data.windows):
+        return None
+    inertia = fit_terms(data, terms)[0].estimates.get("inertia")
+    if inertia is None or not inertia.is_significant or inertia.value <= 0:
+        return None
+    before = data.data.base_inertia
+    floor, old_floor = (data.data.noise(value) for value in (inertia.value, before))
+    is_same = abs(inertia.value - before) <= SIGNIFICANT * inertia.std
+    return None if is_same or abs(floor - old_floor) <= Criterion.error_margin * old_floor else inertia
 
 
 def find_term_edges(data: RegressionData, terms: Terms) -> dict[Term, list[NonlinearParameter]]:

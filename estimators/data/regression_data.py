@@ -55,13 +55,14 @@ class RegressionData:
         recordings: Sequence[Recording],
         half_widths: Sequence[float] | None = None,
         part: tuple[float, float] = (0.0, 1.0),
+        inertia: float | None = None,
     ) -> RegressionData:
         """Cut recordings of a pendulum into windows and segments.
 
         The half width of the windows of each recording [s] is chosen by noise if not given. `part` are begin and end of
-        the range with windows, as shares of each recording.
+        the range with windows, as shares of each recording. A known `inertia` [kg m^2] scales encoder noise.
         """
-        data = prepare_windows(recordings, half_widths, part)
+        data = prepare_windows(recordings, half_widths, part, inertia=inertia)
         return cls(data, tuple(choose_segments(w) for w in data.windows))
 
     def with_horizon(self, seconds: float, covers: bool = False) -> RegressionData:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -35,11 +36,16 @@ def split_arm(
     return [first for first, _ in pairs], [last for _, last in pairs]
 
 
-def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recording] = (), shorter: float = 1.0) -> Parts:
+def split_recordings(
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording] = (),
+    shorter: float = 1.0,
+    inertia: float | None = None,
+) -> Parts:
     """Return fitted and held-out data of a pendulum; without `holdout`, the end of each recording is held out.
 
     `shorter` is a factor on the window lengths chosen by noise. While windows are too few, it is multiplied by
-    `Criterion.shorter_window`, down to about `SHORTEST`.
+    `Criterion.shorter_window`, down to about `SHORTEST`. A known `inertia` [kg m^2] scales encoder noise.
 
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
@@ -50,21 +56,23 @@ def split_recordings(recordings: Sequence[Recording], holdout: Sequence[Recordin
             f"{names}: torque is never applied, only ratios of parameters are known: take `FitData.from_recordings`"
         )
     try:
-        return _split_into_parts(recordings, holdout, shorter)
+        return _split_into_parts(recordings, holdout, shorter, inertia)
     except IdentificationError:
         if shorter <= SHORTEST:
             raise
-        return split_recordings(recordings, holdout, Criterion.shorter_window * shorter)
+        return split_recordings(recordings, holdout, Criterion.shorter_window * shorter, inertia)
 
 
-def _split_into_parts(recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float) -> Parts:
+def _split_into_parts(
+    recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float, inertia: float | None
+) -> Parts:
     """Return fitted and held-out data; `shorter` scales the chosen window lengths.
 
     Without `holdout`, the last 30 % of each recording is held out. A part may hold less than half of the window
     centres, or too little motion. The split is then at the share of time before which 70 % of all centres lie.
     """
-    cut = RegressionData.from_recordings
-    widths, holdout_widths = ([shorter * choose_half_width(r) for r in part] for part in (recordings, holdout))
+    cut = partial(RegressionData.from_recordings, inertia=inertia)
+    widths, holdout_widths = ([shorter * choose_half_width(r, inertia) for r in part] for part in (recordings, holdout))
     if holdout:
         return cut(recordings, widths), cut(holdout, holdout_widths)
 
@@ -133,5 +141,5 @@ def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | Non
 def _cut_again(data: RegressionData, part: Part) -> RegressionData:
     """Return data of another part of the recordings, with windows of the same lengths."""
     widths = [len(w.kernel) // 2 / w.recording.rate for w in data.data.windows]
-    windows = prepare_windows(data.recordings, widths, part, fewest=0)
+    windows = prepare_windows(data.recordings, widths, part, fewest=0, inertia=data.data.windows[0].inertia)
     return RegressionData(windows, tuple(choose_segments(w) for w in windows.windows))

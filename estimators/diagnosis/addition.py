@@ -11,19 +11,21 @@ from estimators.arguments import (
     select_recordings,
     select_visible_effects,
 )
-from estimators.diagnosis.case import Trial
+from estimators.data.fit_data import FitData
+from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.treatments import compare_treatment, scale_noise_by_model
 from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.in_loop import complete_drives
 from estimators.progress import Progress, no_progress
-from estimators.selection.errors import explain_rejection
+from estimators.selection.errors import Step, explain_rejection
 from estimators.selection.search import SearchResult, fit_without_and_with
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import Bounds, Model, is_hidden
+from pendulum_env.physics import Bounds, Model, Term, is_hidden
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -73,10 +75,28 @@ def add(
     case = choose_case(terms, (*recordings, *holdout))
     progress("reading the motion", 0.0)
     data, setting = case.prepare(recordings, holdout, setting)
-    data = case.show_effect(data, tuple(setting.base), library[kind.id])
+    data, kind = case.show_effect(data, tuple(setting.base), library[kind.id]), library[kind.id]
+    trial, before, objection = _fit_effect(case, data, setting, kind, model)
+    if objection is None and (scaled := scale_noise_by_model(trial)) is not None:
+        scaled_fit = _fit_effect(case, scaled, setting, kind, model)
+        if compare_treatment(scaled_fit[0], trial).is_kept:
+            trial, before, objection = scaled_fit
+    log_format = collect_log_format(trial.data.recordings)
+    steps = case.present(trial, before, True), trial.present(trial.final.steps[-1], True)
+    before, after = (step.with_log_format(log_format) for step in steps)
+    return Addition(before, after, trial.evaluator.residuals.holdout_floors, objection, trial.data.doubt)
+
+
+def _fit_effect(
+    case: Case, data: FitData, setting: Setting, kind: type[Term], model: Model
+) -> tuple[Trial, Step, Finding | None]:
+    """Return a trial with one more effect, the refitted step without it, and the finding against the effect, if any.
+
+    Refits of links start from the parameters of the model.
+    """
     evaluator = case.evaluator(data, setting)
-    before, longer = fit_without_and_with(evaluator, library[kind.id])
-    progress("refitting", 0.9)
+    before, longer = fit_without_and_with(evaluator, kind)
+    setting.progress("refitting", 0.9)
     (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
     added = longer.model.terms[-1]
     result = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(added))
@@ -85,6 +105,4 @@ def add(
     if objection is None and not is_shown:
         gain = evaluator.evidence(longer.model.terms, before.model.terms)
         objection = None if gain.p_value <= evaluator.criterion.p_value else Finding(Kind.BY_CHANCE)
-    trial, log_format = Trial(case, data, setting, result), collect_log_format(data.recordings)
-    refitted, after = (case.present(trial, step, True).with_log_format(log_format) for step in (refitted, after))
-    return Addition(refitted, after, evaluator.residuals.holdout_floors, objection, data.doubt)
+    return Trial(case, data, setting, result).with_refit(result), refitted, objection

@@ -6,8 +6,9 @@ A record for each of pendulum, arm and servos holds their differences; the drive
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
@@ -112,6 +113,16 @@ class Trial:
     def terms(self) -> Terms:
         """Terms of the final model with nonlinear parameters of the search; of the refit if that dropped terms."""
         return (self.result if list_ids(self.result.terms) == list_ids(self.final.terms) else self.final).terms
+
+    def with_refit(self, result: SearchResult) -> Self:
+        """Set the refitted result of this object, without findings on its parameters, and return it."""
+        vars(self)["_refined"] = result, ()
+        return self
+
+    def present(self, step: Step, is_final: bool) -> Step:
+        """Return a step in the units of the user; a final model with an unexplained residual is marked as biased."""
+        step = self.case.present(self, step, is_final)
+        return replace(step, model=step.model.mark_biased()) if is_final and self.unexplained else step
 
     def release_bounds(self, model: Model) -> Model:
         """Return a model refitted within bounds of the laws alone, if a parameter is at a body's bound; else it."""

@@ -7,7 +7,6 @@ from estimators.diagnosis.case import Trial
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis, TriedTreatment
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.errors import Step
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -22,9 +21,9 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
         refitted = refit.after
         if refitted is not None:
             last = trial.evaluator.make_step(refitted.model, added=last.added) if refit.is_kept else last
-            refitted = _present(trial, refitted, True)
-        refit = replace(refit, before=_present(trial, refit.before, True), after=refitted)
-    steps = [_present(trial, step, step is last) for step in (*others, last)]
+            refitted = trial.present(refitted, True)
+        refit = replace(refit, before=trial.present(refit.before, True), after=refitted)
+    steps = [trial.present(step, step is last) for step in (*others, last)]
     data = trial.data.with_horizon(trial.setting.horizon)
     diagnosis = Diagnosis(
         steps=(*steps[:-1], steps[-1].with_log_format(collect_log_format(data.recordings))),
@@ -62,9 +61,3 @@ def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
     share = gates["explained_share"]
     numbers = {"share": share.value, "least": share.limit, "p_value": gates["p_value"].value}
     return [Finding(Kind.SMALL_EFFECT, {k: Quantity(v) for k, v in numbers.items()}, effects=(candidate.effect,))]
-
-
-def _present(trial: Trial, step: Step, is_final: bool) -> Step:
-    """Return a step in the units of the user; a final model with an unexplained residual is marked as biased."""
-    step = trial.case.present(trial, step, is_final)
-    return replace(step, model=step.model.mark_biased()) if is_final and trial.unexplained else step

@@ -18,6 +18,7 @@ from estimators.diagnosis.treatments import (
     include_contacts,
     keep_logged_time,
     narrow_windows,
+    scale_noise_by_model,
 )
 from estimators.free_swings import is_torque_needed, make_swing_terms, restore_known
 from estimators.selection.errors import Step
@@ -63,6 +64,13 @@ PENDULUM = Case(
     present=present,
     conclude=conclude,
     show_effect=lambda data, base, kind: data.with_contacts(base),
-    treatments=(narrow_windows, include_contacts, exclude_outliers, align_with_effects, keep_logged_time),
+    treatments=(
+        scale_noise_by_model,
+        narrow_windows,
+        include_contacts,
+        exclude_outliers,
+        align_with_effects,
+        keep_logged_time,
+    ),
     refit_to_horizon=refit_to_horizon,
 )

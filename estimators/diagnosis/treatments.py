@@ -4,6 +4,7 @@ from functools import partial
 
 from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
+from estimators.data.fits import find_inertia_of_noise
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
@@ -89,6 +90,18 @@ def narrow_windows(trial: Trial) -> FitData | None:
         return None
     share = evaluator.criterion.shorter_window
     return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
+
+
+def scale_noise_by_model(trial: Trial) -> FitData | None:
+    """Return data with windows and noise floor by the inertia of the trial's model; see `find_inertia_of_noise`."""
+    train = trial.evaluator.train
+    if (inertia := find_inertia_of_noise(train, trial.result.terms)) is None:
+        return None
+    numbers = {"inertia": inertia.value, "before": train.data.base_inertia}
+    finding = Finding(
+        Kind.WINDOWS_BY_INERTIA, {name: Quantity(value, unit=inertia.unit) for name, value in numbers.items()}
+    )
+    return trial.data.with_treatment(finding, inertia=inertia.value)
 
 
 def include_contacts(trial: Trial) -> FitData | None:

@@ -397,9 +397,10 @@ class TorqueWindows:
 
     @cached_property
     def base_inertia(self) -> float:
-        """Inertia [kg m^2] by `base_fit`, which estimates noise before the search; known, the largest of all."""
-        if all(known := [w.recording.known_inertia for w in self.windows]):
-            return max(known)
+        """Inertia that scales encoder noise [kg m^2]: the largest known one, else that of `base_fit`."""
+        known = [w.recording.known_inertia or w.inertia for w in self.windows]
+        if all(known):
+            return max(inertia for inertia in known if inertia)
         return abs(float(self.base_fit.theta[0]))  # below zero if the sign of torque is wrong
 
     def compute_absorbed_noise(self, term: Term) -> float:
@@ -531,10 +532,11 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
     return replace(w, torque_noise=factor * w.torque_noise, acceleration_noise=factor * w.acceleration_noise)
 
 
-def choose_half_width(recording: Recording) -> float:
+def choose_half_width(recording: Recording, known_inertia: float | None = None) -> float:
     """Choose the shortest half width [s] with enough windows clear of stick and little encoder noise.
 
-    Encoder noise must be below torque noise or negligible. If no half width meets both, the longest with enough windows
+    Encoder noise, scaled by the known inertia of the joint without load or else by that of the base model [kg m^2],
+    must be below torque noise or negligible. If no half width meets both, the longest with enough windows
     is chosen, else the half width with the longest clear time. Short windows include samples near reversals, which show
     friction. Encoder noise falls with length^2.5.
 
@@ -550,7 +552,7 @@ def choose_half_width(recording: Recording) -> float:
     for w in map(cut_at, reversed(widths)):  # long windows have less noise
         data = join_windows((w,))
         if len(w.centers) >= 40:
-            inertia = load_inertia + data.base_inertia
+            inertia = load_inertia + (known_inertia or data.base_inertia)
             noise_factor = calibrate_noise(w).torque_noise / max(w.torque_noise, 1e-300)
             break
     negligible = (NEGLIGIBLE_SWING if recording.known_inertia else NEGLIGIBLE) * longest.torque_scale
@@ -609,14 +611,18 @@ def prepare_windows(
     part: Part = WHOLE,
     margin: float = 0.0,
     fewest: int = WEAK_FORM.fewest,
+    inertia: float | None = None,
 ) -> TorqueWindows:
     """Cut recordings into windows, with half widths [s] chosen by their noise unless given; see `cut`.
+
+    A known inertia [kg m^2] scales encoder noise; without it, that of the base model does.
 
     Raises:
         IdentificationError: if fewer windows than `fewest` are clear of stick.
     """
-    pairs = zip(recordings, half_widths or map(choose_half_width, recordings), strict=True)
-    data = join_windows([calibrate_noise(cut(recording, width, part, margin)) for recording, width in pairs])
+    widths = half_widths or [choose_half_width(recording, inertia) for recording in recordings]
+    windows = (cut(recording, width, part, margin) for recording, width in zip(recordings, widths, strict=True))
+    data = join_windows([replace(calibrate_noise(w), inertia=inertia) for w in windows])
     if (usable := len(data.weights)) < fewest:
         names = ", ".join(recording.name for recording in recordings)
         raise IdentificationError(

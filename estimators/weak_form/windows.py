@@ -179,6 +179,8 @@ class Windows:
         scale: factor on the equation about each sample (N,), below one for uncertain torque; None if all are one.
         common_noise: covariances of torque noise and acceleration noise, of one window and of windows half a window
             apart [N m rad/s^2].
+        inertia: known inertia of the joint without load, which scales encoder noise [kg m^2]; None if the base model
+            gives it.
     """
 
     recording: Recording
@@ -201,6 +203,7 @@ class Windows:
     payload: LinkLoad | None = None
     scale: Array | None = None
     common_noise: tuple[float, float] = (0.0, 0.0)
+    inertia: float | None = None
 
     @cached_property
     def programs(self) -> StepPrograms:

@@ -479,6 +479,9 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
     Kind.ACTS_LATE: _describe_lag,
     Kind.TORQUE_CONSTANT: "The known loads give the torque constant.",
     Kind.NARROWER_WINDOWS: "The windows have {share.value:g} of their length.",
+    Kind.WINDOWS_BY_INERTIA: (
+        "Window lengths and noise floor follow from the inertia {inertia:3} of the model, not from {before:3}."
+    ),
     Kind.IMPACTS_INCLUDED: "Windows in contact with a stop, at reversals or at rest, are included.",
     Kind.RECORDINGS_EXCLUDED: "Left out: {recordings}.",
     Kind.TIMED_BESIDE: "Torque is timed beside {effects}.",

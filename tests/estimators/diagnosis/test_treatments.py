@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import Diagnosis, diagnose
+from estimators import Diagnosis, add, compare, diagnose
 from estimators.diagnosis.treatments import is_better
 from estimators.findings import Kind
+from pendulum_env.physics import BASE, Model
+from pendulum_env.physics.potential import Spring
 from pendulum_env.recording import Recording
 from tests.cases import diagnosed
 
@@ -73,3 +75,45 @@ def test_torque_is_either_timed_or_kept_as_logged():
     kinds = {treatment.kind for treatment in found.data.treatments}
     assert found.selected == ("viscous_asymmetry",) and found.unexplained
     assert not kinds >= {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED}
+
+
+TRUE_SPRING = {"inertia": 0.05, "gravity": 1.2, "viscous": 0.06, "coulomb": 0.1, "spring.stiffness": 0.4}
+
+
+def record_turns_against_a_spring(**friction_spot: float) -> list[Recording]:
+    """Two recordings over several turns, in which the base model without the spring has a tenth of the inertia."""
+    time = np.arange(round(RATE * SECONDS)) / RATE
+    hidden = {"spring": {"spring_k": 0.4, "spring_q0": 0.3}, "friction_spot": friction_spot}
+    plant, frequencies = Plant(0.05, 1.2, 0.06, 0.1, hidden), np.array([0.15, 0.31, 0.53, 0.87, 1.31, 2.1, 3.3])
+    commands = []
+    for seed in (9, 10):
+        phases = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(frequencies))
+        waves = np.sin(2 * np.pi * np.outer(time, frequencies) + phases) @ frequencies**-0.5
+        commands.append(2.2 * waves / np.abs(waves).max())
+    experiments = [Experiment(RATE, SECONDS, seed=seed, torque_noise=0.0, counts=16384) for seed in (1, 2)]
+    runs = simulate([(plant, experiment) for experiment in experiments], commands)
+    return [Recording(run.time, run.position, run.torque, name=f"turns {k}") for k, run in enumerate(runs, 1)]
+
+
+def test_windows_follow_the_inertia_of_the_model_with_the_spring():
+    fitted, unseen = record_turns_against_a_spring()
+    found = diagnose(fitted, unseen, only=("spring", "torque_offset"))
+    assert found.data.has_treatment(Kind.WINDOWS_BY_INERTIA)
+    assert found.steps[0].model.estimates["inertia"].value < 0.5 * TRUE_SPRING["inertia"]
+    assert found.selected == ("spring",) and not found.unexplained
+    model = Model.build((*BASE, Spring()), [*TRUE_SPRING.values(), -0.4 * 0.3])
+    added = add(Model(), "spring", fitted, unseen)
+    for estimates in (found.model.estimates, added.model.estimates):
+        for name, truth in TRUE_SPRING.items():
+            assert not estimates[name].is_biased
+            assert abs(estimates[name].value - truth) < max(4 * estimates[name].std, 1e-4 * truth)
+    compared = compare(model, unseen).joint
+    assert compared.errors.torque_rms == pytest.approx(compared.noise_floor, rel=0.3)
+
+
+def test_a_law_beside_the_spring_stays_unexplained():
+    fitted, unseen = record_turns_against_a_spring(spot_f=0.1, spot_q=0.5, spot_w=0.3)
+    found = diagnose(fitted, unseen, only=("spring", "torque_offset"))
+    assert found.selected == ("spring",) and found.unexplained
+    added = add(Model(), "spring", fitted, unseen)
+    assert all(estimate.is_biased for estimate in added.model.estimates.values())
