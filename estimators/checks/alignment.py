@@ -24,7 +24,7 @@ from scipy.special import ndtri
 from estimators.checks.closed_loop import find_feedback
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.criterion import Criterion
-from estimators.signals.channel import REACH, UNMIXED_SAMPLES, Channel
+from estimators.signals.channel import LONGEST, REACH, UNMIXED_SAMPLES, Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_noise_slope, estimate_white_noise
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
@@ -34,7 +34,7 @@ from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
 class ChannelSettings:
     """Settings of the search for delays and lags, and limits of their report."""
 
-    starts: int = 100  # number of delays, even, since a delay of zero is not fitted; a search starts from the best
+    starts: int = 1000  # delays per second, an even number in all: zero is not fitted; a search starts from the best
     z_limit: float = 4.0  # standard errors of a significant estimate
     gain_limit: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a significant gain
     chance_gain: float = float(np.log(2 * REACH / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
@@ -116,8 +116,10 @@ class Alignment:
     @property
     def is_significant(self) -> bool:
         """Return whether each parameter differs significantly from zero, and lies inside the search range."""
-        pairs = ((self.delay, self.delay_std), (self.lag, self.lag_std))
-        return all(CHANNEL.z_limit * std < abs(value) < REACH for value, std in pairs if std > 0)
+        parts = ((self.delay, self.delay_std, LONGEST), (self.lag, self.lag_std, REACH))
+        return all(
+            CHANNEL.z_limit * std < abs(value) and -REACH < value < most for value, std, most in parts if std > 0
+        )
 
     def is_supported(self, none: Alignment) -> bool:
         """Return whether it predicts significantly better than no shift, with significant parameters."""

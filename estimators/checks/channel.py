@@ -28,7 +28,7 @@ from estimators.regression.balance import Balance
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
 from estimators.selection.criterion import Criterion
 from estimators.selection.score import Blocks, cross_validate_density
-from estimators.signals.channel import REACH, Channel
+from estimators.signals.channel import LONGEST, REACH, Channel
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array
@@ -174,6 +174,8 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
     is_logged = any(r.torque.any() for r in recordings) and all(r.has_logged_torque for r in recordings)
     try:
         fits = ChannelFits.from_recordings(recordings, terms) if is_logged else None
+        if fits is not None and fits.start.delay >= REACH:  # the best delay may be longer
+            fits = ChannelFits.from_recordings(recordings, terms, LONGEST)
     except IdentificationError:
         fits = None
     if fits is None:

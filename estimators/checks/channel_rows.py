@@ -41,8 +41,10 @@ NONLINEAR_GAIN: LawsOfRows = [
 ANGLE_LAWS = [Cogging(float(order)) for order in range(1, 49)]  # waves of the angle
 
 
-def make_channel_rows(recordings: Sequence[Recording], terms: Sequence[Term]) -> tuple[TorqueRows, Array, LawsOfRows]:
-    """Make the rows of recordings, clear of the ends of segments under every delay up to `REACH`.
+def make_channel_rows(
+    recordings: Sequence[Recording], terms: Sequence[Term], latest: float = REACH
+) -> tuple[TorqueRows, Array, LawsOfRows]:
+    """Make the rows of recordings, clear of the ends of segments under every delay up to `latest` [s].
 
     Args:
         recordings: with known torque.
@@ -54,7 +56,7 @@ def make_channel_rows(recordings: Sequence[Recording], terms: Sequence[Term]) ->
     Raises:
         IdentificationError: if too little of the motion is clear of stick.
     """
-    body, margin = find_body(terms), REACH + 2.0 / min(recording.rate for recording in recordings)
+    body, margin = find_body(terms), latest + 2.0 / min(recording.rate for recording in recordings)
     if body.can_simulate:
         data = prepare_windows(recordings, margin=margin)
     else:
@@ -107,6 +109,7 @@ class ChannelRows:
         phi: weighted columns (R, P).
         by_torque: derivatives of the columns by the torque (R, P), not weighted; None: none depends on it.
         is_sampled: whether torque is sampled instead of held.
+        latest: largest delay of the search [s].
         torques: cache of `compute_torque` by law.
     """
 
@@ -114,15 +117,18 @@ class ChannelRows:
     phi: Array
     by_torque: Array | None = None
     is_sampled: bool = False
+    latest: float = REACH
     torques: dict[Term, Array] = field(default_factory=dict)
 
     @classmethod
-    def from_recordings(cls, recordings: Sequence[Recording], terms: Sequence[Term] = ()) -> Self | None:
+    def from_recordings(
+        cls, recordings: Sequence[Recording], terms: Sequence[Term] = (), latest: float = REACH
+    ) -> Self | None:
         """Prepare rows of recordings, see `make_channel_rows`; None if there are too few windows."""
-        rows, phi, of_torque = make_channel_rows(recordings, terms)
+        rows, phi, of_torque = make_channel_rows(recordings, terms, latest)
         if len(phi) < CHANNEL.min_equations * phi.shape[1]:
             return None
-        return cls(rows, phi * rows.data.weights[:, None]).with_columns_of_torque(of_torque)
+        return cls(rows, phi * rows.data.weights[:, None], latest=latest).with_columns_of_torque(of_torque)
 
     def with_columns(self, columns: Array, by_torque: Array | None = None) -> Self:
         """Return the rows with more columns (R, P), and their derivatives by the torque (R, P)."""
@@ -182,8 +188,9 @@ class ChannelRows:
 
     @cached_property
     def start(self) -> Channel:
-        """Best of `CHANNEL.starts` delays without a filter."""
-        return min(map(self.make_law, np.linspace(-REACH, REACH, CHANNEL.starts)), key=self.compute_misfit)
+        """Best of delays from -`REACH` to `latest`, `CHANNEL.starts` per second, without a filter."""
+        delays = np.linspace(-REACH, self.latest, round(CHANNEL.starts * (REACH + self.latest)))
+        return min(map(self.make_law, delays), key=self.compute_misfit)
 
     @property
     def period(self) -> float:

@@ -10,7 +10,8 @@ from pendulum_env.physics import Column, NonlinearParameter, Samples, Term
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
 from pendulum_env.physics.term import Memory
 
-REACH = 0.05  # [s], largest delay and lag
+REACH = 0.05  # [s], largest lag, and largest delay of a first search
+LONGEST = 0.2  # [s], largest delay by which torque is logged late, if the first search ends at `REACH`
 
 MAX_FEEDBACK = 0.8  # largest feedback of an inverse filter of a mixture of two samples; at 1 noise is unbounded
 UNMIXED_SAMPLES = int(np.ceil(np.log(0.01) / np.log(MAX_FEEDBACK)))  # samples until its response falls to 1 %
@@ -35,7 +36,9 @@ class Channel(Term):
     id = "torque_channel"
     law = "u(t) - u(t + delay) or -lag u'"
     kind = "actuation"
-    nonlinear_parameters = tuple(NonlinearParameter(name, "s", -REACH, REACH, nominal=0.0) for name in ("delay", "lag"))
+    nonlinear_parameters = tuple(
+        NonlinearParameter(name, "s", -REACH, most, nominal=0.0) for name, most in (("delay", LONGEST), ("lag", REACH))
+    )
 
     @property
     def fixed(self) -> tuple[Column, ...]:
