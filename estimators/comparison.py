@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from estimators.arguments import (
     HasModel,
     Recordings,
@@ -13,6 +15,7 @@ from estimators.arguments import (
 from estimators.checks.homogeneity import find_disagreements_with_model, find_misfits, fit_each_recording
 from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
+from estimators.data.fits import compute_inertia
 from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData
 from estimators.in_loop.motion import LoopMotion
@@ -21,7 +24,7 @@ from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, Samples, has_link
 from pendulum_env.recording import Recording
 
 MAX_REGIONS = 6  # largest number of regions where a model fails, of all joints together
@@ -87,5 +90,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
 
 def _prepare_recording(recording: Recording, model: Model, horizon: float | None) -> RegressionData:
     """Prepare a recording with the horizon [s] of free runs, and with contacts at the stops of a model."""
-    data = RegressionData.from_recordings([recording], inertia=abs(model.estimates["inertia"].value))
+    motion = Samples(recording.time, recording.position, np.zeros(len(recording)), recording.torque)
+    inertia = None if has_link(model.terms) else compute_inertia(model, motion)
+    data = RegressionData.from_recordings([recording], inertia=inertia)
     return (data if horizon is None else data.with_horizon(horizon)).with_contacts(model)

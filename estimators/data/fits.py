@@ -13,7 +13,7 @@ from estimators.selection.criterion import Criterion
 from estimators.weak_form.columns import list_law_bounds, mark_bounds
 from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
 from pendulum_env._typing import Array, Mask
-from pendulum_env.physics import SIGNIFICANT, Estimate, Model, NonlinearParameter, Term, has_link
+from pendulum_env.physics import SIGNIFICANT, Estimate, Model, NonlinearParameter, Samples, Term, has_link
 
 INSTANTS, EDGES = (1e-3, 10.0), (1e-5, 0.7)  # least and largest tried displacement: of an instant [s]; [step units]
 DISPLACEMENTS, WITHIN = 40, (0.6827, 0.9545, 0.9973)  # displacements; probability within 1, 2, 3 standard errors
@@ -59,13 +59,21 @@ def find_inertia_of_noise(data: RegressionData, terms: Terms) -> Estimate | None
     """
     if not data.layout.predicts_torque or has_link(terms) or all(w.inertia for w in data.data.windows):
         return None
-    inertia = fit_terms(data, terms)[0].estimates.get("inertia")
+    model = fit_terms(data, terms)[0]
+    inertia = model.estimates.get("inertia")
     if inertia is None or not inertia.is_significant or inertia.value <= 0:
         return None
+    inertia = replace(inertia, value=compute_inertia(model, data.samples))
     before = data.data.base_inertia
     floor, old_floor = (data.data.noise(value) for value in (inertia.value, before))
     is_same = abs(inertia.value - before) <= SIGNIFICANT * inertia.std
     return None if is_same or abs(floor - old_floor) <= Criterion.error_margin * old_floor else inertia
+
+
+def compute_inertia(model: Model, x: Samples) -> float:
+    """Return the root mean square over samples (N,) of the inertia of a model, which a payload may change [kg m^2]."""
+    masses = [np.broadcast_to(column.mass(x), x.time.shape) for term in model.terms for column in term.columns]
+    return float(np.sqrt(np.mean((model.theta @ masses) ** 2)))
 
 
 def find_term_edges(data: RegressionData, terms: Terms) -> dict[Term, list[NonlinearParameter]]:

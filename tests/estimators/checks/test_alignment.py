@@ -44,7 +44,10 @@ def logged_filtered(recording: Recording, time_constant: float) -> Recording:
     return replace(recording, torque=lfilter([1 - keep], [1, -keep], recording.torque))
 
 
-@pytest.mark.parametrize(("excitation", "samples"), slow.but_first(zip(KINDS, (1, 5, 10, 30, 3), strict=True)))
+LATE = [*zip(KINDS, (1, 5, 10, 30, 3), strict=True), ("multisine", 60), ("chirp", 150), ("steps", 100)]
+
+
+@pytest.mark.parametrize(("excitation", "samples"), slow.but_first(LATE))
 def test_torque_that_is_logged_late_is_found_to_a_fifth_of_a_sample(excitation, samples):
     found = align([logged_late(run(excitation, 1000.0), samples)])
     assert found.is_late
