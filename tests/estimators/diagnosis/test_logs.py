@@ -161,7 +161,7 @@ def test_a_log_that_is_mostly_at_rest_is_split_where_it_moves():
 
 def test_where_windows_are_too_few_to_hold_some_out_shorter_ones_are_taken(monkeypatch):
     brief = recording("brief")
-    monkeypatch.setattr("estimators.data.split.choose_half_width", lambda _: 0.08)
+    monkeypatch.setattr("estimators.data.split.choose_half_width", lambda *_: 0.08)
     few = len(prepare_windows([brief], [0.08]).weights)
     train, holdout = split_recordings([brief])
     assert few < 20 and min(len(part.data.weights) for part in (train, holdout)) >= 10
