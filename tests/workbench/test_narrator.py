@@ -37,6 +37,7 @@ NUMBERS = {
     "gain": Quantity(-3.0, unit="N m/rad"),
     "high": Quantity(1.2, unit="rad"),
     "inertia": Quantity(0.01, unit="kg m^2"),
+    "before": Quantity(0.02, unit="kg m^2"),
     "loads": Quantity(2),
     "mass": Quantity(2.4, 0.01, "kg"),
     "number": Quantity(3),
