@@ -67,13 +67,14 @@ class Kind(StrEnum):
     TURNED_ROUND = "turned_round"  # number
     MISFIT = "misfit"  # number, residual, times
     FEW_STRETCHES = "few_stretches"  # count
+    CLOCK_UNEVEN = "clock_uneven"  # std, period
     FILTER_SLOWED = "filter_slowed"  # rate
     SPEED_RATE_UNKNOWN = "speed_rate_unknown"  # rate, inertia
     TORQUE_SCALED = "torque_scaled"  # factor
 
     # columns that were read with another sign or zero
     LOAD_TORQUE_TURNED = "load_torque_turned"
-    INERTIA_NEGATIVE = "inertia_negative"
+    INERTIA_NEGATIVE = "inertia_negative"  # inertia
     ZERO_SHIFTED = "zero_shifted"  # angle
     ZERO_UPRIGHT = "zero_upright"
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.homogeneity import RecordingFit, find_disagreements, find_misfits, fit_each_recording
-from estimators.checks.remedies import find_wrong_columns
+from estimators.checks.remedies import find_uneven_clocks, find_wrong_columns
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
@@ -58,6 +58,7 @@ def check_results(
         findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms), terms)]
         if not findings:
             findings, results = _check_completeness(results, RegressionData(windows), terms)
+            findings += find_uneven_clocks(fit_data.recordings) if findings else []
     return windows, [*findings, *find_feedback(fit_data.recordings)], results
 
 

@@ -10,6 +10,7 @@ from estimators.selection.physical import compute_significant_sign, find_driving
 from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import NEWTON_METRE, Recording
+from pendulum_env.recording.notes import NoteKind
 from pendulum_env.recording.origin import Origin
 
 # minus the load torque in the balance: its parameter is 0, or -2 if the sensor has the opposite sign
@@ -35,6 +36,16 @@ def find_remedies(
     if not is_complete:
         columns = [finding for finding in columns if finding.kind not in (Kind.ZERO_SHIFTED, Kind.ZERO_UPRIGHT)]
     return columns or find_driving_friction(model)
+
+
+def find_uneven_clocks(recordings: Sequence[Recording]) -> list[Finding]:
+    """Find the recording with the largest scatter of time steps, if any was resampled: wrong stamps bias the motion."""
+    resampled = [(note, item) for item in recordings for note in item.notes if note.kind is NoteKind.RESAMPLED]
+    if not resampled:
+        return []
+    note, recording = max(resampled, key=lambda pair: pair[0].numbers["std"].value)
+    numbers = {"std": note.numbers["std"], "period": Quantity(1e3 / recording.rate, unit="ms")}
+    return [Finding(Kind.CLOCK_UNEVEN, numbers, recordings=(recording.name,))]
 
 
 def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding]:

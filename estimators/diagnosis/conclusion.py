@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from estimators.checks.closed_loop import find_feedback
-from estimators.checks.remedies import find_remedies
+from estimators.checks.remedies import find_remedies, find_uneven_clocks
 from estimators.checks.torque_constant import find_gain_doubts
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.caveats import find_caveats
@@ -125,4 +125,5 @@ def find_in_channel(trial: Trial, diagnosis: Diagnosis) -> list[Finding]:
         findings += data.with_timing(
             [term for term in diagnosis.model.terms if term.id in diagnosis.selected]
         ).find_timing(False)
+    findings += find_uneven_clocks(data.recordings) if diagnosis.unexplained else []
     return [*findings, *find_feedback(data.recordings)]

@@ -530,6 +530,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "Only {count.value:g} stretches of motion are clear of stick, and many effects would not show. Record longer, "
         "faster or wider motion."
     ),
+    Kind.CLOCK_UNEVEN: (
+        "The clock may cause the residual: time steps in {recordings} scatter by {std:2} about {period:3}, and no "
+        "uniform clock fits them. Log the time or the number of each sample where it is taken."
+    ),
     Kind.FILTER_SLOWED: (
         "At {rate.value:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate.value:.4g} rad/s."
     ),

@@ -13,7 +13,7 @@ from estimators.findings import Kind, Remedy
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model
-from pendulum_env.recording import Load, Recording
+from pendulum_env.recording import Load, Recording, read_recording
 from pendulum_env.recording.columns import find_columns
 from pendulum_env.recording.origin import Origin
 
@@ -89,3 +89,13 @@ def test_an_incomplete_model_suggests_no_other_zero(run):
     model = identify([moved], TERMS, "energy")["energy"].model
     assert [own.kind for own in find_remedies(model, [moved])] == [Kind.ZERO_SHIFTED]
     assert find_remedies(model, [moved], is_complete=False) == []
+
+
+@pytest.mark.parametrize("accumulates", [True, False])
+def test_a_clock_that_cannot_be_recovered_may_cause_the_residual(accumulates: bool) -> None:
+    rows, rng = record(None, excitation("paper", 0, 20.0), 20.0, rate=200.0, rng=0), np.random.default_rng(1)
+    errors = rng.normal(0.0, 0.002 if accumulates else 0.0008, len(rows))
+    time = np.sort(rows.time + (np.cumsum(errors) if accumulates else errors))
+    found = identify(read_recording({"time": time, "position": rows.position, "torque": rows.torque})).findings
+    assert any(finding.kind is Kind.CLOCK_UNEVEN for finding in found) == accumulates
+    assert any(finding.kind is Kind.INCOMPLETE for finding in found) == accumulates
