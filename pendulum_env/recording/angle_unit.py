@@ -24,21 +24,23 @@ WOUND = 10 * np.pi  # [rad], largest range of a spring at a joint
 
 @dataclass(frozen=True)
 class UnitSuspicion:
-    """Unit other than radians, found from a motion."""
+    """Unit other than the one of the column, found from a motion."""
 
-    unit: str  # deg or rev
-    range: tuple[float, float]  # range of the angle, read as radians [rad]
-    residual: float  # ratio of the misfit to that of radians
+    unit: str  # deg, rev or rad
+    range: tuple[float, float]  # range of the angle as it was read [rad]
+    residual: float  # ratio of the misfit to that in the unit of the column
     is_certain: bool = True  # False if a spring over radians also explains the motion
 
     @property
     def name(self) -> str:
-        """Return `degrees` or `turns`."""
-        return {"deg": "degrees", "rev": "turns"}[self.unit]
+        """Return `degrees`, `turns` or `radians`."""
+        return {"deg": "degrees", "rev": "turns", "rad": "radians"}[self.unit]
 
     @property
     def text(self) -> str:
         """Return the evidence for the unit, for an error message."""
+        if self.unit == "rad":
+            return f"gravity acts on position as on radians, with a residual of {self.residual:.1%} of that in its unit"
         if self.unit == "rev":
             return f"gravity acts on position as on turns, with a residual of {self.residual:.1%} of that in radians"
         low, high = self.range
@@ -98,6 +100,11 @@ class AccelerationFit:
         x = factor * self.position
         return min(self.compute_misfit(np.sin(x)), self.compute_misfit(np.sin(x), np.cos(x)))
 
+    def compute_misfit_with_spring(self) -> float:
+        """Return the least misfit [rad/s^2] with a spring, with gravity, or with neither."""
+        q = self.position
+        return min(self.compute_misfit(*columns) for columns in ((), (q,), (q, np.sin(q)), (q, np.sin(q), np.cos(q))))
+
     def has_wave_number(self, factor: float) -> bool:
         """Return whether the best f of sin(f q + phase), from factor / 2 to 2 factor, is near the factor."""
         numbers = factor * np.geomspace(0.5, 2.0, 25)
@@ -127,14 +134,8 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
     if fit is None:
         return None
     if turns:
-        q = fit.position
+        q, radians = fit.position, fit.compute_misfit_with_spring()
         gravity_over_radians, gravity_over_turns = fit.compute_misfit_in_unit(1.0), fit.compute_misfit_in_unit(TURN)
-        radians = min(
-            fit.compute_misfit(),
-            fit.compute_misfit(q),
-            fit.compute_misfit(q, np.sin(q)),
-            fit.compute_misfit(q, np.sin(q), np.cos(q)),
-        )
         has_turn_period = (
             len(position) > LONG * rate
             and gravity_over_turns < BETTER * gravity_over_radians
@@ -149,6 +150,19 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
     if suspicion is None or not suspicion.is_certain:
         return suspicion
     return replace(suspicion, is_certain=not (torque.any() and has_one_frequency(fit.position, fit.period)))
+
+
+def suspect_radians(position: Array, torque: Array, rate: float, factor: float) -> UnitSuspicion | None:
+    """Find radians in an angle (N,) that was read as degrees or turns, from the torque of gravity.
+
+    `factor` undoes the conversion of the column. The misfit is below `CLEAR` times that in the unit of the column.
+    """
+    if (fit := AccelerationFit.from_motion(position, torque, rate)) is None:
+        return None
+    as_read, radians = fit.compute_misfit_with_spring(), fit.compute_misfit_in_unit(factor)
+    if radians >= CLEAR * as_read:
+        return None
+    return UnitSuspicion("rad", _find_range(position), radians / as_read) if fit.has_wave_number(factor) else None
 
 
 def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | None:

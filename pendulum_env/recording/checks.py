@@ -10,13 +10,14 @@ import numpy as np
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.errors import ColumnError, RecordingError
-from pendulum_env.recording.angle_unit import suspect_unit
+from pendulum_env.recording.angle_unit import suspect_radians, suspect_unit
 from pendulum_env.recording.cleaning import WRAPPED_RANGE
 from pendulum_env.recording.clock import STEPS, list_plausible_units
 from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
+from pendulum_env.recording.vocabulary import UNITS
 from pendulum_env.settings import format_setting
 
 
@@ -189,13 +190,18 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
 
 
 def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
-    """Refuse turns or degrees that were read as radians; return a note if the unit is uncertain.
+    """Refuse an angle in another unit than it was read in; return a note if the unit is uncertain.
 
     Turns are tested only with logged torque, because the commanded torque of a drive is too inexact.
     """
+    part, column = max(recording.segments, key=len), origin.columns["position"]
+    if column.unit in UNITS["position"] and abs(column.scale) != 1.0 and not column.expression.factors:
+        radians = suspect_radians(part.position, part.torque, part.rate, 1.0 / abs(column.scale))
+        if radians is not None:
+            advice = _format_columns(origin.change_column("position", unit=radians.unit))
+            raise ColumnError(f"{radians.text}: read it with {advice} if it is in radians")
     if not origin.can_be_degrees():
         return ()
-    part = max(recording.segments, key=len)
     is_guess = origin.columns["position"].unit is None
     suspicion = suspect_unit(part.position, part.torque, part.rate, turns=is_guess and recording.has_logged_torque)
     if suspicion is None:

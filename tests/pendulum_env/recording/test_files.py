@@ -6,6 +6,7 @@ import pytest
 
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Recording, RecordingError, read_recording, write_recording
+from pendulum_env.recording.notes import NoteKind
 from tests.notes import list_notes
 
 FORMATS = (".csv", ".csv.gz", ".parquet", ".npz")
@@ -318,6 +319,21 @@ def test_degrees_by_gravity(write: Write) -> None:
         read_recording(write(swing | {"position": np.degrees(q)}))
     del swing["position"]
     assert read_recording(write(swing | {"position_rad": np.degrees(q)})).position.max() > 50  # its name says radians
+
+
+@pytest.mark.parametrize(("header", "unit"), [("position_deg", np.pi / 180), ("position [rev]", 2 * np.pi)])
+@pytest.mark.parametrize("amplitude", [5.0, 12.0])
+def test_radians_below_the_name_of_another_unit_are_noted(
+    write: Write, header: str, unit: float, amplitude: float
+) -> None:
+    motion = driven(
+        lambda time: amplitude * (np.sin(1.1 * time) + 0.6 * np.sin(2.9 * time)),
+        lambda t, q, v: 5.0 * np.sin(q) + 0.3 * v + 0.2 * np.tanh(v / 0.02),
+    )
+    angle = motion.pop("position")
+    wrong, right = (read_recording(write(motion | {header: angle / factor})) for factor in (1.0, unit))
+    assert [note.kind for note in wrong.notes if note.kind is NoteKind.IMPLAUSIBLE] == [NoteKind.IMPLAUSIBLE]
+    assert NoteKind.IMPLAUSIBLE not in [note.kind for note in right.notes]
 
 
 @pytest.mark.parametrize("tones", [(2.5,), (2.5, 8.0)], ids=["one", "two"])
