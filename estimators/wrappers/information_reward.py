@@ -8,7 +8,13 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv, VectorWrapper
 
+from estimators.wrappers.estimate_parameters import EstimateParameters
 from pendulum_env._typing import Array
+
+NO_REGRESSOR = (
+    "info lacks 'regressor': wrap the environment in EstimateParameters first, as "
+    "InformationReward(EstimateParameters(env))"
+)
 
 
 class Information:
@@ -81,6 +87,10 @@ class InformationReward(InformationSteps, gym.Wrapper[Any, Any, Any, Any], gym.u
         gym.utils.RecordConstructorArgs.__init__(self, prior=prior)
         gym.Wrapper.__init__(self, env)
         self._information = Information(prior)
+        while not isinstance(env, EstimateParameters):
+            if not isinstance(env, gym.Wrapper):
+                raise ValueError(NO_REGRESSOR)
+            env = env.env
 
 
 class InformationRewardVector(InformationSteps, VectorWrapper):
@@ -95,8 +105,5 @@ class InformationRewardVector(InformationSteps, VectorWrapper):
 def get_regressor(info: dict[str, Any]) -> Any:
     """Return the regressor of an info; a missing regressor raises a `ValueError`."""
     if "regressor" not in info:
-        raise ValueError(
-            "info lacks 'regressor': wrap the environment in EstimateParameters first, as "
-            "InformationReward(EstimateParameters(env))"
-        )
+        raise ValueError(NO_REGRESSOR)
     return info["regressor"]

@@ -175,7 +175,7 @@ def test_wrong_use_is_explained():
         (lambda: EstimateParameters(env, terms=["inertia", "stribek"]), "unknown effect 'stribek'"),
         (lambda: EstimateParameters(foreign), "pass rate"),
         (lambda: EstimateParameters(foreign, rate=100.0).reset(), "with time, position and torque"),
-        (lambda: InformationReward(env).reset(), "in EstimateParameters first"),
+        (lambda: InformationReward(env), "in EstimateParameters first"),
         (lambda: InformationReward(env, prior=0.0), "give a small positive number"),
     ):
         with pytest.raises(ValueError, match=why):
