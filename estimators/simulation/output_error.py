@@ -31,7 +31,7 @@ from pendulum_env.physics import Model
 DRAWS = 16  # number of noise draws; ratios to a mean of fewer draws are biased
 OUTPUT_ERROR_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
 OUTPUT_ERROR_DAMPING = 1e-6  # damping of this step
-OUTPUT_ERROR_DIFFERENCE = 1e-3  # relative change of a parameter for derivatives
+OUTPUT_ERROR_DIFFERENCE = 1e-4  # relative change of a parameter for derivatives; larger ones cross events of stick
 MAX_STEP_FROM_ZERO = 0.5  # largest step of a parameter from zero, in the unit of the parameter
 MIN_SIZE = 1e-3  # least size to which changes of a parameter are relative, in the unit of the parameter
 GRAIN = 0.004  # [s] between the positions that are compared
