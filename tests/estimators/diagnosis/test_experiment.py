@@ -141,4 +141,4 @@ def test_limits_that_leave_no_experiment_are_said(limits, given):
     assert found.no_experiment.kind is Kind.BEYOND_LIMITS and found.no_experiment.pairs == (("spring", "gravity"),)
     assert {name: found.no_experiment.numbers[name].value for name in given} == given
     assert limits or found.no_experiment.numbers.keys() == {"torque"}  # unless asked, it stays within what was recorded
-    assert first("a spring at small angles")[1].forbidden is None
+    assert first("a spring at small angles")[1].no_experiment is None
