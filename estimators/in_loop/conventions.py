@@ -8,9 +8,9 @@ Fits of the base model decide, in three steps:
 | `goal` | of these, those under the decided controller, then the same with a dead time or a lag |
 | `reads` | the exact position, then counts of the encoder; errors are compared in counts |
 
-The first fit is taken that is tied with the likeliest one, see `choose_fit`; held goals come first. On average, a held
-goal is late by half a sample. A dead time and a lag imitate this delay; feedback turns it into viscous friction. A
-diagnosis decides the course of the goals again with the effects that it finds, see `reread_goals`.
+The first fit is taken that is tied with the likeliest one, see `choose_fit`. On average, a held goal is late by half a
+sample. A dead time and a lag imitate this delay; feedback turns it into viscous friction. A diagnosis decides the
+course of the goals again with the effects that it finds, see `reread_goals`.
 
 All commands for servos with a drive use these recordings, and so the same torque and motion.
 """
@@ -109,8 +109,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part) -> Decis
     if len(goals) > 1:
         late = [effect() for effect in LATE if effect.id not in list_ids(base)]
         fits += [fit.with_effect(effect) for fit in fits for effect in late]
-        fits.sort(key=lambda fit: (len(fit.terms), goals.index(fit.select(("goal",))), -fit.likelihood))
-        choice = choose_fit(fits, ("goal",))
+        choice = choose_fit(sorted(fits, key=lambda fit: (len(fit.terms), -fit.likelihood)), ("goal",))
         added = choice.alternative.terms[len(base) :]
         sizes = {
             name: Quantity(float(value), unit="s") for term in added for name, value in term.nonlinear_values.items()

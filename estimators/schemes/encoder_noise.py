@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.measurements import has_encoder_bias
@@ -26,6 +27,7 @@ def remove_encoder_bias(
     """Return the results of schemes without the bias by encoder noise, if smoothing leaves too much of this noise.
 
     `fit` maps recordings to results of the same schemes. The scatter of the measured bias is added to standard errors.
+    The results are unchanged if too little motion is clear of stick under the added noise.
     """
     noises = [_list_noises(recording) for recording in recordings]
     if not any(noise.any() for noise in noises):
@@ -33,10 +35,13 @@ def remove_encoder_bias(
     rng, shifts = np.random.default_rng(0), {id: list[np.ndarray]() for id in results}
     for _ in range(DRAWS):
         errors = [noise * rng.standard_normal(r.position.shape) for noise, r in zip(noises, recordings, strict=True)]
-        pair = [
-            fit([replace(r, position=r.position + sign * e) for r, e in zip(recordings, errors, strict=True)])
-            for sign in (1, -1)
-        ]
+        try:
+            pair = [
+                fit([replace(r, position=r.position + sign * e) for r, e in zip(recordings, errors, strict=True)])
+                for sign in (1, -1)
+            ]
+        except IdentificationError:
+            return results
         for id, result in results.items():
             shifts[id].append(sum(noisy[id].model.theta for noisy in pair) / 2 - result.model.theta)
     return {
