@@ -134,7 +134,7 @@ class FileColumn:
             notes.append(Note(NoteKind.GAIN_UNKNOWN, quantities, text=self.result_unit))
         if self.rank is Rank.COMMANDED and normalise_name(self.header) != "u":  # `u` is always a command
             notes.append(Note(NoteKind.COMMANDED_TORQUE, quantities, headers=header))
-        if self.quantity == "torque" and (find_name(normalise_name(self.header)) or ("",))[0] == "load_torque":
+        if self.quantity == "torque" and (find_name(self.header) or ("",))[0] == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE_ALONE, quantities, headers=header))
         if self.quantity == "load_torque":
             notes.append(Note(NoteKind.LOAD_TORQUE, quantities, headers=header))
@@ -332,7 +332,7 @@ def can_be_torque(header: str, place: int) -> bool:
     bare, words = header.strip(), set(split_words(header))
     if not bare or bare.lower() in INDICES:
         return not bare and place > 0  # row numbers of pandas
-    quantities = {match[0] for spelling in _list_spellings(header) if (match := find_name(normalise_name(spelling)))}
+    quantities = {match[0] for spelling in _list_spellings(header) if (match := find_name(spelling))}
     if quantities:
         return not quantities.isdisjoint(("torque", *DRIVEN_ONLY))
     unit = re.search(r"[\[(]([^\])]+)[\])]$", bare)
@@ -486,7 +486,7 @@ def _find_candidates(quantity: str, headers: Sequence[str], used: set[int]) -> l
     """Find columns of a quantity by their whole names, else by the last two parts of their paths."""
     spellings = [_list_spellings(header) for header in headers]
     for part in range(len(spellings[0]) if spellings else 0):
-        matches = [(k, find_name(normalise_name(names[part]))) for k, names in enumerate(spellings) if k not in used]
+        matches = [(k, find_name(names[part])) for k, names in enumerate(spellings) if k not in used]
         candidates = [FileColumn(quantity, headers[k].strip(), k, *m[1:]) for k, m in matches if m and m[0] == quantity]
         if candidates:
             return candidates

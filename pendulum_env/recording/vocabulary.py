@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
 
+from pendulum_env.recording.expression import normalise_name
+
 HEADER = "time,position,torque"  # standard header, in s, rad and N m
 
 ALIASES = {
@@ -67,10 +69,12 @@ UNITS = {  # factor to SI units by the letters of the unit
     "torque": {"nm": 1.0, "newtonmeter": 1.0, "newtonmeters": 1.0, "newtonmetre": 1.0, "newtonmetres": 1.0}
     | dict.fromkeys(("mnm", "millinewtonmeter"), 1e-3)
     | {"ncm": 1e-2, "cnm": 1e-2, "nmm": 1e-3, "knm": 1e3}
+    | dict.fromkeys(("kgfm", "kgm"), 9.80665)
     | dict.fromkeys(("kgfcm", "kgcm"), 9.80665e-2)
+    | dict.fromkeys(("gfcm", "gcm"), 9.80665e-5)
     | dict.fromkeys(("ozfin", "ozin", "inoz", "inozf"), 9.80665 * 0.45359237 / 16 * 0.0254)
-    | dict.fromkeys(("lbfin", "lbin", "inlb", "inlbf"), 9.80665 * 0.45359237 * 0.0254)
-    | dict.fromkeys(("lbfft", "lbft", "ftlb", "ftlbf"), 9.80665 * 0.45359237 * 0.3048),
+    | dict.fromkeys(("lbfin", "lbin", "lbsin", "inlb", "inlbs", "inlbf"), 9.80665 * 0.45359237 * 0.0254)
+    | dict.fromkeys(("lbfft", "lbft", "lbsft", "ftlb", "ftlbs", "ftlbf"), 9.80665 * 0.45359237 * 0.3048),
 }
 ODRIVE = {
     "posestimate": ("position", "rev"),
@@ -142,6 +146,8 @@ NO_TORQUE = frozenset(  # words in names of columns that are not torque
     "potential counter count index idx id row no nr sample samples frame frames seq sequence step label comment note "
     "event marker date error err limit max min std offset integral".split()
 )
+SHORT_UNITS = frozenset("h hr hrs min".split())  # after `t` they make other names: `thr`, `th`, `tmin`
+HAS_SHORT_UNIT = re.compile(r"([\[(]\s*|[^\W\d_]{3,}[\s_\-./:,]+)(h|hrs?|min)\s*[\])]?\s*$", re.IGNORECASE)
 INDICES = ("unnamed: 0", "__index_level_0__")  # names of a column of row numbers; it may have none
 BOUNDARY = re.compile(  # between the words of a name: `sampleNumber`, `sample_number`, `axisQMsr`, `tau1`
     r"[^\w°%]+|_+|(?<=[a-zäöüß])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[^\W\d])(?=\d)|(?<=\d)(?=[^\W\d])"
@@ -198,14 +204,16 @@ WHOLE = {  # names that are not a stem with a unit
 
 
 def find_name(name: str) -> tuple[str, str | None, Rank] | None:
-    """Return quantity, unit or None, and rank of a name in letters by its longest stem; None for unknown names."""
-    if name in WHOLE:
-        return *WHOLE[name], Rank.MEASURED
-    for end in range(len(name), 0, -1):
-        if name[:end] in STEMS:
-            quantity, rank = STEMS[name[:end]]
-            if end == len(name) or name[end:] in UNITS[quantity]:
-                return quantity, name[end:] or None, rank
+    """Return quantity, unit or None, and rank of a name by its longest stem; None for unknown names."""
+    letters = normalise_name(name)
+    if letters in WHOLE:
+        return *WHOLE[letters], Rank.MEASURED
+    for end in range(len(letters), 0, -1):
+        if letters[:end] in STEMS:
+            quantity, rank = STEMS[letters[:end]]
+            unit = letters[end:]
+            if not unit or (unit in UNITS[quantity] and (unit not in SHORT_UNITS or HAS_SHORT_UNIT.search(name))):
+                return quantity, unit or None, rank
     return None
 
 
@@ -243,13 +251,14 @@ def read_words(name: str) -> Reading:
     has_unit = re.search(r"[\[(][^\])\d][^\])]*[\])]\s*$", name)
     for length in range(len(words), 0, -1):
         for start in range(len(words) - length, -1, -1):
-            text, is_last = "".join(words[start : start + length]), start + length == len(words)
+            run, is_last = words[start : start + length], start + length == len(words)
+            text = "".join(run)
             if has_unit and not is_last:
                 continue
             label = numbers.union(words[:start], words[start + length :]) - JOINT_WORDS
             if not label.isdisjoint(NO_TORQUE):  # `torque_error` is of no joint
                 continue
-            if (match := find_name(text)) and (match[0] != "time" or len(text) > 2):  # `Motor T` is no time
+            if (match := find_name(" ".join(run))) and (match[0] != "time" or len(text) > 2):  # `Motor T` is no time
                 return Reading(*match, is_raw=False, is_last=is_last, label=label)
             for quantity, names in RAW_NAMES.items():
                 if any(text.removesuffix(unit) in names for unit in ("", *RAW[quantity])):

@@ -179,6 +179,12 @@ def test_the_motor_current_is_proposed_before_other_currents_and_the_duty():
         ("oz-in", 9.80665 * 0.45359237 / 16 * 0.0254),
         ("lbf in", 9.80665 * 0.45359237 * 0.0254),
         ("ft-lb", 9.80665 * 0.45359237 * 0.3048),
+        ("ft-lbs", 9.80665 * 0.45359237 * 0.3048),
+        ("in lbs", 9.80665 * 0.45359237 * 0.0254),
+        ("kgf m", 9.80665),
+        ("kgm", 9.80665),
+        ("gf cm", 9.80665 / 1e5),
+        ("gcm", 9.80665 / 1e5),
     ],
 )
 def test_torque_converts_from_units_of_datasheets(unit: str, torque: float) -> None:
@@ -213,3 +219,22 @@ def test_columns_of_another_quantity_or_without_unit_are_read_with_a_unit_or_gai
             read_recording(log, columns=columns)
     recording = read_recording(log, columns={quantity: f"{column}*0.5"})
     np.testing.assert_allclose(getattr(recording, quantity), 0.5 * log[column], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("clock", "position", "other"), [("time", "position", "thr"), ("t", "theta", "th"), ("t", "q", "tmin")]
+)
+def test_short_names_of_other_quantities_are_no_second_clock(clock: str, position: str, other: str) -> None:
+    time = np.arange(1000) / 100
+    log = {clock: time, position: np.sin(time), "torque": np.cos(3 * time), other: np.ones(1000)}
+    np.testing.assert_allclose(read_recording(log).time, time, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor"),
+    [("t [h]", 3600.0), ("t (min)", 60.0), ("time_h", 3600.0), ("Time (hr)", 3600.0), ("elapsed min", 60.0)],
+)
+def test_time_in_hours_or_minutes_is_read_by_a_unit_apart_from_its_name(header: str, factor: float) -> None:
+    time = np.arange(1000) / 100
+    log = {header: time / factor, "position": np.sin(time), "torque": np.cos(3 * time)}
+    np.testing.assert_allclose(read_recording(log).time, time, rtol=0, atol=1e-9)
