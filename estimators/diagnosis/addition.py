@@ -105,4 +105,4 @@ def _fit_effect(
     if objection is None and not is_shown:
         gain = evaluator.evidence(longer.model.terms, before.model.terms)
         objection = None if gain.p_value <= evaluator.criterion.p_value else Finding(Kind.BY_CHANCE)
-    return Trial(case, data, setting, result).with_refit(result), refitted, objection
+    return Trial(case, data, setting, result, refit=result), refitted, objection

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
@@ -72,12 +71,14 @@ class Trial:
         data: treated recordings.
         setting: options.
         result: of the search.
+        refit: refitted result; None: that of the case.
     """
 
     case: Case
     data: FitData
     setting: Setting
     result: SearchResult
+    refit: SearchResult | None = None
 
     @classmethod
     def search(cls, case: Case, data: FitData, setting: Setting) -> Trial:
@@ -92,7 +93,7 @@ class Trial:
     @cached_property
     def _refined(self) -> tuple[SearchResult, Sequence[Finding]]:
         """Final result, and findings on parameters that the data do not determine."""
-        return self.case.refine(self)
+        return self.case.refine(self) if self.refit is None else (self.refit, ())
 
     @property
     def final(self) -> SearchResult:
@@ -113,11 +114,6 @@ class Trial:
     def terms(self) -> Terms:
         """Terms of the final model with nonlinear parameters of the search; of the refit if that dropped terms."""
         return (self.result if list_ids(self.result.terms) == list_ids(self.final.terms) else self.final).terms
-
-    def with_refit(self, result: SearchResult) -> Self:
-        """Set the refitted result of this object, without findings on its parameters, and return it."""
-        vars(self)["_refined"] = result, ()
-        return self
 
     def present(self, step: Step, is_final: bool) -> Step:
         """Return a step in the units of the user; a final model with an unexplained residual is marked as biased."""

@@ -17,7 +17,7 @@ from workbench.export.servo import Servo
 
 
 def simulate_servos(model: Model, request: Request, servos: Servos, interval: int) -> Array:
-    """Simulate B servos over N steps in MuJoCo; return every `every`-th position, (N / every + 1, 1, B) [rad]."""
+    """Simulate B servos in MuJoCo over N steps; return each `interval`-th position, (N / interval + 1, 1, B) [rad]."""
     mujoco = import_mujoco()
     drives = [  # default supply: the first recorded value
         drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
