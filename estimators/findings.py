@@ -86,6 +86,7 @@ class Kind(StrEnum):
     STIFF_STOP = "stiff_stop"  # angle, and largest depth
     SCALE_UNKNOWN = "scale_unknown"  # share of the motion that the torque drives
     SMALL_EFFECT = "small_effect"  # explained share, least share, p_value
+    ROTORS_MISSING = "rotors_missing"
     PART_OF_TURN = "part_of_a_turn"  # angle that the motion covers
     UNTESTED_RANGE = "untested_range"  # low, high: ends of the motion at which no stop was met
 
@@ -113,7 +114,6 @@ class Kind(StrEnum):
 
     # the next step
     TABLE_HELPS = "table_helps"
-    ROTORS_MISSING = "rotors_missing"
     NO_EFFECT_OPEN = "no_effect_open"
     FIT_HELD_OUT = "fit_held_out"
     INERTIA_UNKNOWN = "inertia_unknown"

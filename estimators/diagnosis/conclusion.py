@@ -77,9 +77,7 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     tables_at_joints = ([table for table in evaluator.tables if table.at == joint] for joint in joints)
     tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evaluator, terms, kinds)) is not None)
     no_experiment = Finding(Kind.NO_EFFECT_OPEN) if residuals else None
-    if rotors := tuple(term.at for term in terms if isinstance(term, Rotor)):
-        no_experiment = Finding(Kind.ROTORS_MISSING, joints=rotors)
-    elif residuals and not joints:
+    if residuals and not joints:
         no_experiment = Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names)
     elif diagnosis.ambiguous:
         no_experiment = Finding(Kind.TIED, effects=diagnosis.ambiguous[0])
@@ -90,9 +88,11 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     contacts = find_arm_contacts(
         evaluator, diagnosis.model, [joint for joint in diagnosis.body.joints if joint not in explained]
     )
+    rotors = tuple(term.at for term in terms if isinstance(term, Rotor) and term.id in diagnosis.selected)
     findings = (
         *payloads,
         *contacts,
+        *([Finding(Kind.ROTORS_MISSING, joints=rotors)] if rotors else []),
         *find_driving_friction(trial.release_bounds(diagnosis.model)),
         *trial.data.corrections,
     )
