@@ -10,7 +10,7 @@ from estimators.findings import Finding, Kind
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
 from estimators.selection.errors import Gate, Step
 from estimators.weak_form.nonlinear import list_continuous_parameters
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import (
     LOAD,
     SIGNIFICANT,
@@ -24,6 +24,7 @@ from pendulum_env.physics import (
     has_link,
     list_loads,
 )
+from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.potential import HardStop, Spring
 from pendulum_env.physics.term import return_zero
 from pendulum_env.physics.terms import list_forms
@@ -75,10 +76,7 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     driving_torque = sum((value * column.force(x) for column, value in driving), np.zeros_like(x.time))
     limit = float(np.abs(x.torque - driving_torque).max())
     dry = _compute_dry_friction_over_turn([part[1:] for part in friction if not part[1].of_torque], x).max()
-    pushing = [
-        (c, v) for term, c, v in parts if isinstance(term, Spring) and c.name.startswith("spring.stiffness") and v < 0
-    ]
-    gates += [Gate(c.name, v, 0.0, False, model.units().unit(c.unit)) for c, v in pushing if c.is_allowed(v)]
+    gates += _find_pushing_springs(model, x)
     for stop in (term for term in model.terms if isinstance(term, HardStop)):
         lowest, highest = float(x.position.min()), float(x.position.max())
         free = min(stop.upper, highest) - max(stop.lower, lowest)
@@ -91,16 +89,52 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     return gates
 
 
+def _find_pushing_springs(model: Model, x: Samples) -> list[Gate]:
+    """Return a failed gate for each spring whose torque falls with the angle at a recorded angle.
+
+    Its slope dF/dq is negative there by more than 3 standard errors. With a user's limit on it, a spring has no gate.
+    """
+    gates, step = [], 1e-4  # exact to 1e-8 of the cubic coefficient
+    above, below = (replace(x, position=x.position + change) for change in (step, -step))
+    for term in (term for term in model.terms if isinstance(term, Spring)):
+        theta = np.array([model.estimates[column.name].value for column in term.columns])
+        slopes = [(column.force(above) - column.force(below)) / (2 * step) for column in term.columns]
+        limited = collect_limits([term])
+        is_limited = any(c.name in limited and np.any(slope) for c, slope in zip(term.columns, slopes, strict=True))
+        if is_limited or find_bound_violations([term], theta):
+            continue
+        slope, std = _sum_with_error(model, term.columns, slopes, x)
+        worst = int(np.argmin(slope + SIGNIFICANT * std))
+        if slope[worst] < -SIGNIFICANT * std[worst]:
+            first = term.columns[0]
+            gates.append(Gate(first.name, float(slope[worst]), 0.0, False, model.units().unit(first.unit)))
+    return gates
+
+
 def _compute_driving_share(model: Model, friction: Sequence[Column], x: Samples) -> float:
     """Return the share of the samples in which the power of columns of friction is significantly negative."""
-    names = list(model.estimates)
-    place = [names.index(column.name) for column in friction]
-    power = np.array([np.broadcast_to(column.power(x), x.time.shape) for column in friction]).reshape(-1, len(x.time))
-    total = np.array([model.estimates[column.name].value for column in friction]) @ power
-    covariance = np.nan_to_num(model.assumed_covariance[np.ix_(place, place)], posinf=1e150)
-    std = np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", power, covariance, power), 0.0))
+    total, std = _sum_with_error(model, friction, [column.power(x) for column in friction], x)
     rounding = 1e-9 * np.abs(total).max()
     return float(np.mean(total < -SIGNIFICANT * std - rounding))
+
+
+def _sum_with_error(
+    model: Model, columns: Sequence[Column], factors: Sequence[ArrayLike], x: Samples
+) -> tuple[Array, Array]:
+    """Return the sum of the columns' parameters times factors in N samples, and its standard error (N,).
+
+    The standard error is infinite if that of a parameter with a factor is.
+    """
+    scales = np.array([np.broadcast_to(factor, x.time.shape) for factor in factors]).reshape(-1, len(x.time))
+    names = list(model.estimates)
+    place = [names.index(column.name) for column, scale in zip(columns, scales, strict=True) if scale.any()]
+    scales = scales[scales.any(axis=1)]
+    estimates = [model.estimates[names[k]] for k in place]
+    total = np.array([estimate.value for estimate in estimates]) @ scales
+    if not np.isfinite([estimate.std for estimate in estimates]).all():
+        return total, np.full(len(x.time), np.inf)
+    covariance = model.assumed_covariance[np.ix_(place, place)]
+    return total, np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", scales, covariance, scales), 0.0))
 
 
 def _is_friction(term: Term) -> bool:

@@ -106,13 +106,44 @@ def test_friction_that_is_negative_at_few_angles_drives_unless_its_error_allows_
     assert [own.name for own in find_violations(model, {"": x})] == names
 
 
-@pytest.mark.parametrize("degree", [1.0, 3.0])
-def test_a_spring_pulls_back(degree):
-    values = np.zeros(len(effect("spring")(degree).columns))
-    for stiffness, names in ((0.3, []), (-0.3, ["spring.stiffness"])):
-        values[0] = stiffness
-        model = Model.build([*BASE, effect("spring")(degree)], [0.1, 2.0, 0.1, 0.1, *values])
-        assert [own.name for own in find_violations(model, {"": swinging()})] == names
+@pytest.mark.parametrize(
+    (
+        "theta",
+        "std",
+        "limits",
+        "is_pushing",
+    ),  # stiffness and preload, and of a hardening spring the quadratic and cubic
+    [
+        ((0.3, 0.0), 0.0, {}, False),
+        ((-0.3, 0.0), 0.0, {}, True),
+        ((-0.3, 0.0), 0.09, {}, True),
+        ((-0.3, 0.0), 0.11, {}, False),  # or it may be noise
+        ((-0.3, 0.0), np.inf, {}, False),
+        ((-0.3, 0.0), 0.0, {"spring.stiffness": (-1.0, 0.0)}, False),  # the user allows it
+        ((-0.3, 0.5), 0.0, {"spring.preload": (0.0, 1.0)}, True),
+        ((0.3, 0.0, 0.0, 5.0), 0.01, {}, False),
+        ((-0.3, 0.0, 0.0, 5.0), 0.01, {}, True),
+        ((0.1, 0.0, 0.0, -5.0), 0.01, {}, True),  # dF/dq = 0.1 - 15 q^2
+        ((0.1, 0.0, 0.0, -0.01), 0.01, {}, False),  # 0.1 - 0.03 q^2 is positive within 1.5 rad
+        ((0.1, 0.0, 0.5, 0.0), 0.01, {}, True),  # 0.1 + q
+    ],
+)
+def test_a_spring_pulls_back_at_each_recorded_angle_unless_its_error_or_the_user_allows_else(
+    theta, std, limits, is_pushing
+):
+    spring = limit_term(effect("spring")(3.0 if len(theta) == 4 else 1.0), limits)
+    model = Model.build([*BASE, spring], [0.1, 2.0, 0.1, 0.1, *theta], [0.01] * 4 + [std] * len(theta))
+    names = [own.name for own in find_violations(model, {"": swinging()})]
+    assert names == (["spring.stiffness"] if is_pushing else [])
+
+
+@pytest.mark.parametrize("correlation", [-0.5, 0.0, 0.5])
+def test_friction_with_an_unknown_error_is_not_known_to_drive(correlation):
+    model = Model.build(BASE, [0.1, 2.0, 0.1, -0.2], [0.01, 0.01, 0.01, np.inf])
+    known = np.eye(4)
+    known[2, 3] = known[3, 2] = correlation
+    model = replace(model, correlation=tuple(map(tuple, known.tolist())))
+    assert find_violations(model, {"": swinging()}) == []
 
 
 def test_a_payload_may_overcome_dry_friction_but_a_stop_may_not_and_bristles_do_not_push():
