@@ -18,13 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.online.recursion import RecursionState, expand_triangle
+from estimators.regression.noise import UNCERTAINTY, limit_noise
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics.compiled import Machine, SymbolicStep
 from pendulum_env.physics.symbols import make_symbols
 
 COPIES = np.array([[0.0], [1.0], [-1.0]])  # of an equation: as measured, with added noise, and with its negative
-MAX_NOISE_SHARE = 0.5  # largest share of information that is subtracted as noise
-UNCERTAINTY = 0.3  # of the variance of the encoder noise, relative
 
 
 class Correction(NamedTuple):
@@ -82,19 +81,14 @@ def _add_excess(size: int, forgetting: float) -> SymbolicStep:
 def _compute_correction(excess: Array, state: RecursionState) -> Correction:
     """Compute the correction of a state from the triangle of the excess by noise (B, S, N).
 
-    Noise is scaled down to explain at most the errors. At most `MAX_NOISE_SHARE` of the information is subtracted, and
-    the remaining bias is part of the result.
+    The noise is limited by `limit_noise`, and the remaining bias is part of the result.
     """
     if not excess.any():
         return Correction.none()
-    P, theta, residual, excess = state.P, state.theta, state.squares, expand_triangle(excess)
-    errors = np.append(-theta, np.ones((*theta.shape[:-1], 1)), axis=-1)  # times an equation
-    noise = np.einsum("...i,...ij,...j", errors, excess, errors)
-    scale = np.where(noise > residual, residual / np.where(noise > residual, noise, 1.0), 1.0)
-    D, d = np.split(scale[..., None, None] * excess[..., :-1, :], [-1], axis=-1)
-    PD = P @ D
-    noise_share = np.einsum("...ii", PD)[..., None, None]
-    share = MAX_NOISE_SHARE / np.maximum(noise_share, MAX_NOISE_SHARE)
-    step = np.linalg.solve(np.eye(P.shape[-1]) - share * PD, share * (PD @ theta[..., None] - P @ d))
+    P, theta, excess = state.P, state.theta, expand_triangle(excess)
+    factor, share = limit_noise(P, theta, state.squares, excess)
+    noise = factor * excess
+    D, d = noise[..., :-1, :-1], noise[..., :-1, -1:]
+    step = np.linalg.solve(np.eye(P.shape[-1]) - P @ D, P @ (D @ theta[..., None] - d))
     bias = (1.0 / share - 1.0 + UNCERTAINTY) * step
-    return Correction(step[..., 0], bias @ bias.swapaxes(-1, -2))
+    return Correction(step[..., 0].astype(float), bias @ bias.swapaxes(-1, -2))

@@ -103,8 +103,7 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
     links, *others = terms
     assert isinstance(links, Links)
     names = links.body.joints
-    pairs = zip(names, joints, strict=True)
-    joints = tuple(add_states(m, [term for term in others if term.at == name]) for name, m in pairs)
+    joints = add_joint_states(joints, terms)
     view_column, supplied = six.VIEWS[view]
     link_columns = _compute_link_columns(joints, links.body, view)  # (N, n or 1, P)
     column_index = link_columns.shape[2]
@@ -153,12 +152,15 @@ def _combine_measurements(joints: Joints, factors: Mapping[int, float]) -> Measu
 
 def measure_segments(recordings: Sequence[Recording], terms: Sequence[Term]) -> Segments:
     """Measure the joints in each segment of recordings, with the states of the terms along the motion."""
+    return [[add_joint_states(joints, terms) for joints in measure_joints(r.joints)] for r in recordings]
+
+
+def add_joint_states(joints: Joints, terms: Sequence[Term]) -> Joints:
+    """Return measurements of joints with the states of the terms at each."""
     names = terms[0].mechanism.joints
-    terms_of_joint = [[term for term in terms if term.at == name] for name in names]
-    return [
-        [tuple(map(add_states, joints, terms_of_joint)) for joints in measure_joints(recording.joints)]
-        for recording in recordings
-    ]
+    return tuple(
+        add_states(m, [term for term in terms if term.at == name]) for m, name in zip(joints, names, strict=True)
+    )
 
 
 def make_regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:

@@ -19,6 +19,7 @@ from estimators.regression.least_squares import (
 )
 from estimators.regression.recursive import choose_indices, compute_history
 from estimators.schemes.balance import Segments, Stack, find_momentum_columns, make_regressions, stack_equations
+from estimators.schemes.encoder_noise import copy_with_noise, correct_fit, measure_excess
 from estimators.schemes.six import Regressor, Scheme
 from estimators.weak_form.columns import list_law_bounds
 from pendulum_env._typing import JSON, Array
@@ -34,7 +35,7 @@ MIN_CLUSTERS = 10  # least number with motion; standard errors from fewer are in
 
 @dataclass(frozen=True, eq=False)
 class Convergence:
-    """Convergence of the estimates: the recursion of the paper at K instants.
+    """Convergence of the estimates: the recursion of the paper at K instants, without the correction for encoder noise.
 
     Attributes:
         time: total duration of the recordings up to the instant (K,) [s].
@@ -58,7 +59,7 @@ class Identified(Shown):
     Attributes:
         scheme: id of the scheme.
         model: terms with estimates, and standard errors under correlated residuals.
-        convergence: history of the recursive estimates; it ends at the model, except for the effect of P(0).
+        convergence: history of the recursive estimates; it ends at the least-squares fit but for the effect of P(0).
         residual_rms: norm (10) of the paper, of the scheme's residual, in `unit`.
         unit: unit of y and the residual.
         condition: condition number of the regressor, columns scaled to equal length.
@@ -101,17 +102,6 @@ class Identified(Shown):
         convergence = replace(self.convergence, std=self.convergence.std * (new / np.maximum(old, 1e-300)))
         return replace(self, model=model, convergence=convergence)
 
-    def without_bias(self, bias: Array, std: Array) -> Identified:
-        """Subtract a bias of the linear parameters (P,) and add its standard errors (P,); bounded ones are kept."""
-        estimates = dict(self.model.estimates)
-        for column, change, error in zip(self.model.columns, bias.tolist(), std.tolist(), strict=True):
-            old = estimates[column.name]
-            if old.std > 0:
-                estimates[column.name] = replace(old, value=old.value - change, std=float(np.hypot(old.std, error)))
-        model = replace(self.model, estimates=estimates)
-        theta = self.convergence.theta + (model.theta - self.model.theta)
-        return replace(self, model=model, convergence=replace(self.convergence, theta=theta))
-
     def json(self) -> JSON:
         """Return a dictionary for JSON; withheld estimates are null."""
         theta = {
@@ -141,12 +131,15 @@ def fit_schemes(
 ) -> dict[str, Identified]:
     """Fit each scheme to the segments of recordings; return the results by id of the scheme.
 
+    Estimates are corrected for encoder noise, if smoothing leaves too much of it; see `encoder_noise`.
+
     Raises:
         IdentificationError: if fewer than `MIN_CLUSTERS` clusters, or no sample of a joint, are clear of stick.
         ValueError: if a scheme borrows from a scheme that does not come before it.
     """
     joints, names, compute_regressions = terms[0].mechanism.joints, join_names(recordings), make_regressions(terms)
     results: dict[str, Identified] = {}
+    copies = copy_with_noise(segments, recordings, terms)
     for scheme in schemes:
         data = stack_equations(segments, partial(compute_regressions, scheme), terms)
         if len(np.unique(data.clusters[data.usable])) < MIN_CLUSTERS:
@@ -165,14 +158,19 @@ def fit_schemes(
         if scheme.borrows is not None and scheme.borrows not in results:
             raise ValueError(f"{scheme.id} borrows from {scheme.borrows}: put {scheme.borrows} before it")
         lender = results[scheme.borrows].model if scheme.borrows is not None else None
-        results[scheme.id] = fit_equations(scheme, data, terms, lender)
+        noisy = [stack_equations(copy, partial(compute_regressions, scheme), terms).equations for copy in copies]
+        excess = measure_excess(data.equations, noisy, data.weights, data.usable)
+        results[scheme.id] = fit_equations(scheme, data, terms, lender, excess)
     return results
 
 
-def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None) -> Identified:
+def fit_equations(
+    scheme: Regressor, data: Stack, terms: Sequence[Term], lender: Model | None = None, excess: Array | None = None
+) -> Identified:
     """Fit the equations: batch estimate with standard errors under correlated residuals, and the recursion.
 
-    With a `lender`, the parameters of the momentum are taken from this model.
+    With a `lender`, the parameters of the momentum are taken from this model. The batch estimate is corrected for the
+    `excess` of `measure_excess`; a remaining bias is marked.
     """
     names, usable = [column.name for term in terms for column in term.columns], data.usable
     (least, most), phi = list_law_bounds(terms), data.equations.phi[usable]
@@ -181,17 +179,25 @@ def fit_equations(scheme: Regressor, data: Stack, terms: Sequence[Term], lender:
     least[borrowed] = most[borrowed] = [loan.value for loan in loans]
     balance = Balance(phi, data.equations.y[usable], np.zeros_like(phi), least, most, data.weights[usable])
     # borrowed values come from the same data: their uncertainty widens that of the others
-    fit = balance.fit(np.unique(data.clusters[usable], return_inverse=True)[1], phi[:, borrowed] if borrowed else None)
+    clusters, lent = np.unique(data.clusters[usable], return_inverse=True)[1], phi[:, borrowed] if borrowed else None
+    fit, correction = balance.fit(clusters, lent), None
     theta = fit.theta
+    if excess is not None and len(excess):
+        correction = correct_fit(balance, theta, excess)
+        fit = balance.fit(clusters, lent, correction.theta)
+        theta = fit.theta
     is_free = (theta > least) & (theta < most)
     free, held = np.flatnonzero(is_free).tolist(), np.flatnonzero(~is_free).tolist()
     equations = subtract_known_columns(data.equations, held, theta[held])
     covariance = fit.covariance[np.ix_(free, free)]
     if scheme.drifts:
         covariance = _compute_random_walk_covariance(equations, data, theta[free])
+    if correction is not None:
+        covariance = correction.widen(covariance)
     std = np.zeros(len(theta))
     std[free], std[borrowed] = np.sqrt(np.maximum(np.diag(covariance), 0.0)), [loan.std for loan in loans]
     model = Model.build(terms, theta, std).with_covariance([names[j] for j in free], covariance)
+    model = model.mark_biased() if correction is not None and correction.has_bias else model
     return Identified(
         scheme=scheme.id,
         model=make_arm_model(model),

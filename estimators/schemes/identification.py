@@ -13,7 +13,6 @@ from estimators.data.fit_data import FitData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
-from estimators.schemes.encoder_noise import remove_encoder_bias
 from estimators.schemes.fitting import Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification
@@ -63,11 +62,7 @@ def identify(
     segments = measure_segments(fit_data.recordings, swing_terms)
     refuse_idle_joints(fit_data.recordings, segments, swing_terms)
     chosen, filter_findings = limit_filters(chosen, segments)
-    results = remove_encoder_bias(
-        fit_schemes(chosen, segments, swing_terms, fit_data.recordings),
-        fit_data.recordings,
-        lambda noisy: fit_schemes(chosen, measure_segments(noisy, swing_terms), swing_terms, noisy),
-    )
+    results = fit_schemes(chosen, segments, swing_terms, fit_data.recordings)
     first_model = next(iter(results.values())).model
     results = _calibrate(results, fit_data, terms, swing_terms, chosen)
     results, undetermined = withhold_estimates(results, segments, swing_terms, fit_data.recordings[0].units)

@@ -107,6 +107,23 @@ class Measurements:
         force = np.broadcast_to(column.force(x) - column.loss(x), x.time.shape)
         return np.convolve(force, self.window, "valid") + column.loss(self.samples)
 
+    def add_noise(self, noise: Array) -> Measurements:
+        """Return the measurements with noise in the position before the filter, without states.
+
+        The noise (N + 2 reach - 2,) [rad] does not change the filter and the mask `moving`.
+        """
+        smoothing = Smoothing(self.reach - 1 - SIDES)
+        slope, curvature = smoothing.make_step_kernels(self.period)
+        steps, x = np.diff(noise), self.unfiltered
+        return replace(
+            self,
+            position=self.position + np.convolve(noise, smoothing.make_position_kernel(), "valid"),
+            velocity=self.velocity + np.convolve(steps, slope, "valid"),
+            acceleration=self.acceleration + np.convolve(steps, curvature, "valid"),
+            unfiltered=None if x is None else replace(x, position=x.position + noise),
+            memory={},
+        )
+
     def find_clear(self, guard: float | None) -> Mask:
         """Find samples farther than `guard` [s] and the reach of the filter from stick and reversals (N,).
 

@@ -1,11 +1,15 @@
 """Coarse encoders at a low rate, from motion in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators import identify
-from estimators.signals.measurements import has_encoder_bias
-from pendulum_env.recording import Recording
+from estimators.schemes.six import scheme
+from estimators.signals.measurements import has_encoder_bias, measure_segments
+from pendulum_env.physics import BASE
+from pendulum_env.recording import Recording, TorqueConstant
 
 THETA = {"inertia": 0.09, "gravity": 2.0, "viscous": 0.36, "coulomb": 0.9}
 RATE, SUBSTEPS = 100.0, 25
@@ -34,6 +38,48 @@ def test_a_coarse_encoder_leaves_no_bias(counts, seed):
         for name, value in THETA.items():
             estimate = result.model[name]
             assert abs(estimate.value - value) < 4 * estimate.std, (result.scheme, name)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("counts", [400, 200])
+def test_standard_errors_cover_the_bias_that_a_very_coarse_encoder_leaves(counts, seed):
+    for result in identify(record(counts, seed), schemes=["dynamic", "filtered_dynamic", "filtered_power"]).values():
+        inertia = result.model["inertia"]
+        assert abs(inertia.value - THETA["inertia"]) < 3 * inertia.std, result.scheme
+        if counts == 400:  # noise has about half of the information
+            assert inertia.value == pytest.approx(THETA["inertia"], rel=0.25), result.scheme
+        else:
+            assert inertia.is_biased, result.scheme
+
+
+def test_the_correction_obeys_bounds():
+    for bounds in ((0.07, 0.080), (0.095, 0.12)):
+        for result in identify(record(1024, 1), bounds={"inertia": bounds}).values():
+            inertia = result.model["inertia"]
+            assert inertia.at_bound, result.scheme
+            assert inertia.value in bounds, result.scheme
+    free = identify(record(1024, 1), schemes="dynamic", bounds={"inertia": (0.085, None)})["dynamic"].model["inertia"]
+    assert not free.at_bound  # the uncorrected estimate is below this bound
+    assert abs(free.value - THETA["inertia"]) < 4 * free.std
+
+
+def test_the_error_of_the_torque_constant_contains_no_noise_bias():
+    recording = record(1024, 1)
+    current = replace(recording, torque_constant=TorqueConstant(2.0, 0.01, "A"))
+    for id in ("dynamic", "filtered_power"):
+        inertia = identify(recording, schemes=id)[id].model["inertia"]
+        calibrated = identify(current, schemes=id)[id].model["inertia"]
+        assert calibrated.value == pytest.approx(inertia.value, rel=1e-6)
+        assert calibrated.std == pytest.approx(np.hypot(inertia.std, 0.005 * inertia.value), rel=0.05)
+
+
+def test_the_residual_is_that_of_the_corrected_model():
+    recording = record(1024, 1)
+    result = identify(recording, schemes="dynamic")["dynamic"]
+    (m,) = measure_segments(recording)
+    equations, usable = scheme("dynamic").regression(m, BASE)
+    residual = (equations.y - equations.phi @ result.model.theta)[usable]
+    assert result.residual_rms == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-6)
 
 
 def test_a_fine_encoder_needs_no_correction():
