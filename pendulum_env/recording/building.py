@@ -87,10 +87,10 @@ def _read_clock(table: RawTable) -> tuple[dict[str, FileColumn], list[Note]]:
         values["time"] = values["time"] + part if is_part else values["time"]
         kind = NoteKind.TIME_OF_TWO if is_part else NoteKind.PASSED_OVER
         notes.append(Note(kind, ("time",), headers=(columns["time"].header, fraction.header)))
-    counted = unwrap_clock(values["time"])
-    notes += [Note(NoteKind.CLOCK_RESTARTED)] * (counted is not values["time"])
-    values["time"] = counted
-    if not columns["time"].has_unit and (unit := find_unix_unit(counted)) is not None:
+    clock = unwrap_clock(values["time"])
+    notes += [Note(NoteKind.CLOCK_RESTARTED)] * (clock is not values["time"])
+    values["time"] = clock
+    if not columns["time"].has_unit and (unit := find_unix_unit(clock)) is not None:
         columns["time"] = replace(columns["time"], unit=unit)
     return columns, notes
 

@@ -308,15 +308,15 @@ def _suggest_column(quantity: str, headers: Sequence[str], unused: Sequence[str]
     raw.sort(key=lambda header: bool(readings[header].label))  # `current_motor` before `current_in`
     if quantity == "torque":
         raw.sort(key=_find_header_raw_unit)  # currents first
-    named = [h for h in unused if readings[h].quantity == quantity and not readings[h].is_raw]
-    unscaled = [header for header in named if is_unscaled(header)]
+    named_headers = [h for h in unused if readings[h].quantity == quantity and not readings[h].is_raw]
+    unscaled_headers = [header for header in named_headers if is_unscaled(header)]
     suggestions: list[tuple[str, list[str], str, str]] = [
         ("may count samples", [h for h in headers if normalise_name(h) in COUNTERS], "/RATE", " with their rate [Hz]"),
         ("may be the time", pairs, "", ""),  # as Simulink saves signals
         ("has its unit", [header for header in unused if find_trailing_unit(UNITS[quantity], header)], "", ""),
-        ("may be it", [header for header in named if header not in unscaled], "", ""),
+        ("may be it", [header for header in named_headers if header not in unscaled_headers], "", ""),
         ("needs a gain", raw, *(_write_gain(quantity, raw[0].strip()) if raw else ("", ""))),
-        ("needs a gain", unscaled, "*0.001", f" with the {SI[quantity]} in a unit of it"),
+        ("needs a gain", unscaled_headers, "*0.001", f" with the {SI[quantity]} in a unit of it"),
     ]
     for reason, matches, conversion, meaning in suggestions if quantity == "time" else suggestions[2:]:
         for header in matches:
@@ -395,8 +395,8 @@ def _find_positions(
     labels = {reading.label for reading in readings if reading.quantity == "torque"}
     by_words = _find_by_words("position", headers, {*used, *text_columns})
     of_joints = [column for column in by_words if read_words(column.header).label in labels]
-    numbered = [c for c in by_words if all(word.isdecimal() for word in read_words(c.header).label)]
-    return of_joints or ([] if labels else numbered)
+    numbered_columns = [c for c in by_words if all(word.isdecimal() for word in read_words(c.header).label)]
+    return of_joints or ([] if labels else numbered_columns)
 
 
 def _drop_fractions(columns: Sequence[FileColumn], headers: Sequence[str]) -> list[FileColumn]:

@@ -46,8 +46,8 @@ def replace_late_stamps(log: Log) -> None:
 
     Stamps jitter about a uniform clock if their deviations do not accumulate. If the samples jitter too, position
     deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. Rounded stamps,
-    and rows that arrive in bursts, repeat a time. This time is that of the last of these rows, and may deviate by up to
-    a step between different stamps, also if the deviations accumulate. Otherwise, time is unchanged.
+    and rows that arrive in bursts, repeat a time. The last of these rows has that time, which may deviate by up to a
+    step between different stamps, also if the deviations accumulate. Otherwise, time is unchanged.
     """
     time, position = log.values["time"], log.position
     last = np.flatnonzero(np.diff(time, append=np.inf) > 0)  # (M,), last row of each stamp

@@ -91,19 +91,19 @@ def find_levels(deviation: Array, last: Index, unit: float, motion: MotionEviden
     stops = last[np.minimum(np.maximum.accumulate(final) + 1, len(last) - 1)] + 1
     paths: list[LevelPath] = []
     for level, begin, stop in zip(levels.tolist(), begins.tolist(), stops.tolist(), strict=True):
-        own = 0.5 * np.nan_to_num(error[begin:stop] - level * unit) ** 2
-        total = np.cumsum(own)
+        level_costs = 0.5 * np.nan_to_num(error[begin:stop] - level * unit) ** 2
+        total = np.cumsum(level_costs)
         entry, source = np.full(stop - begin, np.inf), np.full(stop - begin, -1)
-        entry[0] = own[0] if begin == 0 else np.inf
+        entry[0] = level_costs[0] if begin == 0 else np.inf
         for number, path in enumerate(paths[-3:], max(0, len(paths) - 3)):
             a, b = max(begin, path.begin), min(stop - 1, path.begin + len(path.cost))
             if a >= b:
                 continue
-            before = 0.5 * np.nan_to_num(error[a:b] - path.level * unit) ** 2
-            gain = np.where(is_burst[a:b], np.minimum(own[a - begin : b - begin] - before, 0.0), 0.0)
+            previous_costs = 0.5 * np.nan_to_num(error[a:b] - path.level * unit) ** 2
+            gain = np.where(is_burst[a:b], np.minimum(level_costs[a - begin : b - begin] - previous_costs, 0.0), 0.0)
             cost = path.cost[a - path.begin : b - path.begin] + gain
             cost += motion.compute_cost(slice(a, b), level - path.level) + np.log(len(last))
-            cost += own[a + 1 - begin : b + 1 - begin]
+            cost += level_costs[a + 1 - begin : b + 1 - begin]
             window = slice(a + 1 - begin, b + 1 - begin)
             source[window] = np.where(cost < entry[window], number, source[window])
             entry[window] = np.minimum(cost, entry[window])
@@ -112,13 +112,13 @@ def find_levels(deviation: Array, last: Index, unit: float, motion: MotionEviden
         is_new = relative <= best
         start = np.maximum.accumulate(np.where(is_new, np.arange(stop - begin), 0))
         paths.append(LevelPath(level, begin, best + total, start, source))
-    found = np.empty(n_rows, dtype=np.intp)
+    row_levels = np.empty(n_rows, dtype=np.intp)
     open_paths = [k for k, path in enumerate(paths) if path.begin + len(path.cost) == n_rows]
     number, row = min(open_paths, key=lambda k: paths[k].cost[-1]), n_rows - 1
     while True:
         path = paths[number]
         start = path.start[row - path.begin]
-        found[path.begin + start : row + 1] = path.level
+        row_levels[path.begin + start : row + 1] = path.level
         number, row = int(path.source[start]), path.begin + int(start) - 1
         if number < 0:
-            return found
+            return row_levels

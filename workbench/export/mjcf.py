@@ -105,8 +105,8 @@ class Friction:
         remaining = [term for term in model.terms if term.id not in EVERY and term.id not in included]
         approximated_terms = [term for term in remaining if find_description(term.id).fits_friction]
         omissions = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
-        omitted = [term for term in remaining if term not in approximated_terms]
-        omissions += [f"{term.id} ({term.law}): {find_description(term.id).omission}" for term in omitted]
+        omitted_terms = [term for term in remaining if term not in approximated_terms]
+        omissions += [f"{term.id} ({term.law}): {find_description(term.id).omission}" for term in omitted_terms]
         viscous, dry = get_value(model, "viscous") + get_value(model, "back_emf"), get_value(model, "coulomb")
         if not approximated_terms and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(omissions))
