@@ -69,6 +69,7 @@ class Kind(StrEnum):
     FEW_STRETCHES = "few_stretches"  # count
     CLOCK_UNEVEN = "clock_uneven"  # std, period
     FILTER_SLOWED = "filter_slowed"  # rate
+    ENCODER_COARSE = "encoder_coarse"
     SPEED_RATE_UNKNOWN = "speed_rate_unknown"  # rate, inertia
     TORQUE_SCALED = "torque_scaled"  # factor
 

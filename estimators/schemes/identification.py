@@ -64,6 +64,8 @@ def identify(
     chosen, filter_findings = limit_filters(chosen, segments)
     results = fit_schemes(chosen, segments, swing_terms, fit_data.recordings)
     first_model = next(iter(results.values())).model
+    has_bias = any(e.is_biased for result in results.values() for e in result.model.estimates.values())
+    noise_findings = (Finding(Kind.ENCODER_COARSE),) if has_bias else ()
     results = _calibrate(results, fit_data, terms, swing_terms, chosen)
     results, undetermined = withhold_estimates(results, segments, swing_terms, fit_data.recordings[0].units)
     data, findings, results = check_results(first_model, results, fit_data, swing_terms)
@@ -71,7 +73,7 @@ def identify(
     log_format = collect_log_format(fit_data.recordings)
     return Identification(
         {id: replace(result, model=replace(result.model, log_format=log_format)) for id, result in results.items()},
-        (*filter_findings, *undetermined, *constant_findings, *fit_data.conventions, *findings),
+        (*filter_findings, *noise_findings, *undetermined, *constant_findings, *fit_data.conventions, *findings),
         tuple(recording.name for recording in recordings),
         tuple(np.cumsum([sum(len(m) * m.period for m, *_ in group) for group in segments]).tolist()),
         fit_data.unit,

@@ -21,7 +21,8 @@ class Estimate(Quantity):
     """Value of a parameter with its standard error, both in `unit`; the error is 0 for a value that was not estimated.
 
     It is also 0 for a value at a bound, which noise did not determine. If the model lacks an effect, the value is
-    biased by an unknown amount, and the standard error covers only the noise.
+    biased by an unknown amount, and the standard error covers only the noise. A value that noise of the encoder biases
+    is marked as well; its standard error covers this bias.
     """
 
     at_bound: bool = field(default=False, compare=False)

@@ -223,7 +223,7 @@ class Model(Mapping[str, Estimate], Shown):
         return {name: self.estimates[name] for name in term.parameter_names}
 
     def mark_biased(self) -> Self:
-        """Return the model with all estimates marked as biased by a missing effect; known values are no estimates."""
+        """Return the model with all estimates marked as biased by a missing effect or noise; known values are none."""
         estimates = {name: replace(e, is_biased=e.std > 0 or e.at_bound) for name, e in self.estimates.items()}
         return replace(self, estimates=estimates)
 

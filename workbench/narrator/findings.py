@@ -537,6 +537,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
     Kind.FILTER_SLOWED: (
         "At {rate.value:.4g} Hz the filters would pass everything: their cutoff is lowered to {rate.value:.4g} rad/s."
     ),
+    Kind.ENCODER_COARSE: (
+        "Noise of the position has more than half of the acceleration's information: estimates of some schemes are "
+        "biased. Record faster motion, or with a finer encoder."
+    ),
     Kind.SPEED_RATE_UNKNOWN: (
         "If the drive computes its speed from two readings of its encoder, give the rate of the readings (`rate`). At "
         "{rate.value:g} readings a second, the inertia is {inertia:2} larger than stated here."
