@@ -112,6 +112,14 @@ class PlantBins:
         distance = np.abs(np.arange(count)[:, None] - np.arange(count))
         return np.asarray(np.append(covariance, 0.0)[np.minimum(distance, len(covariance))])
 
+    @cached_property
+    def scatter_gain(self) -> float:
+        """Scatter of the mean torques of successive bins by white noise, relative to their standard deviation."""
+        size = self.n_samples // self.slice_length
+        differences = np.repeat([1.0, -4.0, 6.0, -4.0, 1.0], size) / np.sqrt(70.0)  # as `estimate_scatter`
+        covariance = self.slice_covariance[: 5 * size, : 5 * size]
+        return float(np.sqrt(differences @ covariance @ differences / covariance[:size, :size].sum()))
+
     def compute_late_weights(self, delay: ArrayLike, lag: ArrayLike) -> Array:
         """Compute weights of slices for the mean torque of a bin after a delay and a lag [s] (V or 1, K)."""
         count = len(self.slice_covariance) + 1
@@ -192,9 +200,9 @@ class Binner:
             is_complete, mean = (n_usable == n_samples) & has_past, total / n_samples
             total[:], n_usable[:] = 0.0, 0
             if is_complete.any():
-                ordered = instants[(step + np.arange(len(instants))) % len(instants)]
-                series = ordered[-n_samples - MARGIN :, SERIES]  # (n + 3, 4, B)
-                held = ordered[-(HISTORY + 1) * n_samples - 1 : -1, HELD]  # without that of the next instant
+                past = instants[(step + np.arange(len(instants))) % len(instants)]
+                series = past[-n_samples - MARGIN :, SERIES]  # (n + 3, 4, B)
+                held = past[-(HISTORY + 1) * n_samples - 1 : -1, HELD]  # without that of the next instant
                 slices = held.reshape(-1, self.plant.slice_length, held.shape[1]).mean(axis=1)
                 for b in np.flatnonzero(is_complete).tolist():
                     equation = mean[b, :-1], float(mean[b, -1])

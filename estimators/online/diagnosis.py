@@ -84,7 +84,7 @@ class OnlineDiagnosis:
         none: probability that no effect predicts better than the running model.
         motion: time of motion since the model began to run [s].
         error: root mean square a-priori error of the running model over the last seconds of motion [N m].
-        floor: part of the error by noise of torque and position [N m]; NaN while it is unknown, and of an arm.
+        floor: part of the error by noise and discretisation [N m]; NaN while it is unknown, and of an arm.
         added: ids of effects added to the running model.
         not_run: effects without online diagnosis, with the reason.
         changed: change and standard error of each changed parameter in its unit, the most significant first; empty

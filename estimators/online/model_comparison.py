@@ -16,6 +16,8 @@ from estimators.online.binning import BLOCK, Bin, Bins, PlantBins
 from estimators.online.competitors import CompetingModels, thin_variants
 from estimators.online.evidence import EProcess, ReferenceDistribution
 from estimators.search_hints import is_possible, make_grid
+from estimators.selection.criterion import Criterion
+from estimators.signals.differentiation import estimate_scatter
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
@@ -41,6 +43,7 @@ class ModelComparison:
         e_process: e-process of each effect, and in the last place of forgetting.
         blocks: log predictive densities of the last blocks, of the running model, with each effect and with forgetting.
         n_calibration: number of bins in the first fit of all models.
+        n_scatter: number of bins from which the scatter of the errors is estimated.
         n_fit: number of bins in the fit of a later model.
         n_predicted: number of bins that the models have predicted.
         n_since_change: number of bins since the evidence of a change began to rise.
@@ -75,6 +78,7 @@ class ModelComparison:
         self.not_run: dict[str, Obstacle] = {}
         self.n_predicted = self.n_since_change = 0
         self.n_calibration = ceil(CALIBRATION_TIME / plant.length)
+        self.n_scatter = plant.count_bins(ERROR_TIME)
         self.n_fit = plant.count_bins(FIT_TIME)
         self._fit_when_possible()
 
@@ -159,14 +163,22 @@ class ModelComparison:
 
     @property
     def floor(self) -> float:
-        """Return the RMS error by noise of torque and position [N m]; NaN while it is unknown, and of an arm."""
+        """Return the RMS error by noise and discretisation [N m]; NaN while it is unknown, and of an arm.
+
+        Discretisation leaves a share `Criterion.accuracy` of the torque. A command that changes in each sample looks
+        like noise. Therefore, noise of the torque is at most the scatter of the errors from bin to bin, and the floor
+        at most the error.
+        """
         columns = [column for term in self.terms for column in term.columns]
         if self._models is None or len(self._plant.joints) > 1 or self.fit_bins[0].phi.size:
             return float("nan")
         x, theta = self.stack_bins(self.fit_bins[-BLOCK:]).middle, self._models.y_on_base[0]
+        phi, y = self.linearise_rows(self.fit_bins[-self.n_scatter :])
+        scatter = estimate_scatter(y - phi @ theta) / self._plant.scatter_gain
         inertia = sum(value * np.mean(column.mass(x)) for column, value in zip(columns, theta, strict=True))
         noise = self.fit_bins[-1]
-        return float(np.hypot(noise.torque_noise, inertia * noise.acceleration_noise))
+        noises = np.minimum(noise.torque_noise, scatter), inertia * noise.acceleration_noise
+        return float(np.minimum(np.linalg.norm([*noises, Criterion().accuracy * np.std(y)]), self.error))
 
     @property
     def stretches(self) -> Array:

@@ -182,7 +182,7 @@ class Stream:
     def _smooth_instant(self, sample: Array) -> None:
         """Add a sample to the ring and smooth the newest instant.
 
-        The sample is that of `_receive_sample`. The instant (6 + F, B) lies `reach` samples earlier.
+        `_receive_sample` returns the sample. The instant (6 + F, B) lies `reach` samples earlier.
         `_advance_recurrence` advances `_count`.
         """
         length = self._samples.shape[1]

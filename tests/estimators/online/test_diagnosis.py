@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import VectorWrapper
 
-from benchmarks.independent_plant import Experiment, Plant
+from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.online_diagnosis import CHANGE, diagnose_run, simulate_changes
 from estimators.findings import Obstacle
 from estimators.online import Diagnoser, OnlineDiagnosis
@@ -109,6 +109,33 @@ def test_an_error_that_no_effect_explains_is_unexplained(hidden):
 def test_the_floor_is_the_error_of_the_true_model():
     said = run(diagnoser(), recorded(""))
     assert said.floor == pytest.approx(said.error, rel=0.25)
+
+
+@cache
+def diagnosed_at_random(hidden, library):
+    """Diagnosis with a torque that is drawn anew for each sample, as from `env.action_space.sample()`."""
+    experiment = Experiment(rate=RATE, seconds=12.0, counts=COUNTS, torque_noise=0.02, seed=3)
+    time = np.arange(experiment.samples) / RATE
+    command = np.random.default_rng(0).uniform(-6.0, 6.0, experiment.samples) + 3.0 * np.sin(2.25 * time)
+    plant = Plant(effects={hidden: HIDDEN[hidden][0]} if hidden else {})
+    (measured,) = simulate([(plant, experiment)], [command])
+    return run(diagnoser(library={id: FEW[id] for id in library}), measured, last=12.0)
+
+
+def test_a_random_torque_is_no_noise():
+    said = diagnosed_at_random("", tuple(FEW))
+    assert said.kind == "nothing" and 0.5 * said.error < said.floor < 2.0 * said.error
+    said = diagnosed_at_random("torque_offset", ("quadratic_drag",))
+    assert said.kind == "unexplained" and not said.group and said.floor < 0.4 * said.error
+    assert diagnosed_at_random("dead_time", tuple(FEW)).group == ("dead_time",)
+
+
+def test_without_noise_an_effect_is_named_up_to_the_error_of_discretisation():
+    experiment = Experiment(rate=RATE, seconds=12.0, counts=0, torque_noise=0.0, seed=3)
+    measured = cases.recorded(Plant(effects={"dead_time": HIDDEN["dead_time"][0]}), experiment)[0]
+    said = run(diagnoser(library=FEW), measured, last=12.0)
+    assert said.kind == "missing" and said.group == ("dead_time",)
+    assert said.ranking[0].term.delay == pytest.approx(0.012, abs=0.0005)
 
 
 def test_effects_that_no_motion_tells_apart_are_one_group_and_say_the_same():
