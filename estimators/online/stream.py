@@ -207,7 +207,7 @@ class Stream:
             inputs["instant"][POSITION:TORQUE] += COPIES * self._noise[:, None, (index + 1) % len(SIGNS)]
         if self._dead_time is not None:
             whole, share = self._dead_time
-            later, earlier = (ring[(row - whole - k) % len(ring), TORQUE:] for k in (0, 1))
+            later, earlier = (ring[(row - whole - k) % len(ring), TORQUE:INSTANT] for k in (0, 1))
             inputs["supplied"][:] = ((1 - share) * later + share * earlier)[:, None]
         for k, past in self._shorter_guards:
             inputs["halts"][k] = self._halts[(count - past) % len(self._halts)]

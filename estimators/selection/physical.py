@@ -107,7 +107,7 @@ def _find_pushing_springs(model: Model, x: Samples) -> list[Gate]:
         worst = int(np.argmin(slope + SIGNIFICANT * std))
         if slope[worst] < -SIGNIFICANT * std[worst]:
             first = term.columns[0]
-            gates.append(Gate(first.name, float(slope[worst]), 0.0, False, model.units().unit(first.unit)))
+            gates.append(Gate(first.name, float(slope[worst]), 0.0, False, model.estimates[first.name].unit))
     return gates
 
 
