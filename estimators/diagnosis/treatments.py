@@ -97,10 +97,8 @@ def scale_noise_by_model(trial: Trial) -> FitData | None:
     train = trial.evaluator.train
     if (inertia := find_inertia_of_noise(train, trial.result.terms)) is None:
         return None
-    numbers = {"inertia": inertia.value, "before": train.data.base_inertia}
-    finding = Finding(
-        Kind.WINDOWS_BY_INERTIA, {name: Quantity(value, unit=inertia.unit) for name, value in numbers.items()}
-    )
+    numbers, unit = {"inertia": inertia.value, "before": train.data.base_inertia}, train.units().unit(inertia.unit)
+    finding = Finding(Kind.WINDOWS_BY_INERTIA, {name: Quantity(value, unit=unit) for name, value in numbers.items()})
     return trial.data.with_treatment(finding, inertia=inertia.value)
 
 
