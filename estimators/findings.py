@@ -84,6 +84,7 @@ class Kind(StrEnum):
     FRICTION_NEGATIVE = "friction_negative"
     INCOMPLETE = "incomplete"  # residual in noise floors, disagreement of the schemes in standard errors
     TIED = "tied"
+    NOISE_NOT_LOGGED = "noise_not_logged"  # torque of a sample, and the largest RMS of a hidden effect
     STIFF_STOP = "stiff_stop"  # angle, and largest depth
     SCALE_UNKNOWN = "scale_unknown"  # share of the motion that the torque drives
     SMALL_EFFECT = "small_effect"  # explained share, least share, p_value

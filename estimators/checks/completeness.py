@@ -20,6 +20,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.criterion import Criterion
 from estimators.selection.physical import find_driving_friction
+from estimators.selection.process_noise import find_process_noise
 from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows, prepare_windows
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
@@ -83,19 +84,25 @@ def _check_completeness(
 
     A residual above `WEAK_FORM.unexplained` noise floors, of an arm a correlated residual (`Criterion.is_noise`), or a
     difference of two schemes above `DISAGREEMENT` standard errors gives a finding. Each missing effect shifts all
-    estimates, so all are then marked as biased.
+    estimates, so all are then marked as biased. Torque noise of a pendulum that is not logged is a finding of its own,
+    and shifts none.
 
     Returns:
         Findings, and the results with the marks.
     """
     criterion, layout = Criterion(), regression_data.layout
     residual, inertias, ratios = regression_data.residual(terms), regression_data.inertias(terms), dict[str, float]()
+    findings, data, units = list[Finding](), regression_data.data, next(iter(results.values())).model.units()
     for at, floor in regression_data.floors.items():
         structure = layout.structure(at, residual[regression_data.locate_rows(at)], inertias[at])
-        negligible = regression_data.data.compute_negligible_residual(at)  # zero of a pendulum
+        negligible = data.compute_negligible_residual(at)  # zero of a pendulum
         is_correlated = bool(negligible) and not criterion.is_noise(structure, max(floor, negligible))
         if is_correlated or structure.rms > WEAK_FORM.unexplained * max(floor, negligible):
-            ratios[at] = structure.rms / max(floor, 1e-300)
+            noise = None if negligible else find_process_noise(data, residual, inertias[at], criterion)
+            if noise is None:
+                ratios[at] = structure.rms / max(floor, 1e-300)
+            else:
+                findings.append(noise.make_finding(units))
     gaps = sorted(_compute_scheme_differences(list(results.values())))
     disagreements = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name
     numbers = {"residual": Quantity(max(ratios.values()))} if ratios else {}
@@ -104,9 +111,9 @@ def _check_completeness(
         tuple(sorted(filter(None, sizes), key=lambda name: -sizes[name])) for sizes in (ratios, disagreements)
     )
     if not numbers:
-        return [], results
+        return findings, results
     biased_results = {id: replace(result, model=result.model.mark_biased()) for id, result in results.items()}
-    return [Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], biased_results
+    return [*findings, Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], biased_results
 
 
 def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:

@@ -11,8 +11,13 @@ from estimators.diagnosis.contacts import find_arm_contacts, find_contacts, mark
 from estimators.diagnosis.experiment import suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.unexplained import check_torque_sign, find_holdout_structure, find_joint_residuals
-from estimators.findings import Finding, Kind
+from estimators.diagnosis.unexplained import (
+    check_torque_sign,
+    find_holdout_structure,
+    find_joint_residuals,
+    find_noise_not_logged,
+)
+from estimators.findings import Finding, Kind, withhold_everything
 from estimators.selection.physical import find_driving_friction, find_violations
 from estimators.selection.tables import find_explaining_law
 from pendulum_env.arms.joints import Rotor
@@ -58,6 +63,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             *contacts,
             *(Finding(Kind.TIED, effects=group) for group in diagnosis.ambiguous),
             *doubts,
+            *(find_noise_not_logged(trial.final) if not (regions or withhold_everything(doubts)) else ()),
             *find_caveats(evaluator, diagnosis.steps, trial.terms, detectable),
             *([table_finding] if table_finding and table_finding != no_experiment else []),
         ),

@@ -52,15 +52,30 @@ def find_unexplained(result: SearchResult) -> list[Region]:
     if not evaluator.residuals.is_noise_in(holdout, holdout_residual):
         regions_held_out = find_failures(holdout, holdout_residual, floors=evaluator.residuals.holdout_floors)
         return [replace(region, held_out_recordings=holdout.names) for region in regions_held_out]
-    if (noisier := evaluator.residuals.add_process_noise(train, residual)) is not None:
-        pairs = zip(train.segments, noisier.windows, strict=False)
+    if (noise := evaluator.residuals.find_process_noise(train, residual)) is not None:
+        pairs = zip(evaluator.train.segments, noise.data.windows, strict=True)
         segments = tuple(replace(segment, windows=w) for segment, w in pairs)
-        evaluator = replace(evaluator, train=replace(train, segments=segments), drawn=evaluator.bootstrap)
+        noisier = replace(evaluator.train, data=noise.data, segments=segments)
+        evaluator = replace(evaluator, train=noisier, drawn=evaluator.bootstrap)
     if not is_misfit_between_contacts(evaluator, last):
         return []
     error, units = last.errors["train"].position_rms, last.model.units()
     cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit=units.unit("rad"))})
     return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, units.unit("rad/s"), is_profiled=False, cause=cause)]
+
+
+def find_noise_not_logged(result: SearchResult) -> list[Finding]:
+    """Return a finding if torque noise that is not logged explains the residual of the final model of a pendulum.
+
+    Held-out data count if the fitted data leave only noise of the sensors.
+    """
+    evaluator, model = result.evaluator, result.steps[-1].model
+    train, holdout = evaluator.parts
+    residual = train.with_link_states(model).residual(model.terms, model.theta)
+    noise = evaluator.residuals.find_process_noise(train, residual) or evaluator.residuals.find_process_noise(
+        holdout, evaluator.residuals.holdout_residual(model.terms)
+    )
+    return [] if noise is None else [noise.make_finding(model.units())]
 
 
 def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:

@@ -30,6 +30,9 @@ class Criterion:
         drift_piece: length of the pieces by which folds predict a drifting torque [s].
         shorter_window: factor on the window lengths in a second search.
         error_margin: relative difference of held-out errors under two treatments that is chance.
+        white_p_value: p-value of the tests of white noise, all together, from which a residual is no torque noise.
+        longest_lag: longest lag of these tests [s].
+        least_windows: least number of separate windows for these tests.
         accuracy: error of a simulation by initial states and integration, share of the motion's standard deviation.
     """
 
@@ -52,6 +55,9 @@ class Criterion:
     drift_piece: float = 0.2
     shorter_window: float = 0.5
     error_margin: float = 0.05
+    white_p_value: float = 0.05
+    longest_lag: float = 1.0
+    least_windows: int = 100
     accuracy: float = 0.001
 
     def has_structure(self, residual: ResidualStructure, floor: float) -> bool:

@@ -18,8 +18,7 @@ from estimators.regression.least_squares import solve_least_squares
 from estimators.search_hints import make_grid
 from estimators.selection.criterion import Criterion
 from estimators.selection.errors import Gate, Terms
-from estimators.weak_form.process_noise import add_process_noise
-from estimators.weak_form.torque_windows import TorqueWindows
+from estimators.selection.process_noise import ProcessNoise, find_process_noise
 from pendulum_env._typing import Array
 from pendulum_env.physics import Table, Term, list_ids
 
@@ -98,16 +97,16 @@ class Residuals:
         The noise of a pendulum is that of its sensors, or white torque noise that is not logged.
         """
         is_noise = self._are_noise(part, self._structures_in(part, residual))
-        return is_noise or self.add_process_noise(part, residual) is not None
+        return is_noise or self.find_process_noise(part, residual) is not None
 
-    def add_process_noise(self, part: RegressionData, residual: Array) -> TorqueWindows | None:
-        """Return a part's windows with torque noise that is not logged, if a residual (R,) [N m] shows that; else None.
+    def find_process_noise(self, part: RegressionData, residual: Array) -> ProcessNoise | None:
+        """Return the torque noise of a part that is not logged, if a residual (R,) [N m] shows that; else None.
 
         The residual exceeds the noise of the sensors, and is white.
         """
         if not self._is_pendulum or self._are_noise(part, self._structures_in(part, residual)):
             return None
-        return add_process_noise(part.data, residual, self.inertia[self.joints[0]])
+        return find_process_noise(part.data, residual, self.inertia[self.joints[0]], self.criterion)
 
     def _are_noise(self, part: RegressionData, structures: Mapping[str, ResidualStructure]) -> bool:
         """Return whether residuals of a part of the data, by joint, are noise at every joint."""

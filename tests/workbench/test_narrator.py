@@ -49,6 +49,7 @@ NUMBERS = {
     "std": Quantity(0.2, unit="ms"),
     "time": Quantity(17.7, unit="s"),
     "times": Quantity(5.0),
+    "hidden": Quantity(0.03, unit="N m"),
     "torque": Quantity(0.1, unit="N m"),
     "viscous": Quantity(1.12, 0.01, "N m s/rad"),
     "others.viscous": Quantity(1.0, unit="N m s/rad"),

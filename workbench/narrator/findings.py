@@ -498,6 +498,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         "The stop at {angle:3} is pressed in by {depth:2} at most, at too few depths for the error of its end: its "
         "stiffness is unknown. Press it slowly at several torques."
     ),
+    Kind.NOISE_NOT_LOGGED: (
+        "Torque that is not logged moves the joint: white noise of {torque:2} per sample. A missing effect below "
+        "{hidden:2} would not show. Log the torque at the motor, or record longer."
+    ),
     Kind.SCALE_UNKNOWN: (
         "The torque drives {share.value:.0%} of the motion. Friction of mu times the torque, as in gears, would not "
         "show: all parameters would be 1 / (1 - mu) times too large. To see it, let gravity or a load turn the motor."

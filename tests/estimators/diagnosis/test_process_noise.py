@@ -1,24 +1,32 @@
 """Torque noise that moves a joint and is not logged: it is no missing effect, and hides none."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators import diagnose
-from estimators.weak_form.process_noise import compute_white_p_values
+from estimators import diagnose, identify
+from estimators.findings import Finding, Kind
+from estimators.selection.process_noise import bound_hidden_effect, compute_white_p_values
 from pendulum_env.recording import Recording
 from tests import slow
 
 PLANT = {"inertia": 0.18, "gravity": 4.8, "viscous": 0.31, "coulomb": 0.57}
 
 
-def swing(seed: int, noise: float, rate: float = 100.0, **effects: dict[str, float]) -> Recording:
-    """Record 20 s of a pendulum under two sines and white torque noise [N m], which is not logged."""
+def swing(seed: int, noise: float, rate: float = 100.0, hidden: float = 0.0, **effects: dict[str, float]) -> Recording:
+    """Record 20 s of a pendulum under two sines; white noise and a slow sine (RMS) [N m] are not logged."""
     experiment = Experiment(rate, 20.0, seed=seed, counts=65_536, torque_noise=noise, noise_in_plant=True)
     time = np.arange(experiment.samples) / rate
     command = 5.0 * np.sin(2 * np.pi * 0.4 * time + seed) + 4.0 * np.sin(2 * np.pi * 1.1 * time + 2 * seed)
-    run = simulate([(Plant(**PLANT, effects=effects), experiment)], [command])[0]
-    return Recording(run.time, run.position, run.command, name=f"run {seed}")
+    slow = np.sqrt(2.0) * hidden * np.sin(2 * np.pi * 0.23 * time + seed)
+    run = simulate([(Plant(**PLANT, effects=effects), experiment)], [command + slow])[0]
+    return Recording(run.time, run.position, run.command - slow, name=f"run {seed}")
+
+
+def find_noise(findings: Sequence[Finding]) -> list[Finding]:
+    return [finding for finding in findings if finding.kind is Kind.NOISE_NOT_LOGGED]
 
 
 @pytest.mark.parametrize("seed", slow.but_first([1, 2, 3]))
@@ -27,9 +35,25 @@ def test_white_noise_of_the_torque_that_is_not_logged_is_no_missing_effect(seed)
     assert found.evaluator is not None
     assert found.evaluator.residuals.relative_rms(found.model.terms) > 2.5
     assert found.selected == () and not found.unexplained
+    (noise,) = find_noise(found.findings)
+    assert noise.numbers["torque"].value == pytest.approx(0.15, rel=0.1)
+    assert 0.0 < noise.numbers["hidden"].value < 0.1
     for name, value in PLANT.items():
         own = found.model.estimates[name]
         assert abs(own.value - value) < 4 * own.std and not own.is_biased
+
+
+def test_identify_reports_noise_that_is_not_logged_and_trusts_its_estimates():
+    results = identify([swing(2, 0.15)])
+    (noise,) = results.findings
+    assert find_noise([noise]) and noise.numbers["torque"].value == pytest.approx(0.15, rel=0.1)
+    assert not any(own.is_biased for result in results.values() for own in result.model.estimates.values())
+
+
+def test_more_recordings_show_an_effect_of_half_the_noise_of_a_window():
+    results = identify([swing(seed, 0.15, hidden=0.04) for seed in range(2, 12)])  # windows average 0.15 N m to 0.08
+    assert [finding.kind for finding in results.findings] == [Kind.INCOMPLETE]
+    assert all(own.is_biased for result in results.values() for own in result.model.estimates.values())
 
 
 def test_knocks_and_a_torque_that_wanders_are_no_noise_of_the_torque():
@@ -50,3 +74,13 @@ def test_p_values_of_white_noise_are_uniform_and_those_of_other_series_vanish():
         (noise + 6.0 * (rng.random(len(place)) < 0.02), 2),  # with impacts
     ):
         assert compute_white_p_values(series, place, 25)[which] < 1e-3
+    assert compute_white_p_values(np.zeros(len(place)), place, 25) == (1.0, 1.0, 1.0)
+    assert min(compute_white_p_values(noise, place, 0)) > 1e-3  # windows so long that no lag is below the longest
+
+
+def test_an_effect_above_the_bound_of_a_hidden_effect_is_rare():
+    rng, place = np.random.default_rng(1), np.arange(400)
+    for size in (0.0, 0.2, 0.5):
+        slow = np.sqrt(2.0) * size * np.sin(2 * np.pi * place / 30.0)
+        bounds = np.array([bound_hidden_effect(rng.standard_normal(400) + slow, place, 0.05) for _ in range(400)])
+        assert np.mean(bounds < 0.98 * size) < 0.1 and np.median(bounds) < size + 0.35
