@@ -98,7 +98,13 @@ def make_legend(entries: Iterable[tuple[str, PlotCurve]]) -> Html:
     return make_element("div", SMALL, *keys)
 
 
-def make_plot(label: str, x: Array, curves: Sequence[PlotCurve], noise: Array | None = None) -> Html:
+def make_plot(
+    label: str,
+    x: Array,
+    curves: Sequence[PlotCurve],
+    noise: Array | None = None,
+    span: tuple[float, float] | None = None,
+) -> Html:
     """Make a small plot of curves with its lowest and highest value in print.
 
     Args:
@@ -106,9 +112,10 @@ def make_plot(label: str, x: Array, curves: Sequence[PlotCurve], noise: Array | 
         x: abscissa, increasing (N,).
         curves: curves with values (N,).
         noise: half width of a band about zero (N,).
+        span: lowest and highest plotted value; None: those of the curves.
     """
     values = np.concatenate([curve.values for curve in curves])
-    low, high = float(values.min()), float(values.max())
+    low, high = span or (float(values.min()), float(values.max()))
     room = (high - low) or 1.0
 
     def make_path(x_values: Array, y_values: Array) -> str:
