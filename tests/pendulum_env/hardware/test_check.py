@@ -102,7 +102,7 @@ def test_a_servo_enable_that_does_nothing_is_found(make_emulated_rig, monkeypatc
     monkeypatch.setattr(NiDaq, "_reserve_channels", always_on)
     with pytest.raises(CheckFailed) as failed:
         checked(rig)
-    told(failed, "although it must have no power")
+    told(failed, "moves without power")
     commands = [value for _, event, value in rig.events() if event == "command"]
     assert max(commands) < 2.0 and commands[-1] == 0.0
 
