@@ -136,7 +136,7 @@ class Experiment:
     gains: tuple[float, float] = (12.0, 1.2)  # N m/rad, N m s/rad of the closed loop
     torque_limit: float = 8.0  # N m of the closed loop
     control: str = "pd"  # of the closed loop: pd, by the error's rate; servo, by the joint's speed; or speed, with PI
-    goal_hold: int = 1  # samples for which the closed loop holds its reference
+    goal_hold: int = 1  # number of samples between changes of the closed loop's reference
 
     def __post_init__(self) -> None:
         _require(self.excitation, EXCITATIONS, "excitation")

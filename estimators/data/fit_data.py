@@ -260,9 +260,10 @@ class FitData:
     @property
     def conventions(self) -> tuple[Finding, ...]:
         """Findings on conventions of drives: laws of controllers, the position that they read, and course of goals."""
-        laws = (Kind.CONTROLLER_READ, Kind.COUNTS_UNSEEN), (Kind.POSITION_READ,), (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)
-        several, *single = ([finding for finding in self.treatments if finding.kind in kinds] for kinds in laws)
-        return (*several, *(finding for found in single for finding in found[-1:]))  # the last decision holds
+        controllers = [item for item in self.treatments if item.kind in (Kind.CONTROLLER_READ, Kind.COUNTS_UNSEEN)]
+        positions = [item for item in self.treatments if item.kind is Kind.POSITION_READ]
+        goals = [item for item in self.treatments if item.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+        return (*controllers, *positions[-1:], *goals[-1:])  # the last decision holds
 
     @property
     def corrections(self) -> list[Finding]:
@@ -279,13 +280,15 @@ class FitData:
 
         Findings name their recordings, unless all recordings share one alignment.
         """
-        pairs = [
-            (finding, recording.name)
-            for recording, alignment in zip(self.all_recordings, self.alignments, strict=bool(self.alignments))
-            if alignment.is_late == is_late and (finding := alignment.finding) is not None
-        ]
-        findings = [finding for k, (finding, _) in enumerate(pairs) if finding not in [f for f, _ in pairs[:k]]]
+        findings, names = list[Finding](), list[list[str]]()
+        for recording, alignment in zip(self.all_recordings, self.alignments, strict=bool(self.alignments)):
+            if alignment.is_late != is_late or (finding := alignment.finding) is None:
+                continue
+            if finding not in findings:
+                findings.append(finding)
+                names.append([])
+            names[findings.index(finding)].append(recording.name)
         if all(alignment is self.alignments[0] for alignment in self.alignments):
             return tuple(findings)
-        names = (tuple(name for other, name in pairs if other == finding) for finding in findings)
-        return tuple(replace(finding, recordings=own) for finding, own in zip(findings, names, strict=True))
+        pairs = zip(findings, names, strict=True)
+        return tuple(replace(finding, recordings=tuple(own_names)) for finding, own_names in pairs)
