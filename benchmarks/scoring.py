@@ -16,10 +16,10 @@ import numpy as np
 
 from benchmarks.parallel import each, peak_memory
 from benchmarks.truth import Truth, read_pair
+from estimators.decisions.errors import Errors
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.run import diagnose
 from estimators.findings import Verdict
-from estimators.selection.errors import Errors
 from pendulum_env.physics import effects
 from workbench.terminal import Terminal
 

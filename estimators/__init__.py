@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from estimators.checks.channel import align
     from estimators.comparison import compare
     from estimators.data.fit_data import FitData
+    from estimators.decisions.criterion import Criterion
     from estimators.diagnosis.addition import add
     from estimators.diagnosis.result import Addition, Diagnosis
     from estimators.diagnosis.run import diagnose
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from estimators.schemes.result import Identification
     from estimators.schemes.six import SCHEMES, scheme
     from estimators.search_hints import SearchHints, set_hints
-    from estimators.selection.criterion import Criterion
 else:
     __getattr__, __dir__ = lazy_exports(__name__)
 

@@ -8,8 +8,8 @@ from functools import cached_property
 
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
+from estimators.decisions.errors import Errors, get_single
 from estimators.prediction import Prediction, predict_recordings
-from estimators.selection.errors import Errors, get_single
 from estimators.signals.residual import AXES, Profile, Region
 from estimators.simulation.free_running import HORIZON
 from pendulum_env._typing import JSON

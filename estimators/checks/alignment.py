@@ -22,8 +22,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from estimators.checks.closed_loop import find_feedback
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.criterion import Criterion
 from estimators.signals.channel import LONGEST, REACH, UNMIXED_SAMPLES, Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_noise_slope, estimate_white_noise
 from pendulum_env._typing import JSON, Array

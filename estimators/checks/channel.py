@@ -23,11 +23,10 @@ import numpy as np
 from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment
 from estimators.checks.channel_rows import NONLINEAR_GAIN, ChannelRows
 from estimators.checks.closed_loop import find_feedback, is_consistent
-from estimators.data.rows import BLOCK
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import BLOCK, Blocks, cross_validate_density
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
-from estimators.selection.criterion import Criterion
-from estimators.selection.score import Blocks, cross_validate_density
 from estimators.signals.channel import LONGEST, REACH, Channel
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
 from estimators.weak_form.windows import Windows

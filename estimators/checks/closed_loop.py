@@ -16,10 +16,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.memoize import memoized
 from estimators.regression.least_squares import Equations, solve, solve_least_squares
-from estimators.selection.criterion import Criterion
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.recording import Recording

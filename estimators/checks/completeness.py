@@ -15,10 +15,10 @@ from estimators.checks.remedies import find_uneven_clocks, find_wrong_columns
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
-from estimators.selection.criterion import Criterion
 from estimators.selection.physical import find_driving_friction
 from estimators.selection.process_noise import find_process_noise
 from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows, prepare_windows

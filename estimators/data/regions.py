@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.criterion import Criterion
 from estimators.signals.residual import SYMBOLS, Region, find_regions, make_region_everywhere
 from pendulum_env._typing import Array
 from pendulum_env.recording.channel import NEWTON_METRE

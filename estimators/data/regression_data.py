@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from estimators.data.rows import RowLayout, RowMaker, Terms
+from estimators.decisions.errors import Errors
 from estimators.regression.balance import Balance
-from estimators.selection.errors import Errors
 from estimators.simulation.free_running import (
     Segments,
     choose_segments,
@@ -147,7 +147,7 @@ class RegressionData:
         nothing accelerates, a payload of minus the inertia leaves torque without noise. `theta` (P,) are the
         parameters, `inertia` those of the base model by joint [kg m^2].
         """
-        variance = np.zeros(len(self.layout.fold))
+        variance = np.zeros(len(self.layout.scored.fold))
         columns = [(term, column) for term in terms for column in term.columns]
         for (term, column), value in zip(columns, theta.tolist(), strict=True):
             if term.kind == "time-varying" and self.layout.predicts_torque and term.at in inertia:

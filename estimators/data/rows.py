@@ -11,30 +11,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
-import numpy as np
-
+from estimators.decisions.criterion import ResidualStructure
+from estimators.decisions.errors import Errors
+from estimators.decisions.score import BLOCK, Blocks
 from estimators.regression.balance import Balance, Columns
-from estimators.selection.errors import Errors
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Term
 
 Terms = Sequence[Term]
-BLOCK, FOLDS = 1.0, 10  # length of a block [s]; number of folds of cross-validation, to which blocks belong in turn
-
-
-class ResidualStructure(NamedTuple):
-    """Size of a residual and of its correlated part.
-
-    Attributes:
-        correlated_rms: root of the covariance of neighbouring rows beyond sensor noise [N m], or [rad] of rollouts.
-        z_score: correlation of neighbouring rows over its standard error.
-        rms: root mean square of the residual [N m], or [rad].
-    """
-
-    correlated_rms: float
-    z_score: float
-    rms: float
 
 
 @dataclass(frozen=True)
@@ -65,9 +50,13 @@ class RowLayout:
     has_fast_fits: bool = True
 
     @cached_property
-    def fold(self) -> Index:
-        """Fold of each row (R,)."""
-        return np.asarray(self.blocks(BLOCK)[0] % FOLDS)
+    def scored(self) -> Blocks:
+        """Blocks of the score; the same object gives the folds of the fits, so no fit sees a block that it predicts."""
+        return self.make_blocks(BLOCK)
+
+    def make_blocks(self, piece: float) -> Blocks:
+        """Return the blocks of the score, with folds made of pieces of a length [s]."""
+        return Blocks(*self.blocks(BLOCK), self.blocks(piece)[0])
 
 
 class FoldFits(NamedTuple):

@@ -9,8 +9,8 @@ import numpy as np
 
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.criterion import Criterion
 from estimators.regression.least_squares import IdentificationError
-from estimators.selection.criterion import Criterion
 from estimators.simulation.free_running import choose_segments
 from estimators.weak_form.torque_windows import choose_half_width, prepare_windows
 from estimators.weak_form.windows import Part

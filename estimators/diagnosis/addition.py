@@ -12,6 +12,8 @@ from estimators.arguments import (
     select_visible_effects,
 )
 from estimators.data.fit_data import FitData
+from estimators.decisions.errors import Step
+from estimators.decisions.gate import explain_rejection
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.result import Addition
@@ -21,7 +23,6 @@ from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.in_loop import complete_drives
 from estimators.progress import Progress, no_progress
-from estimators.selection.errors import Step, explain_rejection
 from estimators.selection.search import SearchResult, fit_without_and_with
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments

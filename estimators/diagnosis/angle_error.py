@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimators.data.variants import rank_variants, refine_variants
+from estimators.decisions.errors import Terms
 from estimators.selection.candidates import can_reproduce
-from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import remove_term
 from pendulum_env.physics import SIGNIFICANT, Estimate, Gravity, Model, Table, Term, list_ids

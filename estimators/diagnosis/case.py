@@ -12,10 +12,10 @@ from functools import cached_property
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
 from estimators.data.fits import fit_within_laws
+from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding
-from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region

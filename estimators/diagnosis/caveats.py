@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 from estimators.checks.channel_rows import MAX_DRIVEN_SHARE, compute_driven_share
+from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.angle_error import TURN
 from estimators.diagnosis.questions import find_detectable_effects
 from estimators.diagnosis.result import Detectable
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import SIGNIFICANT, Gravity, Model, list_ids
 from pendulum_env.physics.friction import LoadDependentFriction

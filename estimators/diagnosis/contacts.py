@@ -7,9 +7,9 @@ import numpy as np
 
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import REPEATED, Parts, make_contact_finder
+from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation.free_running import Segments, select_segments
 from estimators.weak_form.links import join_recording

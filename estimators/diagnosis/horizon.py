@@ -16,10 +16,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import HorizonRefit
 from estimators.regression.least_squares import compute_robust_covariance
-from estimators.selection.errors import Step
 from estimators.selection.motion_score import exceeds_noise
 from estimators.selection.physical import find_violations
 from estimators.simulation import output_error

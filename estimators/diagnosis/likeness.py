@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 import scipy
 
+from estimators.decisions.criterion import Criterion
 from estimators.regression.least_squares import solve_least_squares
-from estimators.selection.criterion import Criterion
 from pendulum_env._typing import Array
 from pendulum_env.physics.table import Table, TableCurve
 

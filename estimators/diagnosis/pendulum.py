@@ -6,6 +6,7 @@ from dataclasses import replace
 from estimators.checks.torque_constant import add_torque_constant
 from estimators.data import standard_errors
 from estimators.data.fit_data import FitData
+from estimators.decisions.errors import Step
 from estimators.diagnosis.angle_error import widen_by_law
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.conclusion import conclude
@@ -21,7 +22,6 @@ from estimators.diagnosis.treatments import (
     scale_noise_by_model,
 )
 from estimators.free_swings import is_torque_needed, make_swing_terms, restore_known
-from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood
 from pendulum_env.physics.table import COMPETING

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.decisions.errors import Terms
 from estimators.diagnosis.result import Candidate, Detectable
 from estimators.diagnosis.suggestion import Aim
 from estimators.findings import Finding, Verdict
 from estimators.free_swings import find_known_values
 from estimators.regression.least_squares import Equations, solve_least_squares, subtract_known_columns
 from estimators.selection.candidates import find_best_variant
-from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.signals.residual import makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows

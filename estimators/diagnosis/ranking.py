@@ -7,10 +7,11 @@ from itertools import pairwise
 import numpy as np
 
 from estimators.data.variants import compute_unique_share
+from estimators.decisions.errors import Step, Terms, compute_error_fall, get_error_at
+from estimators.decisions.gate import Gate, explain_rejection
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity, Verdict
 from estimators.selection.candidates import can_reproduce, needs_all_parts, screen_library, screen_replacements
-from estimators.selection.errors import Gate, Step, Terms, compute_error_fall, explain_rejection, get_error_at
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import remove_term
 from estimators.selection.search import SearchResult

@@ -7,13 +7,14 @@ from functools import cached_property
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
+from estimators.decisions.errors import Step, Terms, get_single
+from estimators.decisions.gate import Gate
+from estimators.decisions.score import Gain
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Verdict
 from estimators.prediction import Prediction, predict_recordings
 from estimators.results import make_floors_json, make_result_json
-from estimators.selection.errors import Gate, Step, Terms, get_single
 from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.score import Gain
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
 from pendulum_env.notebook import Shown, summarise

@@ -14,6 +14,7 @@ from estimators.arguments import (
     select_terms,
     select_visible_effects,
 )
+from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.diagnosis.explanation import explain
@@ -21,7 +22,6 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import choose_treatment
 from estimators.progress import Progress, no_progress, report_forward
-from estimators.selection.criterion import Criterion
 from pendulum_env.arms.joints import find_body
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.progress import Progress, no_progress
-from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
 from pendulum_env.physics import Term
 

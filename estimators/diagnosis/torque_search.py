@@ -6,12 +6,12 @@ from dataclasses import replace
 from estimators.data.fits import fit_within_laws
 from estimators.data.regression_data import RegressionData
 from estimators.data.standard_errors import find_stiff_stops
+from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import check_torque_sign, find_unexplained
 from estimators.findings import NOTHING_DETERMINED, Finding, collect_withheld, withhold_everything
 from estimators.schemes.identifiability import find_undetermined, find_undetermined_parameters, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
-from estimators.selection.errors import Step
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.motion import refit_by_likelihood, refit_if_misfit
 from estimators.selection.search import SearchResult, search

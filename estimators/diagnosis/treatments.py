@@ -5,11 +5,11 @@ from functools import partial
 from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
+from estimators.decisions.errors import compute_held_out_cost
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.errors import compute_held_out_cost
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
 from pendulum_env.arms.recording import add_payload

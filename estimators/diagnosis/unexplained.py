@@ -6,9 +6,9 @@ from dataclasses import replace
 from estimators.checks.remedies import find_reversed_torque
 from estimators.data.fits import fit_within_laws
 from estimators.data.regions import find_failures, find_regions_at
+from estimators.decisions.errors import Terms
 from estimators.diagnosis.contacts import is_misfit_between_contacts
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.physical import find_violations
 from estimators.selection.search import SearchResult

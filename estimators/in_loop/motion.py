@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.decisions.errors import Errors
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.in_loop.servos import are_driven
-from estimators.selection.errors import Errors
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model

@@ -7,12 +7,12 @@ import numpy as np
 
 from estimators.checks.torque_constant import widen_by_constant
 from estimators.data.fits import fit_terms
+from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.profile import LikelihoodProfile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.weak_form.point import Point

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import FOLDS, FoldFits, RowLayout, ScoredTerms, Terms
+from estimators.data.rows import FoldFits, RowLayout, ScoredTerms, Terms
+from estimators.decisions.errors import Errors
+from estimators.decisions.score import FOLDS
 from estimators.in_loop.fit import (
     LOOP,
     LinearErrors,
@@ -27,7 +29,6 @@ from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.search_hints import find_hints
-from estimators.selection.errors import Errors
 from estimators.simulation.multiple_shooting import add_link_friction
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_nonlinear_names
@@ -136,7 +137,7 @@ class RolloutRows:
     def fit_folds(self, terms: Terms) -> FoldFits:
         """Fit some terms without each fold, to first order around their fit."""
         terms, theta = self.fit(terms)
-        return FoldFits(terms, theta, self.equations(terms).solve_without(self.layout.fold, FOLDS))
+        return FoldFits(terms, theta, self.equations(terms).solve_without(self.layout.scored.fold, FOLDS))
 
     def with_nonlinear(self, terms: Terms) -> Key:
         """Return the terms with all continuous nonlinear parameters fitted from their values."""

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 import scipy
 
-from estimators.data.rows import ResidualStructure
+from estimators.decisions.criterion import ResidualStructure
 from estimators.in_loop.counts import (
     FINEST,
     compute_creep_torque,

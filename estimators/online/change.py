@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import ndtr, stdtrit
 
+from estimators.decisions.score import compute_log_student
 from estimators.regression.recursive import PRIOR
-from estimators.selection.score import compute_log_student
 from pendulum_env._typing import Array, Index
 
 # chosen on simulated plants by `benchmarks.online_diagnosis`

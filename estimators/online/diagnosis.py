@@ -2,7 +2,7 @@
 
 All models are fitted to the first seconds of motion. From then on the running model, alone and with each effect,
 predicts every bin before its update (`competitors`). The gains in log predictive density per second of motion are
-scored as offline, by a Bayesian bootstrap over these blocks (`estimators.selection.score`). An effect is reported as
+scored as offline, by a Bayesian bootstrap over these blocks (`estimators.decisions.score`). An effect is reported as
 missing when the e-process passes its threshold (`evidence`), which follows from the accepted false alarms per hour.
 
 The running model with forgetting also competes. After an alarm with evidence of forgetting, all models
@@ -16,14 +16,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import Bootstrap
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Binner, PlantBins
 from estimators.online.change import ParameterChange, ParameterFit, find_change, fit_rows
 from estimators.online.evidence import ReferenceDistribution, compute_threshold
 from estimators.online.model_comparison import ModelComparison
 from estimators.online.stream import check_rate
-from estimators.selection.criterion import Criterion
-from estimators.selection.score import Bootstrap
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Links

@@ -10,13 +10,13 @@ from math import ceil
 
 import numpy as np
 
-from estimators.data.rows import BLOCK as STRETCH
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import BLOCK as STRETCH
 from estimators.findings import Obstacle
 from estimators.online.binning import BLOCK, Bin, Bins, PlantBins
 from estimators.online.competitors import CompetingModels, thin_variants
 from estimators.online.evidence import EProcess, ReferenceDistribution
 from estimators.search_hints import is_possible, make_grid
-from estimators.selection.criterion import Criterion
 from estimators.signals.differentiation import estimate_scatter
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term

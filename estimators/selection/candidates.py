@@ -7,8 +7,9 @@ import numpy as np
 
 from estimators.data.rows import ScoredTerms
 from estimators.data.variants import rank_variants, refine_variants, try_variants
+from estimators.decisions.errors import Step, Terms
+from estimators.decisions.gate import Gate
 from estimators.search_hints import find_hints, is_possible
-from estimators.selection.errors import Gate, Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.nonlinear import list_continuous_parameters, list_released_variants, set_values
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids

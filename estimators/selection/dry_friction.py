@@ -8,8 +8,8 @@ from itertools import groupby
 
 import numpy as np
 
+from estimators.decisions.errors import Terms
 from estimators.search_hints import is_possible, make_grid
-from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import output_error
 from estimators.weak_form.point import Point

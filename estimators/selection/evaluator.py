@@ -10,10 +10,17 @@ import numpy as np
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.variants import count_tried
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.errors import Step, Terms, compute_held_out_cost
+from estimators.decisions.gate import Gate
+from estimators.decisions.score import (
+    Bootstrap,
+    Gain,
+    cross_validate_density,
+    predict_density,
+)
 from estimators.memoize import memoized
 from estimators.progress import Progress, no_progress
-from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Gate, Step, Terms, compute_held_out_cost
 from estimators.selection.motion_score import (
     compute_motion_gain,
     compute_motion_noise,
@@ -28,13 +35,6 @@ from estimators.selection.physical import (
     make_confirmation_gates,
 )
 from estimators.selection.residuals import Residuals, set_grid
-from estimators.selection.score import (
-    Bootstrap,
-    Gain,
-    cross_validate_density,
-    make_blocks,
-    predict_density,
-)
 from pendulum_env._typing import Array
 from pendulum_env.arms.model import make_arm_model
 from pendulum_env.physics import (
@@ -88,8 +88,8 @@ class ModelEvaluator:
         ids = list_ids(self.base)
         self.tables = [table for table in self.tables if table.id not in ids]
         self.residuals = Residuals(self.train, self.holdout, self.criterion, self.base)
-        self._blocks = [make_blocks(part.layout) for part in self.parts]
-        self._blocks_with_short_folds = [make_blocks(part.layout, self.criterion.drift_piece) for part in self.parts]
+        self._blocks = [part.layout.scored for part in self.parts]
+        self._blocks_with_short_folds = [part.layout.make_blocks(self.criterion.drift_piece) for part in self.parts]
         self._unknown = self._find_unknown()
         self._in_motion: dict[Terms, Step] = {}
         train_blocks, holdout_blocks = (blocks.of_block for blocks in self._blocks)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.fits import find_term_edges
-from estimators.selection.errors import Step, compute_held_out_cost
+from estimators.decisions.errors import Step, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error

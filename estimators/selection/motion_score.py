@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.selection.criterion import Criterion
-from estimators.selection.score import MAX_ITERATIONS, Bootstrap, Gain, compute_log_student, weigh_squares
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import MAX_ITERATIONS, Bootstrap, Gain, compute_log_student, weigh_squares
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation import output_error
 from estimators.simulation.free_running import Segments, simulate_errors

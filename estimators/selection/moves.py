@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from estimators.decisions.errors import Terms, compute_held_out_cost
 from estimators.selection.candidates import (
     find_best_variant,
     list_simpler_parts,
@@ -15,7 +16,6 @@ from estimators.selection.candidates import (
     screen_replacements,
 )
 from estimators.selection.dry_friction import screen_dry_friction
-from estimators.selection.errors import Terms, compute_held_out_cost
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import list_reset_variants, set_values

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
+from estimators.decisions.errors import Step
+from estimators.decisions.gate import Gate
 from estimators.findings import Finding, Kind
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
-from estimators.selection.errors import Gate, Step
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import (

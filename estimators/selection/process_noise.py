@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.criterion import Criterion
 from estimators.weak_form.torque_windows import TorqueWindows
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index

@@ -12,12 +12,12 @@ import numpy as np
 from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import ResidualStructure
+from estimators.decisions.criterion import Criterion, ResidualStructure
+from estimators.decisions.errors import Terms
+from estimators.decisions.gate import Gate
 from estimators.memoize import memoized
 from estimators.regression.least_squares import solve_least_squares
 from estimators.search_hints import make_grid
-from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Gate, Terms
 from estimators.selection.process_noise import ProcessNoise, find_process_noise
 from pendulum_env._typing import Array
 from pendulum_env.physics import Table, Term, list_ids

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
+from estimators.decisions.errors import Step, Terms
 from estimators.regression.least_squares import IdentificationError
 from estimators.selection.candidates import (
     find_best_variant,
@@ -17,7 +18,6 @@ from estimators.selection.candidates import (
     release_significant,
     screen_effects,
 )
-from estimators.selection.errors import Step, Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, add_dry_friction, add_effect, remove_term, revise
 from estimators.selection.tables import drop_unneeded, replace_by_table

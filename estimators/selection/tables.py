@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.variants import make_variants, refine_variants
+from estimators.decisions.errors import Terms
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
-from estimators.selection.errors import Terms
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import SearchState, remove_term
 from pendulum_env.physics import Table, Term, count_term_parameters, list_ids, list_loads

@@ -12,7 +12,8 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from estimators.data.rows import FOLDS, FoldFits, RowLayout, ScoredTerms, Terms
+from estimators.data.rows import FoldFits, RowLayout, ScoredTerms, Terms
+from estimators.decisions.score import FOLDS
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condense, place_columns
 from estimators.regression.fold_grams import (
@@ -301,7 +302,7 @@ class TorqueRows:
         if linearised is not None:
             return linearised[0]
         theta, balance = self.solve(terms), self.equations(terms)
-        return FoldFits(tuple(terms), theta, balance.solve_without(self.layout.fold, FOLDS, theta))
+        return FoldFits(tuple(terms), theta, balance.solve_without(self.layout.scored.fold, FOLDS, theta))
 
     @memoized
     def _fit_linearly(self, terms: Terms) -> tuple[FoldFits, Array] | None:
@@ -351,7 +352,9 @@ class TorqueRows:
             return self._make_grams(terms)  # linear rows have the same matrices around any fit
         balance = self.equations(terms, by_noise=True)
         near = balance.linearise(self._solve_by_noise(terms)) if by_noise else self.linearise(terms)
-        return FoldGrams.compute(near, self.data.recording_of_window, self.layout.fold, len(self.data.windows), FOLDS)
+        return FoldGrams.compute(
+            near, self.data.recording_of_window, self.layout.scored.fold, len(self.data.windows), FOLDS
+        )
 
     @cached_property
     def _entry_weights(self) -> Array:

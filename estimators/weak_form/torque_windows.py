@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.data.rows import ResidualStructure
+from estimators.decisions.criterion import ResidualStructure
 from estimators.regression.least_squares import (
     Equations,
     Fit,

@@ -6,10 +6,10 @@ from typing import get_args
 
 import pytest
 
+from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.result import Detectable
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.criterion import Criterion
 from estimators.signals.residual import Region
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Description, Term, list_nameable

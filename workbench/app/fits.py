@@ -8,10 +8,10 @@ from estimators.arguments import apply_limits
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.split import split_arm
+from estimators.decisions.errors import Step
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.progress import Progress
-from estimators.selection.errors import Step
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import PER_INERTIA, Recording
 from workbench.app.jobs import Task

@@ -10,9 +10,9 @@ from typing import Any, Self
 from estimators import Addition, Diagnosis, FitData, Identification
 from estimators.arguments import apply_limits, select_effects
 from estimators.data.regions import find_failures
+from estimators.decisions.errors import Step
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_parameters
-from estimators.selection.errors import Step
 from pendulum_env.arms.joints import arm_base, arrange_terms, find_body
 from pendulum_env.physics import BASE, PENDULUM, Mechanism, Model, Term
 from pendulum_env.recording import Recording, Source

@@ -3,9 +3,9 @@
 import argparse
 import math
 
+from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.experiment import DEFAULT_TORQUE
 from estimators.diagnosis.run import diagnose
-from estimators.selection.criterion import Criterion
 from pendulum_env.excitation import LARGEST_TORQUE
 from pendulum_env.files import write_whole
 from workbench import options

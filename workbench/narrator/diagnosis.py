@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from estimators.decisions.errors import Step
 from estimators.diagnosis.likeness import Likeness, find_likenesses
 from estimators.diagnosis.result import Addition, Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Kind, Quantity, withhold_everything
 from estimators.results import Comparison
-from estimators.selection.errors import Step
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import encode_signal

@@ -3,9 +3,9 @@
 import numpy as np
 
 from estimators import Addition, Comparison, Diagnosis, Identification
+from estimators.decisions.errors import get_single
 from estimators.online.estimates import SchemeEstimate, SchemeEstimates
 from estimators.schemes.fitting import Identified
-from estimators.selection.errors import get_single
 from pendulum_env.formatting import TextTable, capitalise, format_unit, join_words
 from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html, summarise
 from pendulum_env.physics import Model

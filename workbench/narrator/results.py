@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 from estimators.arms import Payload
 from estimators.checks.homogeneity import Disagreement
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.errors import Errors, Step
 from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonRefit
 from estimators.results import Comparison
-from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Errors, Step
 from pendulum_env.arms import Body
 from pendulum_env.formatting import TextTable, format_quantity, join_words
 from pendulum_env.quantity import Quantity

@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from estimators.decisions.errors import Errors, Step
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Verdict
 from estimators.results import Comparison
-from estimators.selection.errors import Errors, Step
 from estimators.signals.residual import SYMBOLS, Profile
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words

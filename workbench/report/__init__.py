@@ -4,9 +4,9 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from estimators.decisions.errors import Step
 from estimators.diagnosis.result import Diagnosis
 from estimators.results import Comparison
-from estimators.selection.errors import Step
 from pendulum_env.files import write_whole
 from pendulum_env.formatting import join_words
 from workbench.narrator.diagnosis import describe_comparison, describe_loop

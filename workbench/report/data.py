@@ -5,12 +5,12 @@ from functools import cached_property
 
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.errors import Step
 from estimators.diagnosis.result import Diagnosis
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.result import Identification
 from estimators.schemes.six import SCHEMES
-from estimators.selection.errors import Step
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording

@@ -12,8 +12,8 @@ from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align, align_each
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind
-from estimators.selection.criterion import Criterion
 from estimators.signals.channel import Channel
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE

@@ -5,8 +5,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis, diagnose, identify
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind
-from estimators.selection.criterion import Criterion
 from pendulum_env.physics import BASE, effects, library, register
 from tests import slow
 from tests.cases import (

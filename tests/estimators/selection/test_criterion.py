@@ -2,8 +2,7 @@
 
 import pytest
 
-from estimators.data.rows import ResidualStructure
-from estimators.selection.criterion import Criterion
+from estimators.decisions.criterion import Criterion, ResidualStructure
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import scipy
 
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.errors import Errors, Step
+from estimators.decisions.gate import explain_rejection
 from estimators.findings import Finding, Kind
 from estimators.regression.least_squares import Equations, Fit, solve
-from estimators.selection.criterion import Criterion
-from estimators.selection.errors import Errors, Step, explain_rejection
 from estimators.selection.physical import (
     find_driving_friction,
     find_violations,

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks import six_joint
 from estimators.data.fit_data import FitData
-from estimators.selection.criterion import Criterion
+from estimators.decisions.criterion import Criterion
 from estimators.selection.residuals import Residuals, set_grid
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE, Samples

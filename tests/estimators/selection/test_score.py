@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from estimators.data.rows import FOLDS
+from estimators.decisions.score import FOLDS, NU, Blocks, Bootstrap, cross_validate_density, predict_density
 from estimators.regression.balance import Balance
-from estimators.selection.score import NU, Blocks, Bootstrap, cross_validate_density, predict_density
 
 
 def linear(phi: np.ndarray, y: np.ndarray) -> Balance:

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from estimators.data.rows import ScoredTerms
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import Bootstrap
 from estimators.selection import candidates, evaluator, tables
 from estimators.selection.candidates import screen_library
-from estimators.selection.criterion import Criterion
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import (
     SearchState,
@@ -20,7 +21,6 @@ from estimators.selection.moves import (
     revise,
     swap_effect,
 )
-from estimators.selection.score import Bootstrap
 from estimators.selection.tables import replace_by_table
 from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE, Term, effect

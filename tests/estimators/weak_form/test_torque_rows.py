@@ -162,6 +162,6 @@ def test_fits_without_a_fold_are_least_squares_without_its_rows(last: Term, coun
     weighted = equations.slopes(fits.theta) * equations.weights[:, None]
     error = equations.error(fits.theta) * equations.weights
     for k, theta in enumerate(fits.theta_without_fold):
-        kept = rows.layout.fold != k
+        kept = rows.layout.scored.fold != k
         step = np.linalg.lstsq(weighted[kept], error[kept], rcond=None)[0]
         np.testing.assert_allclose(theta, fits.theta + step, rtol=1e-6, atol=1e-9)

@@ -1,8 +1,21 @@
 """Numbers that decide which effect is selected."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from estimators.data.rows import ResidualStructure
+
+class ResidualStructure(NamedTuple):
+    """Size of a residual and of its correlated part.
+
+    Attributes:
+        correlated_rms: root of the covariance of neighbouring rows beyond sensor noise [N m], or [rad] of rollouts.
+        z_score: correlation of neighbouring rows over its standard error.
+        rms: root mean square of the residual [N m], or [rad].
+    """
+
+    correlated_rms: float
+    z_score: float
+    rms: float
 
 
 @dataclass(frozen=True)

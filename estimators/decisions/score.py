@@ -25,12 +25,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaln
 
-from estimators.data.rows import BLOCK, FOLDS, RowLayout
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import SOLVER
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.quantity import get_finite
 
+BLOCK, FOLDS = 1.0, 10  # length of a block [s]; number of folds of cross-validation, to which blocks belong in turn
 NU = 4.0  # degrees of freedom of Student's t
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # its density at zero
 DRAWS = 4000  # of the Bayesian bootstrap
@@ -92,11 +92,6 @@ class Blocks:
         others = number * (1.0 - np.eye(FOLDS))[:, None]
         outside = np.where(others.any(axis=2, keepdims=True), others, number)
         return Cells(order, begins, recording, fold, outside)
-
-
-def make_blocks(layout: RowLayout, length: float = BLOCK) -> Blocks:
-    """Return the blocks of some rows, with folds made of pieces of a length [s]."""
-    return Blocks(*layout.blocks(BLOCK), layout.blocks(length)[0])
 
 
 def compute_log_student(squares: Array, scale: Array | float) -> Array:

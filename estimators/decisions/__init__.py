@@ -1,0 +1,1 @@
+"""Decisions between models: errors, steps, gates, the criterion and the score."""

@@ -1,0 +1,65 @@
+"""Gates: comparisons of a value with its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from estimators.findings import Finding, Kind, Quantity
+from pendulum_env._typing import JSON
+from pendulum_env.quantity import get_finite
+from pendulum_env.units import to_shown_unit
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Comparison of a value with its limit.
+
+    Attributes:
+        name: compared quantity, `gain` or `holdout_torque` for example, or a parameter.
+        value: value of the candidate.
+        limit: bound of the value; `passed` includes the direction.
+        passed: whether the value is on the right side of its limit.
+        unit: of value and limit; "1" for numbers.
+        std: standard error of the value; None if it is unknown.
+    """
+
+    name: str
+    value: float
+    limit: float
+    passed: bool
+    unit: str = "1"
+    std: float | None = None
+
+    @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """Name, value with its standard error and unit, limit, and `passed` or `failed`, as texts."""
+        factor, of = to_shown_unit(1.0, self.unit, is_parameter=True)
+        error, unit = "" if self.std is None else f" ± {factor * self.std:.2g}", "" if of == "1" else f" {of}"
+        value = f"{factor * self.value:.3g}{error}{unit}"
+        return self.name.replace("_", " "), value, f"{factor * self.limit:.3g}", "passed" if self.passed else "failed"
+
+    def json(self) -> JSON:
+        """Return a dictionary for JSON; numbers that are not finite become null."""
+        numbers = {"value": self.value, "limit": self.limit, "std": self.std}
+        finite = {name: get_finite(number) for name, number in numbers.items()}
+        return {"name": self.name, **finite, "unit": self.unit, "passed": self.passed}
+
+
+def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:
+    """Return a finding with the values and limits of failed gates; None if all gates were passed.
+
+    If the first failure is `gain` or `p_value`, the finding has these two gates. Limits are numbers named `limit.` plus
+    the name of the gate. `selected` are the ids of effects in the model that the candidate was added to.
+    """
+    failed = [gate for gate in gates if not gate.passed]
+    if not failed:
+        return None
+    is_gain = failed[0].name in ("gain", "p_value")
+    reported = [gate for gate in gates if gate.name in ("gain", "p_value")] if is_gain else failed
+    numbers: dict[str, Quantity] = {}
+    for gate in reported:
+        unit = "" if gate.unit == "1" else gate.unit
+        numbers |= {gate.name: Quantity(gate.value, gate.std or 0.0, unit)}
+        numbers |= {f"limit.{gate.name}": Quantity(gate.limit, unit=unit)}
+    return Finding(Kind.GATE_FAILED, numbers, tuple(gate.name for gate in reported), tuple(selected))
