@@ -29,7 +29,7 @@ from benchmarks.truth import Truth
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.variants import refine_variants
-from estimators.selection.motion import SEGMENT
+from estimators.selection.refits import SEGMENT
 from estimators.simulation import output_error
 from estimators.simulation.free_running import choose_segments
 from estimators.weak_form.point import Point

@@ -18,11 +18,12 @@ from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
-from estimators.diagnosis.treatments import compare_treatment, scale_noise_by_model
+from estimators.diagnosis.treatments import decide_treatment, scale_noise_by_model
 from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.in_loop import complete_drives
 from estimators.progress import Progress, no_progress
+from estimators.selection.policies import CONFIRM
 from estimators.selection.search import SearchResult, fit_without_and_with
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
@@ -80,12 +81,12 @@ def add(
     trial, before, objection = _fit_effect(case, data, setting, kind, model)
     if objection is None and (scaled := scale_noise_by_model(trial)) is not None:
         scaled_fit = _fit_effect(case, scaled, setting, kind, model)
-        if compare_treatment(scaled_fit[0], trial).is_kept:
+        if decide_treatment(scaled_fit[0], trial).is_kept:
             trial, before, objection = scaled_fit
     log_format = collect_log_format(trial.data.recordings)
     steps = case.present(trial, before, True), trial.present(trial.final.steps[-1], True)
     before, after = (step.with_log_format(log_format) for step in steps)
-    return Addition(before, after, trial.evaluator.residuals.holdout_floors, objection, trial.data.doubt)
+    return Addition(before, after, trial.evidence.residuals.holdout_floors, objection, trial.data.doubt)
 
 
 def _fit_effect(
@@ -95,15 +96,15 @@ def _fit_effect(
 
     Refits of links start from the parameters of the model.
     """
-    evaluator = case.evaluator(data, setting)
-    before, longer = fit_without_and_with(evaluator, kind)
+    evidence = case.make_evidence(data, setting)
+    before, longer = fit_without_and_with(evidence, kind)
     setting.progress("refitting", 0.9)
-    (refitted,) = case.refit(SearchResult(evaluator, [before]), replace(model, terms=tuple(setting.base))).steps
+    (refitted,) = case.refit(SearchResult(evidence, [before]), replace(model, terms=tuple(setting.base))).steps
     added = longer.model.terms[-1]
-    result = case.refit(SearchResult(evaluator, [before, longer]), refitted.model.add(added))
-    after, is_shown = result.steps[-1], is_hidden(added) and evaluator.train.segments  # the motion shows hidden states
-    objection = explain_rejection(evaluator.make_confirmation_gates(after, refitted))
+    result = case.refit(SearchResult(evidence, [before, longer]), refitted.model.add(added))
+    after, is_shown = result.steps[-1], is_hidden(added) and evidence.train.segments  # the motion shows hidden states
+    objection = explain_rejection(evidence.decide(after, refitted, CONFIRM).gates)
     if objection is None and not is_shown:
-        gain = evaluator.evidence(longer.model.terms, before.model.terms)
-        objection = None if gain.p_value <= evaluator.criterion.p_value else Finding(Kind.BY_CHANCE)
+        gain = evidence.best_gain(longer.model.terms, before.model.terms)
+        objection = None if gain.p_value <= evidence.criterion.p_value else Finding(Kind.BY_CHANCE)
     return Trial(case, data, setting, result, refit=result), refitted, objection

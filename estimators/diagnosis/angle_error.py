@@ -7,8 +7,9 @@ import numpy as np
 from estimators.data.variants import rank_variants, refine_variants
 from estimators.decisions.errors import Terms
 from estimators.selection.candidates import can_reproduce
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.selection.moves import remove_term
+from estimators.selection.policies import KEEP_BASE, SWAP_HELD_OUT
 from pendulum_env.physics import SIGNIFICANT, Estimate, Gravity, Model, Table, Term, list_ids
 
 TURN = 2 * np.pi  # range of angles from which gravity differs from any other law of the angle [rad]
@@ -23,7 +24,7 @@ def list_angle_effects(model: Model, base: Terms) -> list[Term]:
     return [term for term in added if term.kind == "potential" and not (term.has_impacts or isinstance(term, Table))]
 
 
-def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
+def widen_by_law(model: Model, evidence: Evidence) -> Model:
     """Add the error of the law of the angle to the standard errors and correlations of a model of a pendulum.
 
     Within part of a turn, other laws may replace an effect of the angle and fit equally, with another gravity. The
@@ -31,15 +32,15 @@ def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
     the effects change with gravity by their covariance.
 
     Args:
-        model: fitted to the training data of `evaluator`.
-        evaluator: compares the laws of its library.
+        model: fitted to the training data of `evidence`.
+        evidence: compares the laws of its library.
     """
-    effects, estimate = list_angle_effects(model, evaluator.base), model.estimates.get(Gravity.id)
-    low, high = evaluator.train.get_range()
+    effects, estimate = list_angle_effects(model, evidence.fits.base), model.estimates.get(Gravity.id)
+    low, high = evidence.train.get_range()
     if not effects or estimate is None or not estimate.std or model.is_prismatic or high - low >= TURN:
         return model
-    gravity = evaluator.fit_with_std(model.terms).model.estimates[Gravity.id]
-    rivals = (rival for effect in effects for rival in _list_rivals(evaluator, model.terms, effect))
+    gravity = evidence.fits.fit_with_std(model.terms).model.estimates[Gravity.id]
+    rivals = (rival for effect in effects for rival in _list_rivals(evidence, model.terms, effect))
     variances = [(other.value - gravity.value) ** 2 + other.std**2 for other in rivals]
     added = max(variances, default=0.0) - gravity.std**2
     if added <= 0:
@@ -50,7 +51,7 @@ def widen_by_law(model: Model, evaluator: ModelEvaluator) -> Model:
     return model.add_errors({name: slopes[names.index(name)] * np.sqrt(added) for name in competing})
 
 
-def _list_rivals(evaluator: ModelEvaluator, terms: Terms, effect: Term) -> Iterator[Estimate]:
+def _list_rivals(evidence: Evidence, terms: Terms, effect: Term) -> Iterator[Estimate]:
     """Yield gravity with another law in the place of an effect of the angle, where held-out data allow that law.
 
     The law must keep the inertia and the sign of gravity of the model without the effect, see `keeps_base`. Its
@@ -58,15 +59,20 @@ def _list_rivals(evaluator: ModelEvaluator, terms: Terms, effect: Term) -> Itera
     only if it changes gravity significantly: the simpler law is likelier.
     """
     others = remove_term(terms, effect)
-    laws = [law for law in evaluator.library.values() if law.kind == "potential" and not law().has_impacts]
-    with_effect, without = (evaluator.fit_with_std(own).model.estimates[Gravity.id].value for own in (terms, others))
+    laws = [law for law in evidence.library.values() if law.kind == "potential" and not law().has_impacts]
+    with_effect, without = (
+        evidence.fits.fit_with_std(own).model.estimates[Gravity.id].value for own in (terms, others)
+    )
     for law in (law for law in laws if law.id not in list_ids(others)):
-        trials = [*rank_variants(evaluator.train, others, law), *refine_variants(evaluator.train, others, law)]
+        trials = [*rank_variants(evidence.train, others, law), *refine_variants(evidence.train, others, law)]
         for rival in dict.fromkeys(trial.terms for trial in trials):
-            if not evaluator.is_better_held_out(terms, rival) and evaluator.keeps_base(rival, others):
-                gravity = evaluator.fit_with_std(rival).model.estimates[Gravity.id]
+            if (
+                not evidence.decide(terms, rival, SWAP_HELD_OUT).passed
+                and evidence.decide(rival, others, KEEP_BASE).passed
+            ):
+                gravity = evidence.fits.fit_with_std(rival).model.estimates[Gravity.id]
                 is_other = abs(gravity.value - with_effect) > SIGNIFICANT * gravity.std
                 if abs(gravity.value) <= 2 * abs(without) and (
-                    is_other or not can_reproduce(evaluator, rival[-1], effect)
+                    is_other or not can_reproduce(evidence, rival[-1], effect)
                 ):
                     yield gravity

@@ -14,7 +14,7 @@ from estimators.diagnosis.treatments import align_with_effects, include_payload
 from estimators.diagnosis.unexplained import find_joint_residuals
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_links
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult, search
 from estimators.weak_form.windows import concatenate_samples
 from pendulum_env.arms.joints import find_body, find_links, place_effects
@@ -30,15 +30,15 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     return data, replace(setting, library=library)
 
 
-def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Return the evaluator of models; every table competes at every joint."""
-    return setting.evaluator(data.parts, place_effects(TABLES.values(), find_links(setting.base)))
+def make_evidence(data: FitData, setting: Setting) -> Evidence:
+    """Return the evidence of models; every table competes at every joint."""
+    return setting.make_evidence(data.parts, place_effects(TABLES.values(), find_links(setting.base)))
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """Return the result without parameters of links that the recordings do not determine, and no findings."""
     *others, last = trial.result.steps
-    body, data = find_links(trial.setting.base), trial.evaluator.train.data
+    body, data = find_links(trial.setting.base), trial.evidence.train.data
     samples = (concatenate_samples([w.samples for w in data.part(at).windows]) for at in body.joints)
     motion = zip(*((x.position, x.velocity, x.torque) for x in samples), strict=True)
     model = last.model.mark_unknown(find_undetermined_links(last.model, *map(np.column_stack, motion)))
@@ -48,12 +48,12 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 ARM = Case(
     accepts=lambda base, recordings: not find_body(base).can_simulate,
     prepare=prepare,
-    evaluator=make_evaluator,
+    make_evidence=make_evidence,
     search=search,
     refit=lambda found, start: found,
     refine=refine,
-    unexplained=lambda trial: find_joint_residuals(trial.evaluator, trial.terms)[1],
-    present=lambda trial, step, _: replace(step, model=widen_by_timing(step.model, trial.data, trial.evaluator.train)),
+    unexplained=lambda trial: find_joint_residuals(trial.evidence, trial.terms)[1],
+    present=lambda trial, step, _: replace(step, model=widen_by_timing(step.model, trial.data, trial.evidence.train)),
     conclude=conclude_arm,
     show_effect=lambda data, base, kind: data,
     treatments=(include_payload, align_with_effects),

@@ -16,7 +16,7 @@ from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.columns import NOT_NEGATIVE
@@ -33,7 +33,7 @@ class Case:
     Attributes:
         accepts: returns whether a base model and recordings belong to the case.
         prepare: maps fitted and held-out recordings to calibrated data, and completes base model and library.
-        evaluator: makes the evaluator of models.
+        make_evidence: makes the evidence for models.
         search: searches for effects.
         refit: refits the last step of a search to the motion, from a start model with a link if given.
         refine: returns the refitted result of a trial, without parameters that the data do not determine, and findings
@@ -49,8 +49,8 @@ class Case:
 
     accepts: Callable[[Sequence[Term], Sequence[Recording]], bool]
     prepare: Callable[[Sequence[Recording], Sequence[Recording], Setting], tuple[FitData, Setting]]
-    evaluator: Callable[[FitData, Setting], ModelEvaluator]
-    search: Callable[[ModelEvaluator], SearchResult]
+    make_evidence: Callable[[FitData, Setting], Evidence]
+    search: Callable[[Evidence], SearchResult]
     refit: Callable[[SearchResult, Model | None], SearchResult]
     refine: Callable[[Trial], tuple[SearchResult, Sequence[Finding]]]
     unexplained: Callable[[Trial], Sequence[Region]]
@@ -83,12 +83,12 @@ class Trial:
     @classmethod
     def search(cls, case: Case, data: FitData, setting: Setting) -> Trial:
         """Return the trial of a search for effects in data."""
-        return cls(case, data, setting, case.search(case.evaluator(data, setting)))
+        return cls(case, data, setting, case.search(case.make_evidence(data, setting)))
 
     @property
-    def evaluator(self) -> ModelEvaluator:
+    def evidence(self) -> Evidence:
         """Evaluator of the search."""
-        return self.result.evaluator
+        return self.result.evidence
 
     @cached_property
     def _refined(self) -> tuple[SearchResult, Sequence[Finding]]:
@@ -124,7 +124,7 @@ class Trial:
         """Return a model refitted within bounds of the laws alone, if a parameter is at a body's bound; else it."""
         bounded = (name.partition("@")[0] for name, estimate in model.estimates.items() if estimate.at_bound)
         has_bound = any(name in NOT_NEGATIVE for name in bounded)
-        return fit_within_laws(self.evaluator.train, model.terms) if has_bound else model
+        return fit_within_laws(self.evidence.train, model.terms) if has_bound else model
 
     @cached_property
     def unexplained(self) -> tuple[Region, ...]:

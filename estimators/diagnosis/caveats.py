@@ -8,7 +8,7 @@ from estimators.diagnosis.angle_error import TURN
 from estimators.diagnosis.questions import find_detectable_effects
 from estimators.diagnosis.result import Detectable
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from pendulum_env.physics import SIGNIFICANT, Gravity, Model, list_ids
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.potential import GravityTilt
@@ -18,27 +18,29 @@ from pendulum_env.units import JointUnits
 MIN_WINDOWS = 40  # number of windows below which a finding warns
 
 
-def find_caveats(
-    evaluator: ModelEvaluator, steps: Sequence[Step], terms: Terms, known: Sequence[Detectable]
-) -> list[Finding]:
+def find_caveats(evidence: Evidence, steps: Sequence[Step], terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
     """Return findings on few windows, part of a turn, untested ranges, and an unknown scale of all parameters.
 
     Args:
-        evaluator: of the data.
+        evidence: of the data.
         steps: from the base model to the final model of a pendulum.
         terms: of the final model.
         known: detectable effects of these terms; may be empty.
     """
-    model, (low, high), count = steps[-1].model, evaluator.train.get_range(), len(evaluator.train.layout.clusters)
+    model, (low, high), count = (
+        steps[-1].model,
+        evidence.train.get_range(),
+        len(evidence.train.layout.clusters),
+    )
     return [
         *([Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < MIN_WINDOWS else []),
-        *_find_part_of_turn(evaluator, steps[0].model, model, high - low),
+        *_find_part_of_turn(evidence, steps[0].model, model, high - low),
         *_find_untested_ranges(model, low, high),
-        *_find_unknown_scale(evaluator, terms, known),
+        *_find_unknown_scale(evidence, terms, known),
     ]
 
 
-def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, reach: float) -> list[Finding]:
+def _find_part_of_turn(evidence: Evidence, base: Model, model: Model, reach: float) -> list[Finding]:
     """Return a finding on effects of the angle that changed gravity, if the angles cover less than a turn [rad].
 
     Within part of a turn, gravity and another law of the angle can imitate a third law, or a wrong scale of the angle.
@@ -50,19 +52,22 @@ def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, rea
     old, new = base.estimates.get(Gravity.id), model.estimates.get(Gravity.id)
     if not effects or old is None or new is None or not new.std or model.is_prismatic or reach >= TURN:
         return []
-    std = evaluator.fit_with_std(model.terms).model.estimates[Gravity.id].std
+    std = evidence.fits.fit_with_std(model.terms).model.estimates[Gravity.id].std
     if abs(new.value - old.value) <= SIGNIFICANT * std:
         return []
     angle = Quantity(reach, unit=JointUnits().unit("rad"))
     return [Finding(Kind.PART_OF_TURN, {"angle": angle}, effects=effects)]
 
 
-def _find_unknown_scale(evaluator: ModelEvaluator, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
+def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
     """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
-    share, id = compute_driven_share(evaluator.train.data, evaluator.train.data.torque()), LoadDependentFriction.id
-    if share <= MAX_DRIVEN_SHARE or id in list_ids(terms) or id not in evaluator.library:
+    share, id = (
+        compute_driven_share(evidence.train.data, evidence.train.data.torque()),
+        LoadDependentFriction.id,
+    )
+    if share <= MAX_DRIVEN_SHARE or id in list_ids(terms) or id not in evidence.library:
         return []
-    hidden = known or find_detectable_effects(evaluator, terms, {id: evaluator.library[id]})
+    hidden = known or find_detectable_effects(evidence, terms, {id: evidence.library[id]})
     is_excited = any(detectable.is_excited for detectable in hidden if detectable.effect == id)
     return [] if is_excited else [Finding(Kind.SCALE_UNKNOWN, {"share": Quantity(share)})]
 

@@ -34,26 +34,26 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     remedies = find_remedies(
         trial.release_bounds(diagnosis.model), trial.data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
     )
-    if (cause := check_torque_sign(trial.evaluator)) is not None:
+    if (cause := check_torque_sign(trial.evidence)) is not None:
         return replace(diagnosis, findings=(*remedies, *channel), no_experiment=cause)
-    evaluator, model, regions, doubts = trial.final.evaluator, trial.model, diagnosis.unexplained, trial.doubts
+    evidence, model, regions, doubts = trial.final.evidence, trial.model, diagnosis.unexplained, trial.doubts
     table = trial.result.table.id if trial.result.table is not None and trial.result.table.id in TABLES else None
     if regions and table is None:
-        table = find_explaining_law(evaluator, model.terms, TABLES.values())
+        table = find_explaining_law(evidence, model.terms, TABLES.values())
     table_finding = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
     trial.setting.progress("looking for the next experiment", 0.95)
-    is_complete = not regions and len(trial.terms) == len(evaluator.base)
-    detectable = find_detectable_effects(evaluator, trial.terms, evaluator.library) if is_complete else ()
-    questions = list_questions(evaluator, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, detectable)
-    if find_violations(model, evaluator.train.motions) or not model.has_known_inertia:
+    is_complete = not regions and len(trial.terms) == len(evidence.fits.base)
+    detectable = find_detectable_effects(evidence, trial.terms, evidence.library) if is_complete else ()
+    questions = list_questions(evidence, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, detectable)
+    if find_violations(model, evidence.train.motions) or not model.has_known_inertia:
         questions = []  # motion cannot be predicted
     limits = trial.setting.limits.with_default_torque((trial.data.whole or trial.data).recordings)
-    suggestion, unanswerable, no_experiment = suggest_experiment(evaluator, model, questions, limits, regions)
+    suggestion, unanswerable, no_experiment = suggest_experiment(evidence, model, questions, limits, regions)
     if not model.has_known_inertia:
         no_experiment = Finding(Kind.INERTIA_UNKNOWN)
     elif regions and not questions:
-        no_experiment = find_holdout_structure(evaluator, trial.terms) or table_finding or Finding(Kind.NO_EFFECT_OPEN)
-    contacts = find_contacts(evaluator, trial.terms, model)
+        no_experiment = find_holdout_structure(evidence, trial.terms) or table_finding or Finding(Kind.NO_EFFECT_OPEN)
+    contacts = find_contacts(evidence, trial.terms, model)
     return replace(
         diagnosis,
         candidates=mark_met_stops(diagnosis.candidates, contacts),
@@ -64,7 +64,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             *(Finding(Kind.TIED, effects=group) for group in diagnosis.ambiguous),
             *doubts,
             *(find_noise_not_logged(trial.final) if not (regions or withhold_everything(doubts)) else ()),
-            *find_caveats(evaluator, diagnosis.steps, trial.terms, detectable),
+            *find_caveats(evidence, diagnosis.steps, trial.terms, detectable),
             *([table_finding] if table_finding and table_finding != no_experiment else []),
         ),
         detectable=detectable,
@@ -77,14 +77,14 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
 
 def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     """Return the diagnosis of an arm with the residual of each joint, tables that explain it, and the next step."""
-    evaluator, terms = trial.evaluator, trial.terms
-    residuals, regions = find_joint_residuals(evaluator, terms)
+    evidence, terms = trial.evidence, trial.terms
+    residuals, regions = find_joint_residuals(evidence, terms)
     joints = [region.at for region in regions if not region.held_out_recordings]
-    tables_at_joints = ([table for table in evaluator.tables if table.at == joint] for joint in joints)
-    tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evaluator, terms, kinds)) is not None)
+    tables_at_joints = ([table for table in evidence.tables if table.at == joint] for joint in joints)
+    tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evidence, terms, kinds)) is not None)
     no_experiment = Finding(Kind.NO_EFFECT_OPEN) if residuals else None
     if residuals and not joints:
-        no_experiment = Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names)
+        no_experiment = Finding(Kind.FIT_HELD_OUT, recordings=evidence.holdout.names)
     elif diagnosis.ambiguous:
         no_experiment = Finding(Kind.TIED, effects=diagnosis.ambiguous[0])
     elif tables:
@@ -92,7 +92,7 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     payloads = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
     explained = {*residuals, *(term.at for term in terms if term.has_impacts)}
     contacts = find_arm_contacts(
-        evaluator, diagnosis.model, [joint for joint in diagnosis.body.joints if joint not in explained]
+        evidence, diagnosis.model, [joint for joint in diagnosis.body.joints if joint not in explained]
     )
     rotors = tuple(term.at for term in terms if isinstance(term, Rotor) and term.id in diagnosis.selected)
     findings = (

@@ -10,7 +10,8 @@ from estimators.data.split import REPEATED, Parts, make_contact_finder
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
+from estimators.selection.motion_score import is_misfit
 from estimators.simulation.free_running import Segments, select_segments
 from estimators.weak_form.links import join_recording
 from estimators.weak_form.torque_windows import WEAK_FORM, bound_friction, compute_deviations, join_windows
@@ -22,16 +23,16 @@ from pendulum_env.units import JointUnits
 Place = tuple[float, float, float, str]  # of a contact: size of its torque [N m], angle [rad], time [s], recording
 
 
-def find_contacts(evaluator: ModelEvaluator, final: Terms, model: Model) -> list[Finding]:
+def find_contacts(evidence: Evidence, final: Terms, model: Model) -> list[Finding]:
     """Return a finding on contacts that a model without a stop leaves, with the place of the largest, or an empty list.
 
     A contact is a torque at a reversal or at rest that exceeds dry friction, see `TorqueWindows.with_contacts`. The
     list is empty if the model leaves structure where the joint moves.
     """
-    has_contacts = has_stop(final) or evaluator.train.data.contacts
-    if has_link(final) or has_contacts or not all(evaluator.residuals.is_noise_by_part(final)):
+    has_contacts = has_stop(final) or evidence.train.data.contacts
+    if has_link(final) or has_contacts or not all(evidence.residuals.is_noise_by_part(final)):
         return []
-    places, parts = list[Place](), _add_contacts(evaluator, model)
+    places, parts = list[Place](), _add_contacts(evidence, model)
     for part in parts:
         residual = part.residual(model.terms, model.theta) / part.data.scale
         is_contact = np.concatenate([np.isin(w.centers, w.unclear) for w in part.data.windows])
@@ -39,13 +40,13 @@ def find_contacts(evaluator: ModelEvaluator, final: Terms, model: Model) -> list
     return _make_findings(places, sum(part.data.contacts for part in parts), model.units())
 
 
-def find_arm_contacts(evaluator: ModelEvaluator, model: Model, joints: Iterable[str]) -> list[Finding]:
+def find_arm_contacts(evidence: Evidence, model: Model, joints: Iterable[str]) -> list[Finding]:
     """Return a finding on each of some joints of an arm that rests at an end of its range beyond dry friction.
 
     The torque of a joint at rest, less that of the model, exceeds twice its dry friction and noise, and presses
     outwards, beyond all angles at which the joint moves freely.
     """
-    findings, runs = list[Finding](), [run for part in evaluator.parts for run in _split_with_rests(part, model)]
+    findings, runs = list[Finding](), [run for part in evidence.fits.parts for run in _split_with_rests(part, model)]
     measured = [(run, *_measure_residual(run, model)) for run in runs]
     for joint in joints:
         low, high, places, touching = np.inf, -np.inf, list[Place](), list[Windows]()
@@ -65,24 +66,27 @@ def find_arm_contacts(evaluator: ModelEvaluator, model: Model, joints: Iterable[
     return findings
 
 
-def is_misfit_between_contacts(evaluator: ModelEvaluator, step: Step) -> bool:
-    """Return whether a model of a pendulum is a misfit to free motion, see `ModelEvaluator.is_misfit`.
+def is_misfit_between_contacts(evidence: Evidence, step: Step) -> bool:
+    """Return whether a model of a pendulum is a misfit to free motion, see `FreeMotion.is_misfit`.
 
     Segments with contacts do not count, unless the model has a stop of known stiffness. A single contact may be an
     accident, and counts.
     """
     model = step.model
     stops = [model.estimates[term.columns[0].name] for term in model.terms if term.has_impacts]
-    if not evaluator.is_misfit(step) or has_link(model.terms) or any(not stiffness.is_unknown for stiffness in stops):
-        return evaluator.is_misfit(step)
-    parts = evaluator.parts if stops else _add_contacts(evaluator, model)
+    if (
+        not evidence.motion.is_misfit(step)
+        or has_link(model.terms)
+        or any(not stiffness.is_unknown for stiffness in stops)
+    ):
+        return evidence.motion.is_misfit(step)
+    parts = evidence.fits.parts if stops else _add_contacts(evidence, model)
     if sum(part.data.contacts for part in parts) < REPEATED:
         return True
-    pairs = zip(evaluator.train.segments, parts[0].data.windows, strict=True)
+    pairs = zip(evidence.train.segments, parts[0].data.windows, strict=True)
     segments = tuple(select_segments(segment, _is_clear(segment, w)) for segment, w in pairs)
     clear_segments = tuple(segment for segment in segments if len(segment.first))
-    between = replace(evaluator, train=replace(evaluator.train, segments=clear_segments), drawn=evaluator.bootstrap)
-    return between.is_misfit(step)
+    return is_misfit(clear_segments, model, evidence.criterion)
 
 
 def mark_met_stops(candidates: Sequence[Candidate], contacts: Sequence[Finding]) -> tuple[Candidate, ...]:
@@ -96,10 +100,10 @@ def mark_met_stops(candidates: Sequence[Candidate], contacts: Sequence[Finding])
     )
 
 
-def _add_contacts(evaluator: ModelEvaluator, model: Model) -> Parts:
+def _add_contacts(evidence: Evidence, model: Model) -> Parts:
     """Return the parts of a pendulum's data with windows in contact, by the residual of a model."""
-    add = make_contact_finder(evaluator.parts, model.terms)
-    return add(evaluator.train), add(evaluator.holdout)
+    add = make_contact_finder(evidence.fits.parts, model.terms)
+    return add(evidence.train), add(evidence.holdout)
 
 
 def _is_clear(segments: Segments, w: Windows) -> Mask:

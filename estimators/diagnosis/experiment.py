@@ -21,7 +21,7 @@ from estimators.diagnosis.questions import Question
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import scale_swing
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region, makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
@@ -97,7 +97,7 @@ class ExperimentLimits:
 
 
 def suggest_experiment(
-    evaluator: ModelEvaluator,
+    evidence: Evidence,
     model: Model,
     questions: Sequence[Question],
     limits: ExperimentLimits,
@@ -113,24 +113,24 @@ def suggest_experiment(
     """
     if not questions:
         return None, [], None
-    recorded, torque = evaluator.train.samples, limits.torque or limits.default_torque
-    recordings = evaluator.train.recordings
+    recorded, torque = evidence.train.samples, limits.torque or limits.default_torque
+    recordings = evidence.train.recordings
     (low, high), is_free = limits.find_angle_range(recordings), recordings[0].known_inertia > 0
     fastest = SAFE_SHARE * (float(np.abs(recorded.velocity).max()) if limits.speed is None else limits.speed)
-    runs = simulate_experiments(evaluator, model, None if is_free else torque)
+    runs = simulate_experiments(evidence, model, None if is_free else torque)
     slow = [run for run in runs if run.expected.peak_speed <= fastest]
     allowed = [run for run in slow if low <= run.expected.reach[0] and run.expected.reach[1] <= high]
     place = next((0.5 * (region.low + region.high) for region in regions[:1] if region.axis == "position"), None)
     if place is not None and not makes_whole_turns(recorded.position):
         allowed = [run for run in allowed if run.expected.reach[0] <= place <= run.expected.reach[1]]
-    suggestion, unsettled = _choose_experiment(evaluator, allowed, questions)
+    suggestion, unsettled = _choose_experiment(evidence, allowed, questions)
     if not unsettled:
         return suggestion, [], None
     if limits.default_torque > torque and not is_free:
-        runs = [*runs, *simulate_experiments(evaluator, model, limits.default_torque)]
+        runs = [*runs, *simulate_experiments(evidence, model, limits.default_torque)]
     if not runs:  # the model runs away under every torque
         return None, [], None
-    _, unanswerable = _choose_experiment(evaluator, runs, unsettled)
+    _, unanswerable = _choose_experiment(evidence, runs, unsettled)
     aims = [question.aim for question in unanswerable]
     limited_aims = [question.aim for question in unsettled if question.aim not in aims]
     if not limited_aims:
@@ -144,7 +144,7 @@ def suggest_experiment(
 
 
 def _choose_experiment(
-    evaluator: ModelEvaluator, runs: Sequence[SimulatedExperiment], questions: Sequence[Question]
+    evidence: Evidence, runs: Sequence[SimulatedExperiment], questions: Sequence[Question]
 ) -> tuple[Suggestion | None, list[Question]]:
     """Choose the experiment that decides most questions, or None, and list questions that no run decides."""
     if not runs:
@@ -154,7 +154,7 @@ def _choose_experiment(
         if len(run.data.weights) >= MIN_WINDOWS:
             rivals = {terms: run.data.equations(terms) for terms in {question.terms for question in questions}}
             residuals = [question.measure_unexplained(run.data, rivals[question.terms]) for question in questions]
-            residual_ratios[j] = np.array(residuals) / evaluator.residuals.noise_floor()
+            residual_ratios[j] = np.array(residuals) / evidence.residuals.noise_floor()
     answerable = residual_ratios.max(axis=0) > MIN_RESIDUAL_RATIO
     worth = np.log1p(np.minimum(residual_ratios[:, answerable], MAX_RESIDUAL_RATIO)).sum(axis=1)
     equal = np.flatnonzero(worth >= worth.max() - EQUAL_WORTH).tolist()
@@ -185,15 +185,18 @@ class SimulatedExperiment:
         return join_windows([cut(self.recording, self.half_width)])
 
 
-def simulate_experiments(evaluator: ModelEvaluator, model: Model, torque: float | None) -> list[SimulatedExperiment]:
+def simulate_experiments(evidence: Evidence, model: Model, torque: float | None) -> list[SimulatedExperiment]:
     """Simulate the family of signals at each of `TORQUE_SHARES` of a torque [N m], or free swings for None.
 
     Signals start from rest hanging down, free swings from `RELEASES`. Motions above `MAX_SPEED_RATIO` times the highest
     recorded speed are left out. Rate and windows are those of the first recording, or `RATE` if that is lower.
     """
-    windows = evaluator.train.data.windows[0]
+    windows = evidence.train.data.windows[0]
     recorded, half_width = windows.recording, (len(windows.kernel) // 2) / windows.recording.rate
-    rate, fastest = min(RATE, recorded.rate), MAX_SPEED_RATIO * float(np.abs(evaluator.train.samples.velocity).max())
+    rate, fastest = (
+        min(RATE, recorded.rate),
+        MAX_SPEED_RATIO * float(np.abs(evidence.train.samples.velocity).max()),
+    )
     time = np.arange(round(EXPERIMENT_TIME * rate)) / rate
     signals: list[Excitation | None] = [None] * len(RELEASES)
     torques, position = np.zeros((len(time), len(RELEASES))), np.array(RELEASES)

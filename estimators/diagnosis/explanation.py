@@ -20,7 +20,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     if refit is not None:
         refitted = refit.after
         if refitted is not None:
-            last = trial.evaluator.make_step(refitted.model, added=last.added) if refit.is_kept else last
+            last = trial.evidence.fits.make_step(refitted.model, added=last.added) if refit.is_kept else last
             refitted = trial.present(refitted, True)
         refit = replace(refit, before=trial.present(refit.before, True), after=refitted)
     steps = [trial.present(step, step is last) for step in (*others, last)]
@@ -30,13 +30,13 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=trial.unexplained,
-        floors=trial.evaluator.residuals.holdout_floors,
+        floors=trial.evidence.residuals.holdout_floors,
         findings=(),
         alignments=(data.whole or data).alignments,
         torque_unit=data.unit,
         torque_constant=data.constant,
         data=data.without_history(last.model.terms),
-        evaluator=trial.evaluator,
+        evidence=trial.evidence,
         treatments=tuple(treatments),
         refit=refit,
     )
@@ -53,7 +53,7 @@ def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
     """
     if diagnosis.selected or diagnosis.unexplained:
         return []
-    pairs = [(candidate, {gate.name: gate for gate in candidate.gates}) for candidate in diagnosis.candidates]
+    pairs = [(candidate, {gate.name: gate for gate in candidate.decision.gates}) for candidate in diagnosis.candidates]
     small = [(c, gates) for c, gates in pairs if [*gates][-1:] == ["explained_share"] and "p_value" in gates]
     if not small:
         return []

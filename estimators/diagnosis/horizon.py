@@ -45,7 +45,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
         return None
     data = [_select_steady(part, last.model) for part in trial.data.with_horizon(seconds).parts]
     before = _make_step(last, last.model, data)
-    if not exceeds_noise(data[0].segments, before.model, trial.evaluator.criterion):
+    if not exceeds_noise(data[0].segments, before.model, trial.evidence.criterion):
         return HorizonRefit(seconds, before)
     doubled = [HORIZON * 2**k for k in range(max(0, int(np.ceil(np.log2(seconds / HORIZON)))))]
     horizons = [*doubled, *[seconds] * N_REWEIGHTED]
@@ -65,7 +65,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     model = model.mark_unknown({name for name, estimate in last.model.estimates.items() if estimate.is_unknown})
     after = _make_step(last, model, data)
     old_rms, new_rms = (step.errors["holdout"].position_rms for step in (before, after))
-    is_kept = new_rms < old_rms and not find_violations(model, trial.evaluator.train.motions)
+    is_kept = new_rms < old_rms and not find_violations(model, trial.evidence.train.motions)
     return HorizonRefit(seconds, before, after, is_kept, is_interrupted)
 
 

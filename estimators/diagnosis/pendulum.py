@@ -22,8 +22,8 @@ from estimators.diagnosis.treatments import (
     scale_noise_by_model,
 )
 from estimators.free_swings import is_torque_needed, make_swing_terms, restore_known
-from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.motion import refit_by_likelihood
+from estimators.selection.evidence import Evidence
+from estimators.selection.refits import refit_by_likelihood
 from pendulum_env.physics.table import COMPETING
 from pendulum_env.recording import Recording
 
@@ -34,11 +34,11 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     return data, replace(setting, base=make_swing_terms(setting.base, data.recordings), original=setting.base)
 
 
-def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Return the evaluator of models; without torque of the motor, tables that need torque do not compete."""
+def make_evidence(data: FitData, setting: Setting) -> Evidence:
+    """Return the evidence of models; without torque of the motor, tables that need torque do not compete."""
     data.with_horizon(setting.horizon)  # raises an error before the search begins
     is_free = not any(recording.torque.any() for recording in data.recordings)  # of motor torque
-    return setting.evaluator(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
+    return setting.make_evidence(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
 
 
 def present(trial: Trial, step: Step, is_final: bool) -> Step:
@@ -46,8 +46,8 @@ def present(trial: Trial, step: Step, is_final: bool) -> Step:
 
     A final step includes the error of the law of the angle.
     """
-    model = standard_errors.widen_by_timing(step.model, trial.data, trial.evaluator.train)
-    model = widen_by_law(model, trial.evaluator) if is_final else model
+    model = standard_errors.widen_by_timing(step.model, trial.data, trial.evidence.train)
+    model = widen_by_law(model, trial.evidence) if is_final else model
     model = standard_errors.widen_ends(model, trial.data.recordings)
     model = add_torque_constant(model, trial.data.parts[0].data)
     return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
@@ -56,7 +56,7 @@ def present(trial: Trial, step: Step, is_final: bool) -> Step:
 PENDULUM = Case(
     accepts=lambda base, recordings: True,
     prepare=prepare,
-    evaluator=make_evaluator,
+    make_evidence=make_evidence,
     search=search_by_torque,
     refit=refit_by_likelihood,
     refine=refine,

@@ -14,7 +14,7 @@ from estimators.findings import Finding, Verdict
 from estimators.free_swings import find_known_values
 from estimators.regression.least_squares import Equations, solve_least_squares, subtract_known_columns
 from estimators.selection.candidates import find_best_variant
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.signals.residual import makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
@@ -60,7 +60,7 @@ class Question:
 
 
 def list_questions(
-    evaluator: ModelEvaluator,
+    evidence: Evidence,
     terms: Sequence[Term],
     groups: Sequence[tuple[str, ...]],
     candidates: Sequence[Candidate],
@@ -79,17 +79,17 @@ def list_questions(
     questions = []
     for id, instead in pairs:
         others = [term for term in terms if term.id != instead]
-        if id in evaluator.library.keys() - present and len(others) < len(terms):
-            trial = find_best_variant(evaluator, tuple(others), evaluator.library[id])
+        if id in evidence.library.keys() - present and len(others) < len(terms):
+            trial = find_best_variant(evidence, tuple(others), evidence.library[id])
             if trial is not None:
                 questions.append(Question(Aim(id, instead), trial.terms))
     for candidate in candidates:
-        kind = evaluator.library[candidate.effect]
+        kind = evidence.library[candidate.effect]
         has_open_ends = any(kind().open_ends)
         is_asked = candidate.effect in {question.aim.effect for question in questions}
         is_hidden = candidate.verdict is Verdict.NOT_EXCITED or candidate.effect in hidden
         if is_hidden and not has_open_ends and not is_asked:
-            inertia = evaluator.train.recordings[0].known_inertia
+            inertia = evidence.train.recordings[0].known_inertia
             questions.append(Question(Aim(candidate.effect), tuple(terms), make_typical_effect(kind, inertia)))
     return questions
 
@@ -108,7 +108,7 @@ def make_typical_effect(kind: type[Term], inertia: float = 0.0) -> tuple[Term, A
     return term, theta
 
 
-def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Term]) -> float | None:
+def find_detectable_size(evidence: Evidence, terms: Terms, kind: type[Term]) -> float | None:
     """Find the smallest detectable size of an effect added to the terms, in the unit of its first parameter.
 
     An effect with RMS torque r after a fit of the terms gains about N/2 log(1 + r^2 / s^2) nats over N windows with
@@ -118,40 +118,40 @@ def find_detectable_size(evaluator: ModelEvaluator, terms: Terms, kind: type[Ter
     term, theta = make_typical_effect(kind)
     if not len(theta):
         return None
-    (columns,) = evaluator.train.maker.columns([term])
-    torque, phi = columns.linear @ theta, evaluator.train.equations(terms).phi
+    (columns,) = evidence.train.maker.columns([term])
+    torque, phi = columns.linear @ theta, evidence.train.equations(terms).phi
     outside = torque - phi @ np.linalg.lstsq(phi, torque, rcond=1e-10)[0]
     outside_rms = float(np.sqrt(np.mean(outside**2)))
     if outside_rms < 1e-9 * float(np.sqrt(np.mean(torque**2))) or outside_rms == 0.0:
         return None
-    noise = max(evaluator.residuals.noise_floor(), float(np.sqrt(np.mean(evaluator.train.residual(terms) ** 2))))
+    noise = max(evidence.residuals.noise_floor(), float(np.sqrt(np.mean(evidence.train.residual(terms) ** 2))))
     # least significant r^2 / (r^2 + s^2)
-    correlated = STRUCTURE_FACTOR * evaluator.criterion.z_score / float(np.sqrt(len(outside)))
+    correlated = STRUCTURE_FACTOR * evidence.criterion.z_score / float(np.sqrt(len(outside)))
     if correlated >= 1.0:
         return None
-    nats = PENALTY_FACTOR * evaluator.penalty((*terms, term), terms)
+    nats = PENALTY_FACTOR * evidence.penalty((*terms, term), terms)
     least = max(
         noise * float(np.sqrt(np.expm1(2 * nats / len(outside)))),
         noise * float(np.sqrt(correlated / (1.0 - correlated))),
-        STRUCTURE_FACTOR * evaluator.criterion.noise_ratio * evaluator.residuals.noise_floor(),
+        STRUCTURE_FACTOR * evidence.criterion.noise_ratio * evidence.residuals.noise_floor(),
     )
     return float(np.linalg.norm(theta)) * least / outside_rms
 
 
 def find_detectable_effects(
-    evaluator: ModelEvaluator, terms: Terms, library: Mapping[str, type[Term]]
+    evidence: Evidence, terms: Terms, library: Mapping[str, type[Term]]
 ) -> tuple[Detectable, ...]:
     """Return the smallest detectable size of each effect in `REPORTED`, and the recorded range without a hard stop.
 
     A size is omitted if it exceeds the bounds of the law, or if its torque exceeds the applied torque: the
     data do not excite the effect. A joint that makes whole turns has no range.
     """
-    effects, data, units = list[Detectable](), evaluator.train.data, evaluator.train.units()
+    effects, data, units = list[Detectable](), evidence.train.data, evidence.train.units()
     for kind in (library[id] for id in REPORTED if id in library):
-        size, (term, _) = find_detectable_size(evaluator, terms, kind), make_typical_effect(kind)
+        size, (term, _) = find_detectable_size(evidence, terms, kind), make_typical_effect(kind)
         if size is not None:
             column = term.columns[0]
             is_possible = size <= data.find_largest_sizes(term)[0] and column.is_allowed(size)
             effects.append(Detectable(kind.id, size if is_possible else None, units.unit(column.unit)))
-    stop = Detectable("hard_stop", unit=units.unit("rad"), between=evaluator.train.get_range())
-    return tuple(effects) if makes_whole_turns(evaluator.train.samples.position) else (*effects, stop)
+    stop = Detectable("hard_stop", unit=units.unit("rad"), between=evidence.train.get_range())
+    return tuple(effects) if makes_whole_turns(evidence.train.samples.position) else (*effects, stop)

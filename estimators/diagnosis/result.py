@@ -7,14 +7,14 @@ from functools import cached_property
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
+from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms, get_single
-from estimators.decisions.gate import Gate
 from estimators.decisions.score import Gain
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Verdict
 from estimators.prediction import Prediction, predict_recordings
 from estimators.results import make_floors_json, make_result_json
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
 from pendulum_env.notebook import Shown, summarise
@@ -35,8 +35,8 @@ class Candidate:
         error_ratio: held-out torque error with the effect over the error without.
         reason: finding that explains the verdict.
         gain: gain of the effect, added to the other effects of the final model; None if unknown.
-        variants: number of compared variants, see `ModelEvaluator.count_compared_variants`.
-        gates: tests of the effect, in order; a rejected effect failed the last.
+        variants: number of compared variants, see `Evidence.count_compared_variants`.
+        decision: tests of the effect, in order; a rejected effect failed the last.
         terms: terms of the evaluated model; empty if the effect was not tried.
     """
 
@@ -47,7 +47,7 @@ class Candidate:
     reason: Finding
     gain: Gain | None = None
     variants: int = 1
-    gates: tuple[Gate, ...] = ()
+    decision: Decision = NOTHING_TESTED
     terms: Terms = field(default=(), compare=False, repr=False)
 
     def json(self) -> JSON:
@@ -59,7 +59,7 @@ class Candidate:
             "error_ratio": self.error_ratio,
             "reason": self.reason.json(),
             "gain": self.gain.json() | {"variants": self.variants} if self.gain is not None else None,
-            "gates": [gate.json() for gate in self.gates],
+            "gates": [gate.json() for gate in self.decision.gates],
         }
 
 
@@ -95,17 +95,22 @@ class TriedTreatment:
 
     Attributes:
         treatment: finding that names the treatment.
+        decision: tests of the treatment.
         error_ratio: held-out cost with the treatment over the cost without.
         assumptions: number of assumptions with the treatment, see `count_assumptions`.
         before: number without the treatment.
-        is_kept: whether the treatment was kept.
     """
 
     treatment: Finding
+    decision: Decision
     error_ratio: float
     assumptions: int
     before: int
-    is_kept: bool
+
+    @property
+    def is_kept(self) -> bool:
+        """Return whether the treatment was kept."""
+        return self.decision.passed
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
@@ -114,6 +119,7 @@ class TriedTreatment:
             "error_ratio": self.error_ratio if self.error_ratio < float("inf") else None,
             "assumptions": assumptions,
             "kept": self.is_kept,
+            "gates": [gate.json() for gate in self.decision.gates],
         }
 
 
@@ -173,7 +179,7 @@ class Diagnosis(Shown):
         joint_residuals: residual of joints of an arm that is not noise [N m], see `find_joint_residuals`.
         treatments: tried treatments of the recordings, in order; those of the preparation are in `data`.
         refit: refit to free-running motion over a horizon; None without a horizon.
-        evaluator: fits and scores of the search; `evaluator.model(candidate.terms)` is a candidate. Not pickled.
+        evidence: fits and scores of the search; `evidence.fits.fit_model(candidate.terms)` is a candidate. Not pickled.
     """
 
     steps: tuple[Step, ...]
@@ -193,12 +199,12 @@ class Diagnosis(Shown):
     torque_constant: TorqueConstant | None = None
     data: FitData | None = field(default=None, compare=False, repr=False)
     joint_residuals: Mapping[str, float] = field(default_factory=dict)
-    evaluator: ModelEvaluator | None = field(default=None, compare=False, repr=False)
+    evidence: Evidence | None = field(default=None, compare=False, repr=False)
     treatments: tuple[TriedTreatment, ...] = ()
     refit: HorizonRefit | None = None
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in self.__dict__.items() if name != "evaluator"}
+        return {name: value for name, value in self.__dict__.items() if name != "evidence"}
 
     @property
     def model(self) -> Model:

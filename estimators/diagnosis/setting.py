@@ -9,7 +9,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.progress import Progress, no_progress
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from pendulum_env.physics import Term
 
 
@@ -37,8 +37,16 @@ class Setting:
     horizon: float | None = None
     original: Sequence[Term] = ()
 
-    def evaluator(
+    def make_evidence(
         self, parts: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()
-    ) -> ModelEvaluator:
-        """Return the evaluator of models on fitted and held-out data, with tables that compete with the effects."""
-        return ModelEvaluator(*parts, self.progress, self.library, self.criterion, self.rng, tuple(self.base), tables)
+    ) -> Evidence:
+        """Return the evidence of fitted and held-out data, with tables that compete with the effects."""
+        return Evidence.from_data(
+            *parts,
+            base=tuple(self.base),
+            library=self.library,
+            tables=tables,
+            criterion=self.criterion,
+            rng=self.rng,
+            progress=self.progress,
+        )

@@ -12,8 +12,8 @@ from estimators.diagnosis.unexplained import check_torque_sign, find_unexplained
 from estimators.findings import NOTHING_DETERMINED, Finding, collect_withheld, withhold_everything
 from estimators.schemes.identifiability import find_undetermined, find_undetermined_parameters, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
-from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.motion import refit_by_likelihood, refit_if_misfit
+from estimators.selection.evidence import Evidence
+from estimators.selection.refits import refit_by_likelihood, refit_if_misfit
 from estimators.selection.search import SearchResult, search
 from estimators.signals.measurements import measure_segments
 from estimators.signals.residual import Region
@@ -23,20 +23,20 @@ from pendulum_env.physics import BASE, Term
 def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
     """Fit terms to windows of torque, then by likelihood as `diagnose` does; return the step with its errors."""
     is_free = all(recording.known_inertia for recording in train.recordings)  # then the terms have the known values
-    evaluator = ModelEvaluator(train, holdout, base=tuple(terms) if is_free else BASE)
-    step = evaluator.fit_with_std(refit_nonlinear(evaluator, tuple(terms)))
-    return refit_by_likelihood(SearchResult(evaluator, [step])).steps[-1]
+    evidence = Evidence.from_data(train, holdout, base=tuple(terms) if is_free else BASE)
+    step = evidence.fits.fit_with_std(refit_nonlinear(evidence, tuple(terms)))
+    return refit_by_likelihood(SearchResult(evidence, [step])).steps[-1]
 
 
-def search_by_torque(evaluator: ModelEvaluator) -> SearchResult:
+def search_by_torque(evidence: Evidence) -> SearchResult:
     """Search for effects; with a reversed sign of torque, or without a determined parameter, fit the base only."""
-    if check_torque_sign(evaluator) is None and not withhold_everything(
-        find_undetermined_parameters(evaluator.train.recordings, evaluator.base)
+    if check_torque_sign(evidence) is None and not withhold_everything(
+        find_undetermined_parameters(evidence.train.recordings, evidence.fits.base)
     ):
-        return refit_if_misfit(search(evaluator))
-    evaluator = replace(evaluator, library={}, tables=())
-    model = fit_within_laws(evaluator.train, refit_nonlinear(evaluator, evaluator.base))
-    return SearchResult(evaluator, [evaluator.make_step(model)])
+        return refit_if_misfit(search(evidence))
+    evidence = replace(evidence, library={}, tables=())
+    model = fit_within_laws(evidence.train, refit_nonlinear(evidence, evidence.fits.base))
+    return SearchResult(evidence, [evidence.fits.make_step(model)])
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
@@ -44,7 +44,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
     The result is unchanged if the sign of the logged torque is reversed.
     """
-    if check_torque_sign(trial.evaluator) is not None:
+    if check_torque_sign(trial.evidence) is not None:
         return trial.result, ()
     trial.setting.progress("refitting", 0.93)
     result = refit_by_likelihood(trial.result)

@@ -1,11 +1,14 @@
-"""Candidate treatments of the recordings: functions from a trial to treated data, and the rule that keeps them."""
+"""Candidate treatments of the recordings: functions from a trial to treated data, and the policies that keep them."""
 
+from collections.abc import Iterator
 from functools import partial
 
 from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
+from estimators.decisions.decision import Policy, decide
 from estimators.decisions.errors import compute_held_out_cost
+from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
@@ -32,41 +35,75 @@ def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial
         if treated is None:
             continue
         trial = Trial.search(case, treated, setting)
-        tried.append(compare_treatment(trial, best))
+        tried.append(decide_treatment(trial, best))
         if tried[-1].is_kept:
             best, waiting = trial, list(case.treatments)
     return best, tuple(tried)
 
 
-def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
-    """Compare the held-out cost of a treated trial with that of the best trial so far.
+def decide_treatment(trial: Trial, best: Trial) -> TriedTreatment:
+    """Decide whether a treated trial takes the place of the best trial so far, see `TREAT`."""
+    treatment = find_treatment(trial, best)
+    decision = decide(trial, best, ADD_CONTACTS if treatment.kind is Kind.IMPACTS_INCLUDED else TREAT)
+    error_ratio, undone = decision.gates[0].value, decide(trial, best, UNDO_TIMING)
+    counts = count_assumptions(trial), count_assumptions(best)
+    return TriedTreatment(treatment, undone if undone.passed else decision, error_ratio, *counts)
+
+
+def find_treatment(trial: Trial, best: Trial) -> Finding:
+    """Return the treatment that only the data of the first trial have."""
+    return next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
+
+
+def require_lower_cost(after: Trial, before: Trial) -> Iterator[Gate]:
+    """Test the ratio of the held-out costs of two trials.
 
     Both models are compared on the treated data, unless the treatment changes the torque or the goals: then each has
-    its own data. Likelihoods are not compared: windows of different widths have different blocks. Contacts with a stop
-    are kept only if the model has one. After a correction of the timing, a delay or lag in the model may only undo it:
-    torque as logged is kept if it leaves only noise with fewer assumptions.
+    its own data. Likelihoods are not compared: windows of different widths have different blocks.
     """
-    treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
-    after, before = trial.result.steps[-1], best.result.steps[-1]
-    if treatment.kind not in INPUTS:
-        before = trial.evaluator.make_step(before.model)
-    ratio = compute_held_out_cost(after) / max(compute_held_out_cost(before), 1e-300)
-    counts = count_assumptions(trial), count_assumptions(best)
-    is_kept = is_better(ratio, *counts, trial.evaluator.criterion.error_margin)
-    if treatment.kind is Kind.IMPACTS_INCLUDED:  # only a stop explains the torque of a contact
-        is_kept = is_kept and has_stop(trial.result.terms)
-    is_undone = best.data.has_moved and any(term.lead or term.delay for term in best.result.terms)
-    if is_undone and not trial.data.has_moved and counts[0] < counts[1]:
-        is_kept = is_kept or trial.evaluator.residuals.is_noise(trial.result.terms)
-    return TriedTreatment(treatment, ratio, *counts, is_kept)
+    new, old = after.result.steps[-1], before.result.steps[-1]
+    if find_treatment(after, before).kind not in INPUTS:
+        old = after.evidence.fits.make_step(old.model)
+    ratio = compute_held_out_cost(new) / max(compute_held_out_cost(old), 1e-300)
+    has_more = count_assumptions(after) > count_assumptions(before)
+    yield limit_error_ratio(ratio, has_more, after.evidence.criterion.error_margin)
 
 
-def is_better(error_ratio: float, assumptions: int, before: int, margin: float) -> bool:
-    """Return whether a treatment is kept: lower error, or equal error within the margin by no more assumptions.
+def limit_error_ratio(ratio: float, has_more_assumptions: bool, margin: float) -> Gate:
+    """Make the gate on a ratio of costs: lower, or equal within the margin by no more assumptions."""
+    limit = 1 - margin if has_more_assumptions else 1 + margin
+    return Gate("error_ratio", ratio, limit, ratio < limit)
 
-    `assumptions` and `before` are numbers by `count_assumptions` with and without the treatment.
-    """
-    return error_ratio < 1 - margin or (error_ratio < 1 + margin and assumptions <= before)
+
+def require_stop(after: Trial, before: Trial) -> Iterator[Gate]:
+    """Test that the model has a stop, since only that explains the torque of a contact."""
+    yield Gate("stops", float(has_stop(after.result.terms)), 1, has_stop(after.result.terms))
+
+
+def require_logged_time(after: Trial, before: Trial) -> Iterator[Gate]:
+    """Test that `after` leaves torque as logged, where `before` corrects its time and has a lag or delay."""
+    is_undone = before.data.has_moved and not after.data.has_moved
+    is_undone &= any(term.lead or term.delay for term in before.result.terms)
+    yield Gate("undone_timing", float(is_undone), 1, is_undone)
+
+
+def require_fewer_assumptions(after: Trial, before: Trial) -> Iterator[Gate]:
+    """Test the number of assumptions."""
+    new, old = count_assumptions(after), count_assumptions(before)
+    yield Gate("assumptions", new, old, new < old)
+
+
+def require_noise(after: Trial, before: Trial) -> Iterator[Gate]:
+    """Test that the residual of the model is noise."""
+    is_noise = after.evidence.residuals.is_noise(after.result.terms)
+    yield Gate("noise", float(is_noise), 1, is_noise)
+
+
+TREAT = Policy("treat", (require_lower_cost,))
+# Windows in contact with a stop.
+ADD_CONTACTS = Policy("add contacts", (require_lower_cost, require_stop))
+# After a correction of the timing, a lag or delay in the model may only undo it.
+UNDO_TIMING = Policy("undo timing", (require_logged_time, require_fewer_assumptions, require_noise))
 
 
 def count_assumptions(trial: Trial) -> int:
@@ -83,18 +120,18 @@ def count_assumptions(trial: Trial) -> int:
 
 def narrow_windows(trial: Trial) -> FitData | None:
     """Return data with narrower windows, closer to reversals, if torque leaves only noise but motion does not."""
-    evaluator, found = trial.evaluator, trial.result
+    evidence, found = trial.evidence, trial.result
     if trial.data.has_treatment(Kind.NARROWER_WINDOWS):
         return None
-    if not evaluator.residuals.is_noise_by_part(found.terms)[0] or not evaluator.is_misfit(found.steps[-1]):
+    if not evidence.residuals.is_noise_by_part(found.terms)[0] or not evidence.motion.is_misfit(found.steps[-1]):
         return None
-    share = evaluator.criterion.shorter_window
+    share = evidence.criterion.shorter_window
     return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
 
 
 def scale_noise_by_model(trial: Trial) -> FitData | None:
     """Return data with windows and noise floor by the inertia of the trial's model; see `find_inertia_of_noise`."""
-    train = trial.evaluator.train
+    train = trial.evidence.train
     if (inertia := find_inertia_of_noise(train, trial.result.terms)) is None:
         return None
     numbers, unit = {"inertia": inertia.value, "before": train.data.base_inertia}, train.units().unit(inertia.unit)

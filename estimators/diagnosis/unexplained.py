@@ -9,7 +9,7 @@ from estimators.data.regions import find_failures, find_regions_at
 from estimators.decisions.errors import Terms
 from estimators.diagnosis.contacts import is_misfit_between_contacts
 from estimators.findings import Finding, Kind, Quantity
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.selection.physical import find_violations
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table
@@ -18,9 +18,9 @@ from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Term
 
 
-def check_torque_sign(evaluator: ModelEvaluator) -> Finding | None:
+def check_torque_sign(evidence: Evidence) -> Finding | None:
     """Return a finding if the sign of the logged torque is reversed, by the base model within bounds of laws."""
-    return find_reversed_torque(fit_within_laws(evaluator.train, evaluator.base), evaluator.train.recordings)
+    return find_reversed_torque(fit_within_laws(evidence.train, evidence.fits.base), evidence.train.recordings)
 
 
 def find_unexplained(result: SearchResult) -> list[Region]:
@@ -30,12 +30,12 @@ def find_unexplained(result: SearchResult) -> list[Region]:
     a table that replaces effects, torque of fitted data, torque of held-out data, free-running motion near reversals
     without contacts.
     """
-    evaluator, last = result.evaluator, result.steps[-1]
-    if (reversal := check_torque_sign(evaluator)) is not None:
-        end = float(evaluator.train.samples.time.max())
+    evidence, last = result.evidence, result.steps[-1]
+    if (reversal := check_torque_sign(evidence)) is not None:
+        end = float(evidence.train.samples.time.max())
         return [Region("time", 0.0, end, 0.0, 0.0, is_profiled=False, cause=reversal)]
-    train, holdout = evaluator.parts
-    violations = find_violations(last.model, evaluator.train.motions)
+    train, holdout = evidence.fits.parts
+    violations = find_violations(last.model, evidence.train.motions)
     if violations:
         numbers = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in violations}
         return [make_region_everywhere(Finding(Kind.IMPOSSIBLE, numbers, tuple(numbers)))]
@@ -46,18 +46,18 @@ def find_unexplained(result: SearchResult) -> list[Region]:
         if place is None:
             return [make_region_everywhere(cause, train.samples), *regions]
         return [replace(place, cause=cause), *(region for region in regions if region is not place)]
-    if not evaluator.residuals.is_noise_in(train, residual):
+    if not evidence.residuals.is_noise_in(train, residual):
         return find_failures(train, residual)
-    holdout_residual = evaluator.residuals.holdout_residual(last.model.terms)
-    if not evaluator.residuals.is_noise_in(holdout, holdout_residual):
-        regions_held_out = find_failures(holdout, holdout_residual, floors=evaluator.residuals.holdout_floors)
+    holdout_residual = evidence.residuals.holdout_residual(last.model.terms)
+    if not evidence.residuals.is_noise_in(holdout, holdout_residual):
+        regions_held_out = find_failures(holdout, holdout_residual, floors=evidence.residuals.holdout_floors)
         return [replace(region, held_out_recordings=holdout.names) for region in regions_held_out]
-    if (noise := evaluator.residuals.find_process_noise(train, residual)) is not None:
-        pairs = zip(evaluator.train.segments, noise.data.windows, strict=True)
+    if (noise := evidence.residuals.find_process_noise(train, residual)) is not None:
+        pairs = zip(evidence.train.segments, noise.data.windows, strict=True)
         segments = tuple(replace(segment, windows=w) for segment, w in pairs)
-        noisier = replace(evaluator.train, data=noise.data, segments=segments)
-        evaluator = replace(evaluator, train=noisier, drawn=evaluator.bootstrap)
-    if not is_misfit_between_contacts(evaluator, last):
+        noisier = replace(evidence.train, data=noise.data, segments=segments)
+        evidence = evidence.with_fits(replace(evidence.fits, train=noisier))
+    if not is_misfit_between_contacts(evidence, last):
         return []
     error, units = last.errors["train"].position_rms, last.model.units()
     cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit=units.unit("rad"))})
@@ -69,27 +69,27 @@ def find_noise_not_logged(result: SearchResult) -> list[Finding]:
 
     Held-out data count if the fitted data leave only noise of the sensors.
     """
-    evaluator, model = result.evaluator, result.steps[-1].model
-    train, holdout = evaluator.parts
+    evidence, model = result.evidence, result.steps[-1].model
+    train, holdout = evidence.fits.parts
     residual = train.with_link_states(model).residual(model.terms, model.theta)
-    noise = evaluator.residuals.find_process_noise(train, residual) or evaluator.residuals.find_process_noise(
-        holdout, evaluator.residuals.holdout_residual(model.terms)
+    noise = evidence.residuals.find_process_noise(train, residual) or evidence.residuals.find_process_noise(
+        holdout, evidence.residuals.holdout_residual(model.terms)
     )
     return [] if noise is None else [noise.make_finding(model.units())]
 
 
-def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[str, float], list[Region]]:
+def find_joint_residuals(evidence: Evidence, terms: Terms) -> tuple[dict[str, float], list[Region]]:
     """Return the residual of each joint that is not noise [N m], and one region for each, the most significant.
 
     The residual is its correlated part if that is significant, else its RMS. Held-out data count at a joint if its
     fitted data leave only noise.
     """
-    sizes, regions, criterion = dict[str, float](), list[Region](), evaluator.criterion
-    residuals = evaluator.train.residual(terms), evaluator.residuals.holdout_residual(terms)
-    parts = zip(evaluator.parts, residuals, ((), evaluator.holdout.names), strict=True)
-    for (part, residual, names), structures in zip(parts, evaluator.residuals.structures(terms), strict=True):
+    sizes, regions, criterion = dict[str, float](), list[Region](), evidence.criterion
+    residuals = evidence.train.residual(terms), evidence.residuals.holdout_residual(terms)
+    parts = zip(evidence.fits.parts, residuals, ((), evidence.holdout.names), strict=True)
+    for (part, residual, names), structures in zip(parts, evidence.residuals.structures(terms), strict=True):
         for joint, structure in structures.items():
-            floor = max(evaluator.residuals.noise_floor(part, joint), part.data.compute_negligible_residual(joint))
+            floor = max(evidence.residuals.noise_floor(part, joint), part.data.compute_negligible_residual(joint))
             if joint not in sizes and not criterion.is_noise(structure, floor):
                 sizes[joint] = structure.correlated_rms if structure.z_score > criterion.z_score else structure.rms
                 places = find_regions_at(part, residual, joint, most=1)
@@ -98,7 +98,7 @@ def find_joint_residuals(evaluator: ModelEvaluator, terms: Terms) -> tuple[dict[
     return sizes, regions
 
 
-def find_holdout_structure(evaluator: ModelEvaluator, final: Sequence[Term]) -> Finding | None:
+def find_holdout_structure(evidence: Evidence, final: Sequence[Term]) -> Finding | None:
     """Return a finding if the residual is noise in fitted data, but not in held-out data; else None."""
-    is_there = evaluator.residuals.is_noise_by_part(tuple(final)) == (True, False)
-    return Finding(Kind.FIT_HELD_OUT, recordings=evaluator.holdout.names) if is_there else None
+    is_there = evidence.residuals.is_noise_by_part(tuple(final)) == (True, False)
+    return Finding(Kind.FIT_HELD_OUT, recordings=evidence.holdout.names) if is_there else None

@@ -4,7 +4,7 @@ A diagnosis makes these calls, in this order:
 
     prepare                     case.py             calibrates the recordings
       decide_conventions        conventions.py      decides by fits how goals, encoder and controller are simulated
-    make_evaluator              case.py             makes `RolloutRows` of fitted and held-out recordings
+    make_evidence              case.py             makes `RolloutRows` of fitted and held-out recordings
     search                      selection/search.py adds and drops effects by these rows, each time:
       RolloutRows.compare       rollout_rows.py     simulates the variants of an effect, each by one step
         Rollouts                rollouts.py         simulates all recordings at once by `simulate_servos`

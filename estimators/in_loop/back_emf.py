@@ -44,7 +44,7 @@ def present(trial: Trial, step: Step) -> Step:
         return step
     other_terms = tuple(term for term in step.model.terms if term.id != BackEmf.id)
     start = Point.from_parameters(other_terms, np.array(list((theta | {"viscous": total}).values())))
-    return refit_step(trial.evaluator, step, start)
+    return refit_step(trial.evidence, step, start)
 
 
 def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:

@@ -18,7 +18,7 @@ from estimators.in_loop.refit import refine, refit
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.selection.search import search
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare_windows
@@ -39,8 +39,8 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     return data, replace(setting, base=base, library=library, criterion=criterion)
 
 
-def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
-    """Make the evaluator of models on rollouts; parameters of the fitted rows predict the held-out ones.
+def make_evidence(data: FitData, setting: Setting) -> Evidence:
+    """Make the evidence of models on rollouts; parameters of the fitted rows predict the held-out ones.
 
     Raises:
         IdentificationError: if the recordings have too little motion.
@@ -52,13 +52,13 @@ def make_evaluator(data: FitData, setting: Setting) -> ModelEvaluator:
     )
     windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
     check = RolloutRows(Rollouts(held_out, shares=check_part), windows, guide=train)
-    return add_back_emf(data, setting).evaluator((train.data, check.data))
+    return add_back_emf(data, setting).make_evidence((train.data, check.data))
 
 
 SERVO = Case(
     accepts=lambda base, recordings: are_driven(recordings),
     prepare=prepare,
-    evaluator=make_evaluator,
+    make_evidence=make_evidence,
     search=search,
     refit=refit,
     refine=refine,

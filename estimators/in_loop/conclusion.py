@@ -33,7 +33,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             replace(candidate, reason=Finding(Kind.LONG_STEPS)) if candidate.effect in dropped else candidate
             for candidate in diagnosis.candidates
         ),
-        floors=refine_rows(trial.evaluator)[0].rollouts.encoder,
+        floors=refine_rows(trial.evidence)[0].rollouts.encoder,
         findings=(
             *data.conventions,
             *find_remedies(
@@ -83,10 +83,10 @@ def find_loop_regions(trial: Trial) -> Sequence[Region]:
 
     The result is empty if the residual is noise in fitted and in held-out data.
     """
-    evaluator, last, theta = trial.evaluator, trial.final.steps[-1], np.asarray(trial.final.steps[-1].model.theta)
-    for part, rows, names in zip(evaluator.parts, refine_rows(evaluator), ((), evaluator.holdout.names), strict=True):
+    evidence, last, theta = trial.evidence, trial.final.steps[-1], np.asarray(trial.final.steps[-1].model.theta)
+    for part, rows, names in zip(evidence.fits.parts, refine_rows(evidence), ((), evidence.holdout.names), strict=True):
         residual, data = rows.residual(last.model.terms, theta), rows.rollouts
-        if evaluator.residuals.is_noise_in(part, residual):
+        if evidence.residuals.is_noise_in(part, residual):
             continue
         mean_errors = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
         worst = int(np.argmax(mean_errors))

@@ -28,7 +28,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     goals that run on are always read again as held goals. Held goals are read again only if the base model leaves the
     reading open, and the found model then predicts held-out motion better.
     """
-    data, unseen = trial.data, refine_rows(trial.evaluator)[1]
+    data, unseen = trial.data, refine_rows(trial.evidence)[1]
     readings = [treatment for treatment in data.treatments if treatment.kind in GOALS]
     error = trial.result.steps[-1].errors["holdout"].total
     if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
@@ -56,8 +56,8 @@ def declare_goals(trial: Trial, goal: str) -> FitData:
 
 def predict_held_out(trial: Trial, data: FitData) -> float:
     """Return the held-out error of the model of a trial, refitted from its parameters to other data [rad]."""
-    model, evaluator = trial.result.steps[-1].model, trial.case.evaluator(data, trial.setting)
-    rows = evaluator.train.rollouts
+    model, evidence = trial.result.steps[-1].model, trial.case.make_evidence(data, trial.setting)
+    rows = evidence.train.rollouts
     assert isinstance(rows, RolloutRows)
     rows.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
-    return evaluator.fit(model.terms).errors["holdout"].total
+    return evidence.fits.fit(model.terms).errors["holdout"].total

@@ -13,7 +13,9 @@ from estimators.findings import Finding
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.profile import LikelihoodProfile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
+from estimators.selection.fits import Fits
+from estimators.selection.policies import SWAP
 from estimators.selection.search import SearchResult
 from estimators.weak_form.point import Point
 from pendulum_env.physics import SIGNIFICANT, Model, Term, list_ids
@@ -21,7 +23,7 @@ from pendulum_env.physics import SIGNIFICANT, Model, Term, list_ids
 
 def refit(result: SearchResult, start: Model | None = None) -> SearchResult:
     """Refit all steps of a search with shorter steps of the integrator; `start` is not used."""
-    return replace(result, steps=[refit_step(result.evaluator, step) for step in result.steps])
+    return replace(result, steps=[refit_step(result.evidence, step) for step in result.steps])
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
@@ -34,8 +36,9 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """
     result = refit(trial.result)
     last = result.steps[-1]
-    train, held_out = refine_rows(result.evaluator)
-    evaluator, steps = replace(result.evaluator, train=train.data, holdout=held_out.data), result.steps
+    train, held_out = refine_rows(result.evidence)
+    fits, steps = Fits(train.data, held_out.data, result.evidence.fits.base), result.steps
+    evidence = result.evidence.with_fits(fits)
     terms_by_ids = {list_ids(step.model.terms): step.model.terms for step in steps}
     terms, effects = result.terms, [step.added for step in steps[1:]]
 
@@ -44,11 +47,11 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
     def is_needed(id: str | None) -> bool:
         is_link = any(term.link for term in terms if term.id == id)
-        least = LOOP.dominant if is_link and not evaluator.residuals.is_noise(terms) else LOOP.needed
-        models = [evaluator.model(model_terms) for model_terms in (terms, without(id))]
+        least = LOOP.dominant if is_link and not evidence.residuals.is_noise(terms) else LOOP.needed
+        models = [evidence.fits.fit_model(model_terms) for model_terms in (terms, without(id))]
         errors = [[part.data.errors(model).loop[0] for model in models] for part in (train, held_out)]
         share = min(1.0 - (after / before) ** 2 for after, before in errors)
-        return share > least and evaluator.is_significant(terms, without(id))
+        return share > least and evidence.decide(terms, without(id), SWAP).passed
 
     def find_idle() -> list[str | None]:
         without_size = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
@@ -58,10 +61,10 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         effects.remove(idle[-1])
         remaining = without(idle[-1])
         terms = terms_by_ids.get(list_ids(remaining)) or train.with_nonlinear(remaining)
-        last = fit_step(result.evaluator, effects[-1] if effects else None, terms)
+        last = fit_step(result.evidence, effects[-1] if effects else None, terms)
     if len(effects) == len(steps) - 1:
         return result, ()
-    earlier = [fit_step(result.evaluator, id, without(*effects[k + 1 :])) for k, id in enumerate(effects[:-1])]
+    earlier = [fit_step(result.evidence, id, without(*effects[k + 1 :])) for k, id in enumerate(effects[:-1])]
     return replace(result, steps=[steps[0], *earlier, *([last] if effects else [])]), ()
 
 
@@ -74,26 +77,26 @@ def has_size(model: Model, term: Term) -> bool:
     return bool(values @ np.linalg.pinv(covariance) @ values > SIGNIFICANT**2)
 
 
-def refine_rows(evaluator: ModelEvaluator) -> tuple[RolloutRows, RolloutRows]:
+def refine_rows(evidence: Evidence) -> tuple[RolloutRows, RolloutRows]:
     """Return the rows of fitted and held-out rollouts with shorter steps of the integrator."""
-    train, held_out = (part.rollouts for part in evaluator.parts)
+    train, held_out = (part.rollouts for part in evidence.fits.parts)
     assert isinstance(train, RolloutRows) and isinstance(held_out, RolloutRows)
     return train.fine, held_out.fine
 
 
-def refit_step(evaluator: ModelEvaluator, step: Step, start: Point | None = None) -> Step:
+def refit_step(evidence: Evidence, step: Step, start: Point | None = None) -> Step:
     """Refit a step with shorter steps of the integrator, from a start, by default its parameters."""
     start = start or Point.from_parameters(step.model.terms, np.asarray(step.model.theta))
-    refine_rows(evaluator)[0].set_start(start)
-    return fit_step(evaluator, step.added, start.terms)
+    refine_rows(evidence)[0].set_start(start)
+    return fit_step(evidence, step.added, start.terms)
 
 
-def fit_step(evaluator: ModelEvaluator, added: str | None, terms: Sequence[Term]) -> Step:
+def fit_step(evidence: Evidence, added: str | None, terms: Sequence[Term]) -> Step:
     """Fit terms with shorter steps of the integrator; return the step with its errors on fitted and held-out rollouts.
 
     A parameter with many local minima is fitted by its profile.
     """
-    train, held_out = refine_rows(evaluator)
+    train, held_out = refine_rows(evidence)
     terms = train.fit(terms).terms
     profile = train.fit_by_profile(terms)
     terms = terms if profile is None else profile.point.terms

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.decisions.errors import Terms
 from estimators.search_hints import is_possible, make_grid
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.simulation import output_error
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
@@ -19,33 +19,33 @@ from pendulum_env.physics import Model, Samples, Term, is_dry, list_ids
 SHARES = (0.1, 0.3, 1.0, -0.1, -0.3)  # of the dry friction of the model, sizes of an effect in the best start
 
 
-def screen_dry_friction(evaluator: ModelEvaluator, terms: Terms) -> list[Terms]:
+def screen_dry_friction(evidence: Evidence, terms: Terms) -> list[Terms]:
     """Return the terms plus each possible effect of dry friction, fitted to free motion, the largest gain first.
 
     The list is empty without segments, or if the terms are no misfit to the motion.
     """
-    if not evaluator.has_misfit(terms):
+    if not evidence.motion.has_misfit(terms):
         return []
     ids, models = list_ids(terms), list[Terms]()
-    for id, kind in evaluator.library.items():
+    for id, kind in evidence.library.items():
         if id in ids or not is_dry(kind()):
             continue
-        evaluator.progress(f"fitting {id} to the motion", 0.5)
-        x = evaluator.train.motions[kind.at]
-        starts = list_starts(evaluator, terms, make_grid(kind, x, np.zeros_like(x.torque)), x)
+        evidence.progress(f"fitting {id} to the motion", 0.5)
+        x = evidence.train.motions[kind.at]
+        starts = list_starts(evidence, terms, make_grid(kind, x, np.zeros_like(x.torque)), x)
         if starts:
-            models.append(evaluator.fit_to_motion(Model.build(*choose_start(evaluator, starts)), id).model.terms)
-    possible = [longer for longer in models if is_possible(longer[-1], evaluator.train.motions[longer[-1].at])]
-    return sorted(possible, key=lambda longer: -evaluator.gain_in_motion(longer, terms)[0].total)
+            models.append(evidence.fits.fit_to_motion(Model.build(*choose_start(evidence, starts)), id).model.terms)
+    possible = [longer for longer in models if is_possible(longer[-1], evidence.train.motions[longer[-1].at])]
+    return sorted(possible, key=lambda longer: -evidence.motion.compare(longer, terms)[0].total)
 
 
-def list_starts(evaluator: ModelEvaluator, terms: Terms, variants: list[Term], x: Samples) -> list[Point]:
+def list_starts(evidence: Evidence, terms: Terms, variants: list[Term], x: Samples) -> list[Point]:
     """Return points with each variant of an effect, each of its columns in several sizes, and the terms.
 
     The terms have their parameters of the fit to torque, or of that to motion. `x` are samples of the motion.
     """
-    fitted = evaluator.fit(terms)
-    others = [Point.from_model(step.model) for step in (fitted, evaluator.refit_to_motion(fitted))]
+    fitted = evidence.fits.fit(terms)
+    others = [Point.from_model(step.model) for step in (fitted, evidence.fits.refit_to_motion(fitted))]
     starts = []
     for variant in variants:
         largest = [float(np.max(np.abs(np.broadcast_to(column.dry(x), x.time.shape)))) for column in variant.columns]
@@ -60,14 +60,14 @@ def list_starts(evaluator: ModelEvaluator, terms: Terms, variants: list[Term], x
     return starts
 
 
-def choose_start(evaluator: ModelEvaluator, starts: list[Point]) -> Point:
+def choose_start(evidence: Evidence, starts: list[Point]) -> Point:
     """Return the point with the least errors of free motion, by the mean logarithm over training segments.
 
     Variants of a table differ in the number of parameters; those with the same number are simulated as one batch.
     """
     sizes = list[float]()
     for _, batch in groupby(starts, key=lambda start: len(start.theta)):
-        errors, segment = output_error.compute_errors(evaluator.train.segments, list(batch))
+        errors, segment = output_error.compute_errors(evidence.train.segments, list(batch))
         squares: list[Array] = [np.bincount(segment, series**2) / np.bincount(segment) for series in errors.T]
         sizes += [float(np.mean(np.log(segment_squares + 1e-24))) for segment_squares in squares]
     return starts[int(np.argmin(sizes))]

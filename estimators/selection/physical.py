@@ -1,15 +1,12 @@
-"""Physical bounds of a fitted model, and gates that a step of the search must pass."""
+"""Physical bounds of a fitted model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
-from estimators.decisions.errors import Step
 from estimators.decisions.gate import Gate
 from estimators.findings import Finding, Kind
-from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.physics import (
@@ -22,13 +19,11 @@ from pendulum_env.physics import (
     Table,
     Term,
     effects,
-    has_link,
     list_loads,
 )
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.potential import HardStop, Spring
 from pendulum_env.physics.term import return_zero
-from pendulum_env.physics.terms import list_forms
 
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
 
@@ -200,95 +195,3 @@ def compute_significant_sign(model: Model, name: str) -> int:
     if estimate is None or estimate.is_unknown or estimate.std <= 0 or not estimate.is_significant:
         return 0
     return int(np.sign(estimate.value))
-
-
-def make_coefficient_gate(terms: Sequence[Term], fit: Fit, known: frozenset[str], p_value: float) -> Gate:
-    """Return the gate of the terms without a `known` id: the p-value of Hotelling's test of their coefficients.
-
-    The test is that all coefficients of a term are zero, given its nonlinear parameters; the largest p-value counts.
-    Few blocks may be predicted better by chance with an effect that the data do not determine. The degrees of freedom
-    are the mean of those of the coefficients.
-
-    Source: Pustejovsky and Tipton, Journal of Business and Economic Statistics 36(4), 2018.
-    """
-    owner, chance = np.array([term.id for term in terms for _ in term.columns]), 0.0
-    for id in set(owner.tolist()) - known:
-        of_term = (owner == id) & (fit.std > 0)  # others are known, or at their bounds
-        if not of_term.any():
-            continue
-        count, freedom = np.count_nonzero(of_term), float(np.mean(fit.freedom[of_term]))
-        scaled = fit.theta[of_term] * compute_widening(fit.freedom[of_term])  # the covariance without its widening
-        square = scaled @ invert_covariance(fit.covariance[np.ix_(of_term, of_term)]) @ scaled
-        second = max(1.0, freedom - count + 1)
-        chance = max(chance, float(scipy.special.fdtrc(count, second, square * second / (freedom * count))))
-    return Gate("coefficients", chance, p_value, chance <= p_value)
-
-
-def make_base_gates(after: Model, before: Model, motions: Mapping[str, Samples], least_inertia: float) -> list[Gate]:
-    """Return gates on the shares of inertia and of gravity that a larger model of a pendulum keeps.
-
-    A model that loses inertia or gravity of the smaller model imitates the joint. A lag T before inertia J and friction
-    b has the transfer function 1 / ((1 + T s) (J s + b)), in which T and J/b change places: a lag of J/b leaves T b of
-    the inertia. Without the lag, a fit finds about J + T b, so that a lag shorter than J/b keeps more than half of the
-    inertia, and its imitation less; a longer lag cannot be distinguished from its imitation. A spring with negative
-    gravity imitates a hardening spring.
-
-    Inertia must keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
-    It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where the smaller
-    model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
-    With a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
-    leave it undetermined cancel it and imitate another law. Models with a link have no gates, as they are
-    uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
-    """
-    gates: list[Gate] = []
-    shared = before.estimates.keys() & after.estimates.keys()
-    if has_link(after.terms):
-        return gates
-    if "inertia" in shared and compute_significant_sign(before, "inertia") > 0:
-        old, new = before.estimates["inertia"], after.estimates["inertia"]
-        total = _compute_mean_inertia(before, motions[""])
-        share = _compute_mean_inertia(after, motions[""]) / total
-        limit = least_inertia * (1 - SIGNIFICANT * old.std / total)
-        gates.append(Gate("kept_inertia", share, limit, share >= limit, std=new.std / total))
-    if "gravity" in shared and compute_significant_sign(before, "gravity"):
-        old, new = before.estimates["gravity"], after.estimates["gravity"]
-        share, std = new.value / old.value, new.std / abs(old.value)
-        keeps_sign = "gravity_tilt" in after.estimates or share + SIGNIFICANT * std >= 0
-        gates.append(Gate("kept_gravity", share, 0.0, keeps_sign and std <= 1.0, std=std))
-    return gates
-
-
-def _compute_mean_inertia(model: Model, x: Samples) -> float:
-    """Return the inertia of a model of a pendulum with all its effects, mean over samples (N,) [kg m^2]."""
-    masses = [float(np.mean(column.mass(x))) for column in model.columns]
-    return float(model.theta @ np.array(masses))
-
-
-def make_confirmation_gates(
-    after: Step, before: Step, motions: Mapping[str, Samples], torque_margin: float = 0.0
-) -> list[Gate]:
-    """Return the gates of a step over a smaller one: physical bounds, then held-out errors, up to the first failure.
-
-    All violated bounds are returned. Held-out errors have to be below those of `before`: positions first, then torque
-    of each joint with changed terms; unknown errors have no gate. Torque errors may exceed their limit by the relative
-    `torque_margin`. `motions` are samples of the training data, by joint.
-    """
-    new, old = after.errors["holdout"], before.errors["holdout"]
-    common = list_forms(after.model.terms) & list_forms(before.model.terms)
-    others = [term for step in (after, before) for term in step.model.terms if list_forms([term]).isdisjoint(common)]
-    joints = {joint for term in others for joint in list_loads(term.at)} or set(motions)
-    if violated := find_violations(after.model, {name: x for name, x in motions.items() if name in joints}):
-        return violated
-    gates = [Gate("physical_bounds", 0, 0, True)]
-    angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
-    errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
-    for joint_name in (joint for joint in new.joints if joint in joints):
-        unit = after.model.units(joint_name).unit("N m")
-        limit = (1.0 + torque_margin) * old.get_joint_error(joint_name)
-        errors.append(
-            (f"torque@{joint_name}" if joint_name else "torque", new.get_joint_error(joint_name), limit, unit)
-        )
-    for name, error, limit, unit in errors:
-        if not np.isnan([error, limit]).any() and all(gate.passed for gate in gates):
-            gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))
-    return gates

@@ -14,13 +14,12 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion, ResidualStructure
 from estimators.decisions.errors import Terms
-from estimators.decisions.gate import Gate
 from estimators.memoize import memoized
 from estimators.regression.least_squares import solve_least_squares
 from estimators.search_hints import make_grid
 from estimators.selection.process_noise import ProcessNoise, find_process_noise
 from pendulum_env._typing import Array
-from pendulum_env.physics import Table, Term, list_ids
+from pendulum_env.physics import Table, Term
 
 
 class Power(NamedTuple):
@@ -122,22 +121,6 @@ class Residuals:
             for part, structures in pairs
             for at, structure in structures.items()
         )
-
-    def make_loop_gates(self, after: Terms, before: Terms) -> list[Gate]:
-        """Return the gate of a lag or delay that a larger model adds, if the motion may not determine it.
-
-        In motion of one frequency it is not determined (`frequencies`). In a closed loop its residual must be noise:
-        the controller reacts to each torque that the model lacks, and a lag or delay fits this reaction.
-        """
-        ids = list_ids(before)
-        if not any((term.lead or term.delay) and term.id not in ids for term in after):
-            return []
-        if self.has_one_frequency:
-            return [Gate("frequencies", 1, 2, False)]
-        if not self.has_feedback:
-            return []
-        size, limit = self.relative_rms(after), self.criterion.misfit
-        return [Gate("residual_in_loop", size, limit, size <= limit)]
 
     @cached_property
     def has_one_frequency(self) -> bool:

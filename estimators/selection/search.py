@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, permutations
 
+from estimators.decisions.decision import decide
 from estimators.decisions.errors import Step, Terms
 from estimators.regression.least_squares import IdentificationError
 from estimators.selection.candidates import (
@@ -18,11 +19,12 @@ from estimators.selection.candidates import (
     release_significant,
     screen_effects,
 )
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.selection.moves import SearchState, add_dry_friction, add_effect, remove_term, revise
+from estimators.selection.policies import CONFIRM, DETERMINE_LAG, IMITATE, KEEP_BASE, SWAP, TIE
 from estimators.selection.tables import drop_unneeded, replace_by_table
 from pendulum_env.physics import Table, Term, is_dry, list_ids
-from pendulum_env.physics.terms import count_parameters, list_forms
+from pendulum_env.physics.terms import list_forms
 
 
 @dataclass(frozen=True)
@@ -30,12 +32,12 @@ class SearchResult:
     """Result of a search.
 
     Attributes:
-        evaluator: fits and scores of all models that were tried.
+        evidence: fits and scores of all models that were tried.
         steps: from the base model to the final one.
         table: nonparametric function that replaces effects; None without one.
     """
 
-    evaluator: ModelEvaluator
+    evidence: Evidence
     steps: list[Step]
     table: Table | None = None
 
@@ -45,42 +47,43 @@ class SearchResult:
         return self.steps[-1].model.terms
 
 
-def search(evaluator: ModelEvaluator) -> SearchResult:
-    """Search for the effects that the base model of an evaluator lacks.
+def search(evidence: Evidence) -> SearchResult:
+    """Search for the effects that the base model of an evidence lacks.
 
     If a delay or lag of the torque may fit a controller's answer in the end, the search is repeated without both.
     """
-    state = find_effects(evaluator)
-    if not all(gate.passed for gate in evaluator.residuals.make_loop_gates(state.terms, state.start)):
-        others = {id: effect for id, effect in evaluator.library.items() if not (effect().lead or effect().delay)}
-        state = find_effects(replace(evaluator, library=others, drawn=evaluator.bootstrap))
-        whole = replace(state.evaluator, library=evaluator.library, drawn=evaluator.bootstrap)
-        state = replace(state, evaluator=whole)
-    return SearchResult(state.evaluator, confirm_steps(state), state.table)
+    state = find_effects(evidence)
+    if not evidence.decide(state.terms, state.start, DETERMINE_LAG).passed:
+        others = {id: effect for id, effect in evidence.library.items() if not (effect().lead or effect().delay)}
+        state = find_effects(evidence.with_library(others))
+        state = replace(state, evidence=state.evidence.with_library(evidence.library))
+    return SearchResult(state.evidence, confirm_steps(state), state.table)
 
 
-def find_effects(evaluator: ModelEvaluator) -> SearchState:
+def find_effects(evidence: Evidence) -> SearchState:
     """Search for the effects that a base model lacks, or for a table in their place.
 
     If the result leaves structure, the search is repeated from each of the best `criterion.beam` first effects that
     tie with the found ones and keep the base parameters; a significantly better result is kept. Finally, unneeded
     effects and those that imitate known parameters are dropped, and effects that imitate a table are replaced by it.
     """
-    start = refit_nonlinear(evaluator, evaluator.base)
-    state = grow(SearchState(evaluator, start, start))
+    start = refit_nonlinear(evidence, evidence.fits.base)
+    state = grow(SearchState(evidence, start, start))
     if not state.is_noise:
-        ids, first_models = list_ids(state.terms), screen_effects(evaluator, start)  # without states of a link
+        ids, first_models = list_ids(state.terms), screen_effects(evidence, start)  # without states of a link
         rivals = [*first_models[:1], *((*start, effect) for effect in state.effects)]
-        freed = state.evaluator.release_known(start)
-        for first in first_models[: evaluator.criterion.beam]:
+        freed = state.evidence.fits.release_known(start)
+        for first in first_models[: evidence.criterion.beam]:
             if (
                 first[-1].id not in ids
-                and state.evaluator.is_significant(first, freed)
-                and all(state.evaluator.is_tied(first, rival) for rival in rivals)
-                and state.evaluator.keeps_base((refitted := state.refit(first)).terms, start)
+                and state.evidence.decide(first, freed, SWAP).passed
+                and all(state.evidence.decide(first, rival, TIE).passed for rival in rivals)
+                and state.evidence.decide((refitted := state.refit(first)).terms, start, KEEP_BASE).passed
             ):
                 other = grow(refitted)
-                if _is_better(other, state) and are_confirmed(other.evaluator, find_model_path(other)):
+                if decide(other.hypothesis, state.hypothesis, SWAP).passed and are_confirmed(
+                    other.evidence, find_model_path(other)
+                ):
                     state = other
     return replace_by_table(drop_imitations(drop_unneeded(state)))
 
@@ -91,26 +94,13 @@ def drop_imitations(state: SearchState) -> SearchState:
     A simpler model with these parameters free must leave only noise in torque and motion, and predict equally.
     The simpler models lack one of the effects, or have one of the best other effects.
     """
-    evaluator, freed = state.evaluator, state.evaluator.release_known(state.start)
+    evidence, freed = state.evidence, state.evidence.fits.release_known(state.start)
     if freed == state.start or not state.effects:
         return state
-    smaller = [evaluator.release_known(remove_term(state.terms, effect)) for effect in state.effects]
-    others = screen_effects(evaluator, freed)[: evaluator.criterion.beam]
-    is_imitated = any(
-        count_parameters(terms) < count_parameters(state.terms)
-        and evaluator.residuals.is_noise(terms)
-        and evaluator.is_tied(terms, state.terms)
-        and not evaluator.has_misfit(terms)
-        for terms in (*smaller, *others)
-    )
+    smaller = [evidence.fits.release_known(remove_term(state.terms, effect)) for effect in state.effects]
+    others = screen_effects(evidence, freed)[: evidence.criterion.beam]
+    is_imitated = any(evidence.decide(terms, state.terms, IMITATE).passed for terms in (*smaller, *others))
     return state.with_terms(state.start) if is_imitated else state
-
-
-def _is_better(state: SearchState, rival: SearchState) -> bool:
-    """Return whether one state predicts significantly better than another, which may have another evaluator."""
-    penalty = rival.evaluator.penalty(state.terms, rival.terms)
-    densities = state.evaluator.density(state.terms), rival.evaluator.density(rival.terms)
-    return rival.evaluator.bootstrap.gain(*densities, penalty).p_value <= rival.evaluator.criterion.p_value
 
 
 def grow(state: SearchState) -> SearchState:
@@ -120,7 +110,7 @@ def grow(state: SearchState) -> SearchState:
     are added.
     """
     start, visited = state, {list_forms(state.terms)}
-    while len(state.terms) - len(start.start) < state.evaluator.criterion.max_effects:
+    while len(state.terms) - len(start.start) < state.evidence.criterion.max_effects:
         longer = add_effect(state)
         if longer is None:
             break
@@ -128,7 +118,7 @@ def grow(state: SearchState) -> SearchState:
         if list_forms(revised.terms) in visited:  # avoids a cycle
             revised = longer
         is_kept = list_forms(revised.terms) == list_forms(longer.terms) or are_confirmed(
-            revised.evaluator, find_model_path(revised)
+            revised.evidence, find_model_path(revised)
         )
         state = revised if is_kept else longer
         if list_forms(state.terms) in visited:
@@ -140,25 +130,25 @@ def grow(state: SearchState) -> SearchState:
 def confirm_steps(state: SearchState) -> list[Step]:
     """Return the confirmed steps to the terms of a state; the last step is removed until they are confirmed."""
     steps = find_model_path(state)
-    while not are_confirmed(state.evaluator, steps):
+    while not are_confirmed(state.evidence, steps):
         steps = find_model_path(state.with_terms(steps[-2].model.terms))
     return steps
 
 
-def are_confirmed(evaluator: ModelEvaluator, steps: Sequence[Step]) -> bool:
+def are_confirmed(evidence: Evidence, steps: Sequence[Step]) -> bool:
     """Return whether each step is confirmed by held-out data, or all of them together.
 
     For all together, the last step leaves noise, is confirmed over the first, and has lower errors than without any one
     of its effects.
     """
-    if all(evaluator.is_confirmed(after, before) for before, after in pairwise(steps)):
+    if all(evidence.decide(after, before, CONFIRM).passed for before, after in pairwise(steps)):
         return True
     base, terms = steps[0].model.terms, steps[-1].model.terms
     smaller = [remove_term(terms, term) for term in terms if term.id not in list_ids(base)]
     return (
-        evaluator.residuals.is_noise(terms)
-        and evaluator.is_confirmed(steps[-1], steps[0])
-        and (len(smaller) == 1 or all(evaluator.lowers_errors(terms, model) for model in smaller))
+        evidence.residuals.is_noise(terms)
+        and evidence.decide(steps[-1], steps[0], CONFIRM).passed
+        and (len(smaller) == 1 or all(evidence.decide(terms, model, CONFIRM).passed for model in smaller))
     )
 
 
@@ -169,14 +159,14 @@ def find_model_path(state: SearchState) -> list[Step]:
     other orders follow, and then the same orders with parameters refitted to the motion. If windows of torque do not
     show each effect, the refitted orders come first. If none is confirmed, the first order is returned.
     """
-    evaluator, terms, base_ids = state.evaluator, state.terms, list_ids(state.start)
+    evidence, terms, base_ids = state.evidence, state.terms, list_ids(state.start)
     order: list[Term] = []
     remaining = terms
     while effects := remaining[len(state.start) :]:
-        shorter = min((remove_term(remaining, effect) for effect in effects), key=evaluator.screening_score)
+        shorter = min((remove_term(remaining, effect) for effect in effects), key=evidence.screening_score)
         order.insert(0, next(term for term in remaining if term not in shorter))
         remaining = shorter
-    has_few = len(order) <= evaluator.criterion.max_ordered
+    has_few = len(order) <= evidence.criterion.max_ordered
     orders = list(permutations(order)) if has_few else [tuple(order)]
     step_of_terms: dict[Terms, Step] = {}
 
@@ -185,22 +175,22 @@ def find_model_path(state: SearchState) -> list[Step]:
         for count in range(len(order) + 1):
             present = tuple(term for term in terms if term.id in base_ids or term in order[:count])
             if present not in step_of_terms:
-                step_of_terms[present] = evaluator.fit_with_std(present)
+                step_of_terms[present] = evidence.fits.fit_with_std(present)
             steps.append(refit(replace(step_of_terms[present], added=order[count - 1].id if count else None)))
         return steps
 
-    refits: list[Callable[[Step], Step]] = [lambda step: step, evaluator.refit_to_motion]
-    if not all(evaluator.is_significant(terms, remove_term(terms, effect)) for effect in order):
+    refits: list[Callable[[Step], Step]] = [lambda step: step, evidence.fits.refit_to_motion]
+    if not all(evidence.decide(terms, remove_term(terms, effect), SWAP).passed for effect in order):
         refits.reverse()  # the motion alone determines an effect
-    for refit in refits if order and evaluator.train.segments else refits[:1]:
+    for refit in refits if order and evidence.train.segments else refits[:1]:
         for permutation in orders:
             steps = fit_steps(permutation, refit)
-            if are_confirmed(evaluator, steps):
+            if are_confirmed(evidence, steps):
                 return steps
     return fit_steps(orders[0], refits[0])
 
 
-def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> list[Step]:
+def fit_without_and_with(evidence: Evidence, kind: type[Term]) -> list[Step]:
     """Return the steps from the base model to that with the best variant of an effect, with standard errors.
 
     Dry friction that is not significant in torque is fitted to free motion, if that confirms it.
@@ -208,21 +198,21 @@ def fit_without_and_with(evaluator: ModelEvaluator, kind: type[Term]) -> list[St
     Raises:
         IdentificationError: if the data offer no variant of the effect, or do not determine it.
     """
-    evaluator.progress("fitting without it", 0.1)
-    start = refit_nonlinear(evaluator, evaluator.base)
-    evaluator.progress(f"searching {kind.id}", 0.3)
-    trial = find_best_variant(evaluator, start, kind, is_determined=True)
-    terms = None if trial is None else refit_nonlinear(evaluator, release_significant(evaluator, trial.terms))
-    if is_dry(kind()) and (terms is None or not evaluator.is_significant(terms, start)):
-        if (by_motion := add_dry_friction(SearchState(evaluator, start, start))) is not None:
+    evidence.progress("fitting without it", 0.1)
+    start = refit_nonlinear(evidence, evidence.fits.base)
+    evidence.progress(f"searching {kind.id}", 0.3)
+    trial = find_best_variant(evidence, start, kind, is_determined=True)
+    terms = None if trial is None else refit_nonlinear(evidence, release_significant(evidence, trial.terms))
+    if is_dry(kind()) and (terms is None or not evidence.decide(terms, start, SWAP).passed):
+        if (by_motion := add_dry_friction(SearchState(evidence, start, start))) is not None:
             return find_model_path(by_motion)
     if terms is None:
-        raise IdentificationError(f"{', '.join(evaluator.train.names)}: nothing there shows {kind.id}", kind.id)
-    evaluator.progress(f"fitting with {kind.id}", 0.8)
-    before, longer = evaluator.fit_with_std(start), evaluator.fit_with_std(terms, added=kind.id)
-    if (name := find_undetermined_parameter(evaluator, longer)) is not None:
+        raise IdentificationError(f"{', '.join(evidence.train.names)}: nothing there shows {kind.id}", kind.id)
+    evidence.progress(f"fitting with {kind.id}", 0.8)
+    before, longer = evidence.fits.fit_with_std(start), evidence.fits.fit_with_std(terms, added=kind.id)
+    if (name := find_undetermined_parameter(evidence, longer)) is not None:
         raise IdentificationError(
-            f"{', '.join(evaluator.train.names)}: {name} is not determined: within its standard error "
+            f"{', '.join(evidence.train.names)}: {name} is not determined: within its standard error "
             "it means more torque than was applied",
             longer.model.terms[-1].id,
         )

@@ -38,6 +38,7 @@ LEGEND = (
 )
 CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # smallest fit of free motion of a good model [%]
+GATE_HEADERS = ("gate", "value", "limit", "result")
 
 
 def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:
@@ -57,7 +58,11 @@ def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:
         parts.insert(1, Part(f"Free motion over {diagnosis.refit.seconds:g} s", narrate_refit(diagnosis.refit, units)))
     parts += narrate_detectable(diagnosis)
     if treatments := tuple(narration.describe_treatment(treatment) for treatment in diagnosis.treatments):
-        parts.append(Part("Treatments of the recordings that were tried", [treatments], brief=False))
+        rows = [
+            (str(tried.treatment.kind), *gate.cells) for tried in diagnosis.treatments for gate in tried.decision.gates
+        ]
+        table = TextTable(("treatment", *GATE_HEADERS), rows, left=("gate", "result"))
+        parts.append(Part("Treatments of the recordings that were tried", [treatments, table], brief=False))
     return [*parts, *narrate_unexplained(diagnosis)]
 
 
@@ -115,8 +120,8 @@ def narrate_candidates(candidates: Sequence[Candidate], max_rows: int | None = R
     """
     ranking, remark = tabulate_candidates(candidates, max_rows)
     effects = {row[0] for row in ranking.rows}
-    gates = [(c.effect, *gate.cells) for c in candidates if c.effect in effects for gate in c.gates]
-    table = TextTable(("effect", "gate", "value", "limit", "result"), gates, left=("gate", "result"))
+    gates = [(c.effect, *gate.cells) for c in candidates if c.effect in effects for gate in c.decision.gates]
+    table = TextTable(("effect", *GATE_HEADERS), gates, left=("gate", "result"))
     more_text = [f"and {remark}: --json and --report list all"] if remark else []
     return Part("Candidates", [ranking, *more_text, SCORE, *([table] if gates else [])], brief=False)
 

@@ -98,8 +98,8 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     assert pickle.loads(pickle.dumps(kind())) == kind()
     base = arm_base(body)
     kinds = {one.id: one for one in (*list_couplings(body), place_effect(effect("stribeck"), "elbow"))}
-    evaluator = Setting(base, kinds).evaluator(FitData((recording,), terms=(*base, *kinds.values())).parts)
-    assert [term.id for term in search(evaluator).terms[len(base) :]] == [kind.id]
+    evidence = Setting(base, kinds).make_evidence(FitData((recording,), terms=(*base, *kinds.values())).parts)
+    assert [term.id for term in search(evidence).terms[len(base) :]] == [kind.id]
 
 
 SHARED = (Column("shared", "N m", force=lambda x: np.sin(x.position), potential=lambda x: -np.cos(x.position)),)

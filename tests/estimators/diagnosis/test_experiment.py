@@ -12,7 +12,7 @@ from estimators.diagnosis.experiment import SAFE_SHARE, ExperimentLimits, sugges
 from estimators.diagnosis.questions import Question, make_typical_effect
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Kind, Verdict
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
@@ -45,8 +45,8 @@ def first(name: str) -> tuple[Recording, Diagnosis]:
 
 
 @pytest.fixture(scope="module")
-def evaluator() -> ModelEvaluator:
-    return ModelEvaluator(*split_recordings([recording("moving")]))
+def evidence() -> Evidence:
+    return Evidence.from_data(*split_recordings([recording("moving")]))
 
 
 def suggested(found: Diagnosis) -> Suggestion:
@@ -104,14 +104,14 @@ def test_the_suggested_motion_stays_within_what_the_rig_bears():
     assert diagnosed([recording, run]).selected == ("spring",)
 
 
-def test_an_experiment_goes_where_most_is_left(evaluator):
-    model = evaluator.fit_with_std(BASE).model
+def test_an_experiment_goes_where_most_is_left(evidence):
+    model = evidence.fits.fit_with_std(BASE).model
     asked = [Question(Aim("spring"), BASE, make_typical_effect(effects()["spring"]))]
-    low, high = evaluator.train.get_range()
+    low, high = evidence.train.get_range()
 
     def tried(place: float, **limits: float) -> tuple[Suggestion | None, Finding | None]:
         left = [Region("position", place - 0.1, place + 0.1, 0.1, 9.0)]
-        suggestion, _, forbidden = suggest_experiment(evaluator, model, asked, ExperimentLimits(6.0, **limits), left)
+        suggestion, _, forbidden = suggest_experiment(evidence, model, asked, ExperimentLimits(6.0, **limits), left)
         return suggestion, forbidden
 
     for place in (0.6 * low, 0.6 * high):

@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
 from estimators.data.split import add_contacts, split_recordings
 from estimators.findings import Kind
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.recording import Recording
@@ -144,7 +144,7 @@ def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named
 def test_a_recording_without_motion_changes_nothing_beside_a_good_one():
     good = recording("filtered noise")
     still = Recording(good.time[:2000], np.zeros(2000), np.full(2000, 0.01), name="still")
-    alone, beside = (ModelEvaluator(*split_recordings(those)).fit(BASE).model for those in ([good], [still, good]))
+    alone, beside = (Evidence.from_data(*split_recordings(those)).fit(BASE).model for those in ([good], [still, good]))
     assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
 
 

@@ -32,8 +32,8 @@ def find_noise(findings: Sequence[Finding]) -> list[Finding]:
 @pytest.mark.parametrize("seed", slow.but_first([1, 2, 3]))
 def test_white_noise_of_the_torque_that_is_not_logged_is_no_missing_effect(seed):
     found = diagnose([swing(2 * seed, 0.15)], [swing(2 * seed + 1, 0.15)])
-    assert found.evaluator is not None
-    assert found.evaluator.residuals.relative_rms(found.model.terms) > 2.5
+    assert found.evidence is not None
+    assert found.evidence.residuals.relative_rms(found.model.terms) > 2.5
     assert found.selected == () and not found.unexplained
     (noise,) = find_noise(found.findings)
     assert noise.numbers["torque"].value == pytest.approx(0.15, rel=0.1)

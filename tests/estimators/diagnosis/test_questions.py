@@ -8,7 +8,7 @@ from estimators import IdentificationError, add, diagnose
 from estimators.data.split import split_recordings
 from estimators.diagnosis.questions import find_detectable_effects, find_detectable_size
 from estimators.findings import Kind
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from pendulum_env.physics import BASE, effects
 from pendulum_env.recording import Recording
 from tests.cases import diagnosed, recorded
@@ -18,14 +18,14 @@ EXPERIMENT = Experiment(rate=500.0, seconds=10.0, seed=4)
 
 
 @pytest.fixture(scope="module")
-def evaluator() -> ModelEvaluator:
-    return ModelEvaluator(*split_recordings(recorded(Plant(), EXPERIMENT)))
+def evidence() -> Evidence:
+    return Evidence.from_data(*split_recordings(recorded(Plant(), EXPERIMENT)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("id", "parameter"), [("quadratic_drag", "drag"), ("spring", "spring_k")])
-def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(evaluator, id, parameter):
-    size = find_detectable_size(evaluator, BASE, effects()[id])
+def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(evidence, id, parameter):
+    size = find_detectable_size(evidence, BASE, effects()[id])
     assert size is not None
     large, small = (recorded(Plant(effects={id: {parameter: share * size}}), EXPERIMENT) for share in (2, 0.1))
     found = diagnosed(large)
@@ -33,10 +33,10 @@ def test_what_is_said_to_show_is_found_and_a_tenth_of_it_is_not(evaluator, id, p
     assert diagnosed(small).selected == ()
 
 
-def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(evaluator):
-    found = {one.effect: one for one in find_detectable_effects(evaluator, BASE, effects())}
-    assert found["stribeck"].above == find_detectable_size(evaluator, BASE, effects()["stribeck"])
-    assert found["stribeck"].unit == "N m" and found["hard_stop"].between == evaluator.train.get_range()
+def test_it_is_told_with_sizes_and_with_the_angles_that_were_reached(evidence):
+    found = {one.effect: one for one in find_detectable_effects(evidence, BASE, effects())}
+    assert found["stribeck"].above == find_detectable_size(evidence, BASE, effects()["stribeck"])
+    assert found["stribeck"].unit == "N m" and found["hard_stop"].between == evidence.train.get_range()
 
 
 def record_fast_motion(torque: float, frequencies: tuple[float, float], noise: float) -> list[Recording]:
@@ -80,6 +80,6 @@ def test_friction_by_load_may_scale_all_parameters_where_torque_drives_all_motio
     assert Kind.SCALE_UNKNOWN in {own.kind for own in found.findings}
 
 
-def test_friction_by_load_does_not_scale_a_pendulum_that_gravity_turns(evaluator):
-    found = diagnosed(evaluator.train.recordings)
+def test_friction_by_load_does_not_scale_a_pendulum_that_gravity_turns(evidence):
+    found = diagnosed(evidence.train.recordings)
     assert Kind.SCALE_UNKNOWN not in {own.kind for own in found.findings}

@@ -58,7 +58,7 @@ def test_progress_is_told_in_words_and_shares():
 def test_the_evaluator_of_a_diagnosis_holds_the_model_of_each_candidate_and_is_not_pickled():
     found = diagnose([recording("stribeck")], only=["stribeck", "quadratic_drag"])
     for candidate in (one for one in found.candidates if one.terms):
-        fitted = found.evaluator.model(candidate.terms)
+        fitted = found.evidence.fits.fit_model(candidate.terms)
         assert candidate.effect in {term.id for term in fitted.terms}
     copy = pickle.loads(pickle.dumps(found))
-    assert copy.evaluator is None and copy.json() == found.json()
+    assert copy.evidence is None and copy.json() == found.json()

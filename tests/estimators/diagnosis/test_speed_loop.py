@@ -10,7 +10,8 @@ from estimators.checks.channel import align, align_each
 from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.split import split_recordings
 from estimators.selection.candidates import find_best_variant
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
+from estimators.selection.policies import ADD, DETERMINE_LAG
 from estimators.selection.search import search
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE, effect
@@ -54,25 +55,26 @@ def record(
     return Recording(time, np.round(np.array(position) / encoder) * encoder, np.array(torque) + noise, name=f"{seed}")
 
 
-def evaluate(lag: float, cogging: float, bandwidth: float, seed: int) -> ModelEvaluator:
-    """Return the evaluator of two recordings, with both laws of the torque's time as its library."""
+def evaluate(lag: float, cogging: float, bandwidth: float, seed: int) -> Evidence:
+    """Return the evidence of two recordings, with both laws of the torque's time as its library."""
     parts = split_recordings(*([record(own, lag, cogging, bandwidth)] for own in (seed, seed + 1)))
-    return ModelEvaluator(*parts, library={id: effect(id) for id in ("actuator_lag", "dead_time")})
+    return Evidence.from_data(*parts, library={id: effect(id) for id in ("actuator_lag", "dead_time")})
 
 
 @pytest.mark.parametrize("seed", [1, 3])
 def test_an_answer_to_cogging_is_no_lag(seed):
-    evaluator = evaluate(0.0, COULOMB, 60.0, seed)
-    (gate,) = evaluator.residuals.make_loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
+    evidence = evaluate(0.0, COULOMB, 60.0, seed)
+    (gate,) = evidence.decide((*BASE, effect("actuator_lag")(0.02)), BASE, DETERMINE_LAG).gates
     assert not gate.passed  # the torque of the cogging is left
-    assert evaluator.is_supported(find_best_variant(evaluator, BASE, effect("dead_time")).terms, BASE)  # by its gain
-    assert search(evaluator).terms == evaluator.base
+    delayed = find_best_variant(evidence, BASE, effect("dead_time")).terms
+    assert evidence.decide(delayed, BASE, ADD).passed  # by its gain
+    assert search(evidence).terms == evidence.fits.base
 
 
 def test_a_lag_in_the_loop_is_found():
-    evaluator = evaluate(0.02, 0.0, 20.0, 3)
-    found = search(evaluator)
-    assert evaluator.residuals.has_feedback
+    evidence = evaluate(0.02, 0.0, 20.0, 3)
+    found = search(evidence)
+    assert evidence.residuals.has_feedback
     assert [step.added for step in found.steps] == [None, "actuator_lag"]
     assert found.steps[-1].model.estimates["actuator_lag.time_constant"].value == pytest.approx(0.02, rel=0.1)
     assert found.steps[-1].model.estimates["inertia"].value == pytest.approx(INERTIA, rel=0.1)
@@ -102,10 +104,10 @@ def test_an_answer_to_cogging_under_one_sine_is_no_delay(seed):
 def test_motion_of_one_frequency_determines_no_lag():
     recording = record(2, 0.01, 0.0, 60.0, "sine")
     assert have_one_frequency([recording]) and not align([recording]).is_found
-    evaluator = ModelEvaluator(*split_recordings([recording]), library={"actuator_lag": effect("actuator_lag")})
-    (gate,) = evaluator.residuals.make_loop_gates((*BASE, effect("actuator_lag")(0.02)), BASE)
+    evidence = Evidence.from_data(*split_recordings([recording]), library={"actuator_lag": effect("actuator_lag")})
+    (gate,) = evidence.decide((*BASE, effect("actuator_lag")(0.02)), BASE, DETERMINE_LAG).gates
     assert gate.name == "frequencies" and not gate.passed
-    assert [step.added for step in search(evaluator).steps] == [None]
+    assert [step.added for step in search(evidence).steps] == [None]
 
 
 @pytest.mark.parametrize(("lag", "seed"), [(0.012, 3), (0.025, 5)])
@@ -117,5 +119,5 @@ def test_an_effect_that_takes_the_place_of_the_inertia_is_no_first_effect(lag, s
     wrong, right = (record(own, 0.0, 0.0, 60.0, "square", 4096) for own in (seed, seed + 1))
     moved = Alignment(Channel(0.0, lag, False), 1e-4, 1e-4).apply(wrong)
     library = {"torque_saturation": effect("torque_saturation")}
-    found = search(ModelEvaluator(*split_recordings([moved, right]), library=library))
-    assert found.steps[-1].added is None and not found.evaluator.residuals.is_noise(found.terms)
+    found = search(Evidence.from_data(*split_recordings([moved, right]), library=library))
+    assert found.steps[-1].added is None and not found.evidence.residuals.is_noise(found.terms)

@@ -160,6 +160,6 @@ def test_no_table_of_the_motor_competes_where_only_a_load_torque_acts():
     (run,) = recorded(Plant(), Experiment(rate=250.0, seconds=15.0, excitation="multisine"))
     moved_by_hand = Recording(run.time, run.position, np.zeros(len(run)), load_torque=run.torque)
     found = diagnose(moved_by_hand, only=("stribeck",))
-    assert "gain_by_time" in {table.id for table in diagnose(run, only=("stribeck",)).evaluator.tables}
-    assert "gain_by_time" not in {table.id for table in found.evaluator.tables}
-    assert "torque_by_time" in {table.id for table in found.evaluator.tables}
+    assert "gain_by_time" in {table.id for table in diagnose(run, only=("stribeck",)).evidence.tables}
+    assert "gain_by_time" not in {table.id for table in found.evidence.tables}
+    assert "torque_by_time" in {table.id for table in found.evidence.tables}

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, add, compare, diagnose
-from estimators.diagnosis.treatments import is_better
+from estimators.diagnosis.treatments import limit_error_ratio
 from estimators.findings import Kind
 from pendulum_env.physics import BASE, Model
 from pendulum_env.physics.potential import Spring
@@ -40,7 +40,7 @@ def diagnosed_under_chirps(plant: Plant, *only: str, late: int = 0) -> Diagnosis
     ],
 )
 def test_treatment_is_kept_where_its_model_predicts_better_or_is_simpler(error_ratio, assumptions, before, is_kept):
-    assert is_better(error_ratio, assumptions, before, margin=0.05) is is_kept
+    assert limit_error_ratio(error_ratio, assumptions > before, margin=0.05).passed is is_kept
 
 
 @pytest.mark.slow

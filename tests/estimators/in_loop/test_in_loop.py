@@ -369,9 +369,9 @@ def test_kind_of_drive_that_is_only_held_out_is_decided_by_its_own_motion():
 def test_effect_that_explains_a_small_share_of_the_error_is_dropped_though_it_is_significant(size, is_kept):
     id, recordings = "viscous_asymmetry", recorded({"viscous_asymmetry": {"asym_v": size}})
     data, setting = SERVO.prepare(recordings[:2], recordings[2:], Setting(BASE, {id: effects()[id]}))
-    evaluator = SERVO.evaluator(data, setting)
-    longer = evaluator.fit_with_std((*setting.base, effects()[id]()), added=id)
-    found = SearchResult(evaluator, [evaluator.fit_with_std(setting.base), longer])
+    evidence = SERVO.make_evidence(data, setting)
+    longer = evidence.fits.fit_with_std((*setting.base, effects()[id]()), added=id)
+    found = SearchResult(evidence, [evidence.fits.fit_with_std(setting.base), longer])
     assert longer.model.estimates[id].is_significant
     assert (len(Trial(SERVO, data, setting, found).final.steps) == 2) == is_kept
 

@@ -7,7 +7,7 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators import add, diagnose
 from estimators.data.regression_data import RegressionData
 from estimators.selection.dry_friction import screen_dry_friction
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from pendulum_env.physics import BASE, effects, is_dry
 from pendulum_env.recording import MovedTorque, Recording
 from tests.cases import make_plain_model, recorded
@@ -38,10 +38,10 @@ def test_friction_that_acts_at_rest_is_dry():
 def test_friction_below_the_speeds_of_the_windows_is_found_by_free_motion(size, speed, seed):
     fitted, held_out = swept(size, speed, seed)
     found = diagnose(fitted, held_out, only=[*FRICTION, "cogging", "quadratic_drag"])
-    evaluator, terms = found.evaluator, found.evaluator.base
+    evidence, terms = found.evidence, found.evidence.fits.base
     (candidate,) = (own for own in found.candidates if own.effect == "stribeck")
     assert found.selected == ("stribeck",) and candidate.gain.p_value < 0.05
-    assert evaluator.gain(candidate.terms, terms).p_value > 0.05  # windows do not show it
+    assert evidence.gain(candidate.terms, terms).p_value > 0.05  # windows do not show it
     for name, truth in (("stribeck", size), ("stribeck.stribeck_velocity", speed)):
         estimate = found.model.estimates[name]
         assert abs(estimate.value - truth) < 3 * estimate.std < 1.5 * truth
@@ -73,9 +73,9 @@ def test_a_known_parameter_leaves_the_evidence_of_free_motion():
 
 def test_without_a_misfit_of_the_motion_no_dry_friction_is_tried():
     fitted, held_out = map(lambda run: RegressionData.from_recordings([run]), swept(0.0, 0.1, 20))
-    evaluator = ModelEvaluator(fitted, held_out)
-    assert not evaluator.is_misfit(evaluator.fit(BASE))
-    assert screen_dry_friction(evaluator, BASE) == []
+    evidence = Evidence.from_data(fitted, held_out)
+    assert not evidence.motion.is_misfit(evidence.fits.fit(BASE))
+    assert screen_dry_friction(evidence, BASE) == []
 
 
 def stepped_and_slow(size: float, seed: int) -> Recording:
@@ -95,5 +95,5 @@ def stepped_and_slow(size: float, seed: int) -> Recording:
 def test_a_misfit_of_slow_motion_is_seen_beside_steps_that_the_log_leaves_uncertain(size, is_seen):
     for seed in (1, 3):
         data = RegressionData.from_recordings([stepped_and_slow(size, seed)])
-        evaluator = ModelEvaluator(data, data)
-        assert evaluator.is_misfit(evaluator.fit(BASE)) == is_seen
+        evidence = Evidence.from_data(data, data)
+        assert evidence.motion.is_misfit(evidence.fits.fit(BASE)) == is_seen

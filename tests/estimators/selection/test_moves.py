@@ -8,11 +8,12 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.data.split import split_recordings
 from estimators.data.variants import refine_variants
-from estimators.diagnosis.ranking import compute_alternatives, make_excitation_gate, rank_effects
+from estimators.diagnosis.ranking import compute_alternatives, rank_effects
 from estimators.findings import Kind
 from estimators.selection.candidates import find_best_variant
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.selection.moves import SearchState, leave_limits
+from estimators.selection.policies import ADD, EXCITE, NEED, SWAP
 from estimators.selection.search import search
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -25,34 +26,35 @@ RIGHT = (*BASE, DRAG)
 
 
 @pytest.fixture(scope="module")
-def evaluator() -> ModelEvaluator:
+def evidence() -> Evidence:
     plant = Plant(effects={"quadratic_drag": {"drag": 0.05}})
     recordings = recorded(plant, Experiment(rate=500.0, seconds=10.0, seed=4))
-    return ModelEvaluator(*split_recordings(recordings), library={id: effect(id) for id in EFFECTS})
+    return Evidence.from_data(*split_recordings(recordings), library={id: effect(id) for id in EFFECTS})
 
 
-def test_nothing_else_is_possible_in_its_place(evaluator):
-    odds = compute_alternatives(evaluator, RIGHT, DRAG)
+def test_nothing_else_is_possible_in_its_place(evidence):
+    odds = compute_alternatives(evidence, RIGHT, DRAG)
     assert odds["quadratic_drag"] > 0.99 and sum(odds.values()) == pytest.approx(1.0)
 
 
-def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(evaluator):
-    recording = evaluator.train.recordings[0]
-    apart = ModelEvaluator(*split_recordings([recording], [replace(recording, name="another")]))
-    assert len(set(apart.bootstrap.of_block.tolist())) == 2
-    assert len(set(evaluator.bootstrap.of_block.tolist())) == 1  # the end of one recording is no other
+def test_each_recording_has_weights_of_its_own_be_it_fitted_or_held_out(evidence):
+    recording = evidence.train.recordings[0]
+    apart = Evidence.from_data(*split_recordings([recording], [replace(recording, name="another")]))
+    assert len(set(apart.densities.bootstrap.of_block.tolist())) == 2
+    assert len(set(evidence.densities.bootstrap.of_block.tolist())) == 1  # the end of one recording is no other
 
 
 def test_a_straight_spring_that_turns_gravity_round_gives_way_to_one_that_hardens():
     """Where the swing is small both fit alike, and only one of them leaves the weight what it is."""
     run = record_motion(lambda q, v: 0.1 * v + 0.5 * q**3, size=0.8)
-    evaluator = ModelEvaluator(*split_recordings([run]), library={"spring": effect("spring")})
-    straight, hardening = (trial.terms for trial in refine_variants(evaluator.train, BASE, effect("spring")))
-    assert evaluator.model(straight).estimates["gravity"].value < 0 and not evaluator.is_significant(
-        hardening, straight
+    evidence = Evidence.from_data(*split_recordings([run]), library={"spring": effect("spring")})
+    straight, hardening = (trial.terms for trial in refine_variants(evidence.train, BASE, effect("spring")))
+    assert (
+        evidence.fits.fit_model(straight).estimates["gravity"].value < 0
+        and not evidence.decide(hardening, straight, SWAP).passed
     )
-    assert find_best_variant(evaluator, BASE, effect("spring")).terms == hardening
-    assert evaluator.model(hardening).estimates["gravity"].value == pytest.approx(2.0, rel=0.01)
+    assert find_best_variant(evidence, BASE, effect("spring")).terms == hardening
+    assert evidence.fits.fit_model(hardening).estimates["gravity"].value == pytest.approx(2.0, rel=0.01)
 
 
 def test_a_long_lag_with_hardly_any_inertia_imitates_an_inertia_behind_a_short_lag():
@@ -65,21 +67,21 @@ def test_a_long_lag_with_hardly_any_inertia_imitates_an_inertia_behind_a_short_l
     jerk = -np.sin(wave) @ (sizes * rates**2)
     torque = inertia * a + viscous * v + coulomb + lag * (inertia * jerk + viscous * a)
     torque += 1e-4 * np.random.default_rng(1).standard_normal(len(time))
-    evaluator = ModelEvaluator(*split_recordings([Recording(time, position, torque, name="motor")]))
+    evidence = Evidence.from_data(*split_recordings([Recording(time, position, torque, name="motor")]))
     short, long = ((*BASE, effect("actuator_lag")(own)) for own in (lag, inertia / viscous))
-    assert evaluator.model(short).estimates["inertia"].value == pytest.approx(inertia, rel=0.02)
-    assert evaluator.model(long).estimates["inertia"].value == pytest.approx(viscous * lag, rel=0.3)
-    assert evaluator.is_supported(short, BASE)
-    assert [gate.name for gate in evaluator.make_gates(long, BASE) if not gate.passed] == ["kept_inertia"]
+    assert evidence.fits.fit_model(short).estimates["inertia"].value == pytest.approx(inertia, rel=0.02)
+    assert evidence.fits.fit_model(long).estimates["inertia"].value == pytest.approx(viscous * lag, rel=0.3)
+    assert evidence.decide(short, BASE, ADD).passed
+    assert [gate.name for gate in evidence.decide(long, BASE, ADD).gates if not gate.passed] == ["kept_inertia"]
 
 
-def test_an_effect_is_excited_by_the_torque_over_the_least_that_three_standard_errors_show(evaluator):
+def test_an_effect_is_excited_by_the_torque_over_the_least_that_three_standard_errors_show(evidence):
     """The coefficient of a constant torque is that torque."""
-    gate = make_excitation_gate(evaluator, (*RIGHT, OFFSET))
-    offset = evaluator.fit_with_std((*RIGHT, OFFSET)).model.estimates["torque_offset"]
-    recorded_rms = float(np.sqrt(np.mean(evaluator.train.data.applied_torque() ** 2)))
+    (gate,) = evidence.decide((*RIGHT, OFFSET), RIGHT, EXCITE).gates
+    offset = evidence.fits.fit_with_std((*RIGHT, OFFSET)).model.estimates["torque_offset"]
+    recorded_rms = float(np.sqrt(np.mean(evidence.train.data.applied_torque() ** 2)))
     assert recorded_rms / gate.value == pytest.approx(3 * offset.std, rel=0.3)
-    assert gate.passed == (gate.value > gate.limit == evaluator.criterion.least_excitation)
+    assert gate.passed == (gate.value > gate.limit == evidence.criterion.least_excitation)
 
 
 def test_two_periods_of_an_encoder_error_in_a_turn_are_named_and_no_cogging_beside_them():
@@ -89,7 +91,7 @@ def test_two_periods_of_an_encoder_error_in_a_turn_are_named_and_no_cogging_besi
         id: effect(id) for id in ("encoder_eccentricity", "cogging", "gravity_tilt", "position_dependent_friction")
     }
     parts = split_recordings([Recording(run.time, reading, run.torque, name="tilted disc")])
-    found = search(ModelEvaluator(*parts, library=library))
+    found = search(Evidence.from_data(*parts, library=library))
     assert [step.added for step in found.steps] == [None, "encoder_eccentricity"]
     estimates = found.steps[-1].model.estimates
     assert estimates["encoder_eccentricity.order"].value == 2.0
@@ -97,12 +99,12 @@ def test_two_periods_of_an_encoder_error_in_a_turn_are_named_and_no_cogging_besi
     assert estimates["encoder_eccentricity.cos"].value == pytest.approx(0.02 * np.sin(0.7), abs=5e-4)
 
 
-def test_an_end_of_the_range_where_contacts_were_seen_was_tested(evaluator):
-    (recording,) = evaluator.train.recordings
-    found = search(ModelEvaluator(*split_recordings([recording]), library={"hard_stop": effect("hard_stop")}))
+def test_an_end_of_the_range_where_contacts_were_seen_was_tested(evidence):
+    (recording,) = evidence.train.recordings
+    found = search(Evidence.from_data(*split_recordings([recording]), library={"hard_stop": effect("hard_stop")}))
     ((unmet,), _), ((met,), _) = (rank_effects(found, found.terms, has_contacts=own) for own in (False, True))
     assert unmet.reason.kind is Kind.NOT_TESTED
-    assert met.reason.kind is not Kind.NOT_TESTED and not all(gate.passed for gate in met.gates)
+    assert met.reason.kind is not Kind.NOT_TESTED and not met.decision.passed
 
 
 def make_run_at_constant_speed(seed: int) -> Recording:
@@ -118,18 +120,20 @@ def make_run_at_constant_speed(seed: int) -> Recording:
 
 
 def test_a_payload_of_minus_the_inertia_gains_nothing_by_removing_the_encoders_noise():
-    evaluator = ModelEvaluator(*split_recordings([make_run_at_constant_speed(1)], [make_run_at_constant_speed(2)]))
+    evidence = Evidence.from_data(*split_recordings([make_run_at_constant_speed(1)], [make_run_at_constant_speed(2)]))
     lost = (*BASE, effect("payload_change")(16.0))
-    inertia, change = (evaluator.model(lost).estimates[name].value for name in ("inertia", "payload_change.inertia"))
+    inertia, change = (
+        evidence.fits.fit_model(lost).estimates[name].value for name in ("inertia", "payload_change.inertia")
+    )
     assert inertia == pytest.approx(0.02, rel=0.01) and change < -0.8 * inertia
-    assert not evaluator.is_significant(lost, BASE)
+    assert not evidence.decide(lost, BASE, SWAP).passed
 
 
 def test_a_play_without_a_gap_is_an_elastic_joint():
     elastic = {"Jm": 0.03, "bl_k": 60.0, "bl_d": 0.12}
     runs = recorded(Plant(effects={"joint_flexibility": elastic}), Experiment(rate=500.0, seconds=8.0, seed=6))
-    evaluator = ModelEvaluator(*split_recordings(runs))
-    state = SearchState(evaluator, BASE, BASE)
+    evidence = Evidence.from_data(*split_recordings(runs))
+    state = SearchState(evidence, BASE, BASE)
     for gap, link in ((1e-4, "joint_flexibility"), (1e-2, "backlash")):
         found = leave_limits(state, state.with_terms((*BASE, effect("backlash")(gap, 31.6, 2.0, 33.0))))
         assert found.terms[-1].id == link
@@ -143,10 +147,10 @@ def test_an_effect_beside_an_unexplained_rest_explains_most_of_the_torque_not_of
     experiment = Experiment(rate=500.0, seconds=30.0, seed=1, counts=32_768)
     (run,) = recorded(Plant(0.03, 0.8, 0.05, 0.08), experiment, commands=[applied])
     noise = 0.004 * np.random.default_rng(1).standard_normal(len(time))
-    evaluator = ModelEvaluator(*split_recordings([replace(run, torque=requested + noise)]))
-    trial = find_best_variant(evaluator, BASE, effect("periodic_disturbance"))
+    evidence = Evidence.from_data(*split_recordings([replace(run, torque=requested + noise)]))
+    trial = find_best_variant(evidence, BASE, effect("periodic_disturbance"))
     assert trial is not None
-    terms, limit = trial.terms, evaluator.criterion.needed_share
+    terms, limit = trial.terms, evidence.criterion.needed_share
     assert terms[-1].nonlinear_values["frequency"] == pytest.approx(2 * np.pi, abs=0.05)
-    assert not evaluator.residuals.is_noise(terms) and min(evaluator.explained_shares_of_motion(terms, BASE)) > limit
-    assert evaluator.is_supported(terms, BASE) and not evaluator.is_needed(terms, BASE)
+    assert not evidence.residuals.is_noise(terms) and min(evidence.motion.compute_shares(terms, BASE)) > limit
+    assert evidence.decide(terms, BASE, ADD).passed and not evidence.decide(terms, BASE, NEED).passed

@@ -11,15 +11,10 @@ from estimators.decisions.errors import Errors, Step
 from estimators.decisions.gate import explain_rejection
 from estimators.findings import Finding, Kind
 from estimators.regression.least_squares import Equations, Fit, solve
-from estimators.selection.physical import (
-    find_driving_friction,
-    find_violations,
-    make_base_gates,
-    make_coefficient_gate,
-    make_confirmation_gates,
-)
+from estimators.selection.gates import compare_base, compare_errors, compute_coefficient_chance
+from estimators.selection.physical import find_driving_friction, find_violations
 from pendulum_env.arms.joints import get_coupling, place_term
-from pendulum_env.physics import BASE, Model, Samples, Term, effect
+from pendulum_env.physics import BASE, Model, Samples, Term, effect, list_ids
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limit_term
 from pendulum_env.physics.table import FrictionBySpeed
@@ -185,7 +180,7 @@ def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, 
     before = Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(1.0, 0.1, joints={"": 1.0})})
     model = Model.build([*BASE, effect("torque_offset")()], [inertia, 2.0, 0.1, 0.1, 0.2], 0.01)
     after = Step("torque_offset", model, {"holdout": Errors(torque, position, joints={"": torque})})
-    gates = make_confirmation_gates(after, before, {"": X})
+    gates = compare_errors(after, before, {"": X})
     assert [gate.name for gate in gates if not gate.passed][:1] == ([] if failed is None else [failed])
     assert all(gate.passed for gate in gates[:-1])
     assert (explain_rejection(gates) is None) == (failed is None)
@@ -197,8 +192,8 @@ def test_a_torque_error_may_rise_by_its_margin_if_the_position_error_falls(torqu
         Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(own, angle, joints={"": own})})
         for own, angle in ((1.0, 0.1), (torque, 0.05))
     )
-    assert all(gate.passed for gate in make_confirmation_gates(after, before, {"": X}, torque_margin=0.05)) == passed
-    assert not all(gate.passed for gate in make_confirmation_gates(after, before, {"": X}))
+    assert all(gate.passed for gate in compare_errors(after, before, {"": X}, torque_margin=0.05)) == passed
+    assert not all(gate.passed for gate in compare_errors(after, before, {"": X}))
 
 
 @pytest.mark.parametrize(
@@ -221,8 +216,8 @@ def test_coefficients_that_may_all_be_zero_fail_the_gate_of_their_effect(id, coe
         1.0,
         np.full(len(covariance), 1e9),
     )
-    gate = make_coefficient_gate(terms, fit, frozenset(term.id for term in BASE), 0.05)
-    assert gate.value == pytest.approx(p_value, rel=1e-3) and gate.passed == (p_value < 0.05)
+    chance = compute_coefficient_chance(terms, fit, list_ids(BASE))
+    assert chance == pytest.approx(p_value, rel=1e-3)
 
 
 def test_coefficients_of_an_effect_that_is_not_there_pass_in_one_of_twenty_though_blocks_are_few():
@@ -235,7 +230,7 @@ def test_coefficients_of_an_effect_that_is_not_there_pass_in_one_of_twenty_thoug
         phi = np.column_stack([rng.normal(size=(200, 2)), np.sin(q), np.ones(200), *own])
         noise = scipy.signal.lfilter([1], [1, -0.8], rng.normal(size=200))
         fit = solve(Equations(phi, noise), np.ones(200), clusters)
-        n_passed += make_coefficient_gate(terms, fit, frozenset(term.id for term in BASE), 0.05).passed
+        n_passed += compute_coefficient_chance(terms, fit, list_ids(BASE)) <= 0.05
     assert n_passed / 300 < 0.08
 
 
@@ -254,7 +249,7 @@ LEAST = Criterion().kept_inertia
 def test_a_larger_model_keeps_half_of_the_inertia_and_the_sign_of_gravity(inertia, gravity, passed):
     before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
     after = Model.build([*BASE, ActuatorLag(0.01)], [inertia, gravity, 0.1, 0.1], [0.02, 0.01, 0.01, 0.01])
-    gates = make_base_gates(after, before, {"": X}, LEAST)
+    gates = compare_base(after, before, {"": X}, LEAST)
     assert {gate.name: gate.passed for gate in gates} == passed
     assert [gate.value for gate in gates] == pytest.approx([inertia / 0.1, gravity / 2.0])
 
@@ -265,14 +260,14 @@ def test_effects_of_the_angle_that_leave_gravity_undetermined_draw_a_curve_of_th
     terms = [*BASE, effect("gravity_tilt")()]
     for gravity in (2.0, -20.0):
         after = Model.build(terms, [0.1, gravity, 0.1, 0.1, 0.5], [0.001, std, 0.01, 0.01, std])
-        assert [gate.passed for gate in make_base_gates(after, before, {"": X}, LEAST)] == [True, passed]
+        assert [gate.passed for gate in compare_base(after, before, {"": X}, LEAST)] == [True, passed]
 
 
 def test_inertia_has_to_keep_half_of_what_the_smaller_model_shows_beyond_three_standard_errors():
     after = Model.build([*BASE, ActuatorLag(0.01)], [0.03, 2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
     for std, limit, passed in ((0.001, 0.485, False), (0.02, 0.2, True)):
         before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [std, 3.0, 0.01, 0.01])
-        (gate,) = make_base_gates(after, before, {"": X}, LEAST)
+        (gate,) = compare_base(after, before, {"": X}, LEAST)
         assert gate.limit == pytest.approx(limit) and gate.passed is passed
 
 
@@ -282,11 +277,11 @@ def test_inertia_of_a_payload_that_comes_later_counts_as_kept():
     half = PayloadChange(0.5)
     before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.001)
     after = Model.build([*BASE, half], [0.01, 2.0, 0.1, 0.1, 0.135, 0.0], 0.001)
-    gates = make_base_gates(after, before, {"": x}, LEAST)
+    gates = compare_base(after, before, {"": x}, LEAST)
     assert gates[0].value == pytest.approx(1.0) and gates[0].passed
 
 
 def test_a_base_parameter_that_the_smaller_model_does_not_determine_has_no_gate():
     before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [0.2, 3.0, 0.01, 0.01])
     after = Model.build([*BASE, ActuatorLag(0.01)], [0.001, -2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
-    assert make_base_gates(after, before, {"": X}, LEAST) == []
+    assert compare_base(after, before, {"": X}, LEAST) == []

@@ -10,9 +10,10 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators import diagnose
 from estimators.data.split import split_recordings
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters, screen_effects
-from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.moves import SearchState, add_pair, improves_form
+from estimators.selection.evidence import Evidence
+from estimators.selection.moves import SearchState, add_pair
 from estimators.selection.physical import find_bound_violations
+from estimators.selection.policies import CHANGE_FORM
 from estimators.selection.search import SearchResult, confirm_steps, search
 from estimators.selection.tables import add_beside_table
 from pendulum_env.physics import BASE, effect
@@ -34,7 +35,7 @@ def two_runs(hidden: Effects, rate: float = 200.0, seconds: float = 10.0, excita
 def searched(hidden: Effects, *experiment: Any) -> tuple[SearchResult, list[str | None], float]:
     """What was found, what it adds, and the share of the held-out torque error that is left."""
     train, test = two_runs(hidden, *experiment)
-    found = search(ModelEvaluator(*split_recordings([train], [test])))
+    found = search(Evidence.from_data(*split_recordings([train], [test])))
     steps = found.steps
     old, new = (step.errors["holdout"].torque_rms for step in (steps[0], steps[-1]))
     return found, [step.added for step in steps[1:]], new / old
@@ -53,8 +54,8 @@ def test_two_effects_that_hide_each_other_are_found_together_and_one_alone_has_n
     library = {id: effect(id) for id in (*both, "quadratic_drag", "torque_offset")}
     for hidden in (both, {"stribeck": both["stribeck"]}):
         train, test = two_runs(hidden, 500.0)
-        evaluator = ModelEvaluator(*split_recordings([train], [test]), library=library)
-        pair = add_pair(SearchState(evaluator, BASE, BASE), screen_effects(evaluator, BASE))
+        evidence = Evidence.from_data(*split_recordings([train], [test]), library=library)
+        pair = add_pair(SearchState(evidence, BASE, BASE), screen_effects(evidence, BASE))
         assert pair is None if len(hidden) == 1 else list_ids(pair.effects) == both.keys()
 
 
@@ -88,7 +89,7 @@ def test_a_motor_whose_gain_fades_is_given_no_name():
     first, second = (
         replace(run, torque=run.torque / (1 - 0.25 * (1 - np.exp(-run.time / 5.0)))) for run in two_runs({}, 200.0, 8.0)
     )
-    selection = search(ModelEvaluator(*split_recordings([first], [second])))
+    selection = search(Evidence.from_data(*split_recordings([first], [second])))
     assert [step.added for step in selection.steps] == [None]
     assert selection.table is not None and selection.table.id == "gain_by_time"
 
@@ -100,11 +101,11 @@ def test_what_explains_one_recording_and_not_the_next_explains_little(later, exp
         replace(run, torque=run.torque - 0.5 * np.sin(tone * run.time))
         for run, tone in zip(two_runs({}, 200.0, 8.0), (9.0, later), strict=True)
     )
-    evaluator = ModelEvaluator(*split_recordings([first], [second]))
-    trial = find_best_variant(evaluator, BASE, effect("periodic_disturbance"))
+    evidence = Evidence.from_data(*split_recordings([first], [second]))
+    trial = find_best_variant(evidence, BASE, effect("periodic_disturbance"))
     assert trial.fitted_rms < 0.1
     least, most = explained
-    assert least <= evaluator.residuals.explained_share(trial.terms, BASE) <= most
+    assert least <= evidence.residuals.explained_share(trial.terms, BASE) <= most
 
 
 @pytest.mark.slow
@@ -113,38 +114,38 @@ def test_a_drive_that_clips_deep_is_named_by_its_limit():
     hidden = {"torque_saturation": {"sat": 3.0, "sat_law": 1.0}}
     selection, found, left = searched(hidden, 250.0, 8.0, "pd_loop")
     assert found == ["torque_saturation"] and left < 0.1
-    term = find_best_variant(selection.evaluator, selection.evaluator.base, effect("torque_saturation")).terms[-1]
+    term = find_best_variant(selection.evidence, selection.evidence.fits.base, effect("torque_saturation")).terms[-1]
     assert term.limit == pytest.approx(3.0, rel=0.05) and term.roundness < 0.5
 
 
-def knowing(effects: Effects, *library: str) -> ModelEvaluator:
+def knowing(effects: Effects, *library: str) -> Evidence:
     """What there is to fit of a plant, with some effects of the library."""
     recordings = recorded(Plant(effects=effects), Experiment(rate=500.0, seconds=10.0, seed=4))
-    return ModelEvaluator(*split_recordings(recordings), library={id: effect(id) for id in library})
+    return Evidence.from_data(*split_recordings(recordings), library={id: effect(id) for id in library})
 
 
 @pytest.mark.parametrize(("exponent", "unusual"), [(1.0, True), (2.0, False)])
 def test_another_form_refines_an_effect_if_the_effect_has_it(exponent, unusual):
-    evaluator = knowing(
+    evidence = knowing(
         {"stribeck": {"strib_d": 0.45, "strib_v": 0.8, "strib_p": exponent}}, "stribeck", "torque_offset"
     )
-    usual = refit_nonlinear(evaluator, find_best_variant(evaluator, BASE, effect("stribeck")).terms)
-    (free,) = release_parameters(evaluator, usual)
-    assert improves_form(evaluator, free, usual) == unusual
+    usual = refit_nonlinear(evidence, find_best_variant(evidence, BASE, effect("stribeck")).terms)
+    (free,) = release_parameters(evidence, usual)
+    assert evidence.decide(free, usual, CHANGE_FORM).passed == unusual
     for longer, terms in (((*free, effect("torque_offset")()), usual), (usual, BASE)):  # more than another form
-        assert not improves_form(evaluator, longer, terms)
+        assert not evidence.decide(longer, terms, CHANGE_FORM).passed
 
 
 def test_beside_a_table_an_effect_is_named_unless_another_table_predicts_more():
     for hidden, named in (({"quadratic_drag": {"drag": 0.05}}, True), ({"cubic_damping": {"cubic": 0.008}}, False)):
-        evaluator = knowing(hidden, "quadratic_drag")
-        (table,) = (kind for kind in evaluator.tables if kind.id == "torque_by_angle")
-        terms = find_best_variant(evaluator, BASE, table).terms
-        found = add_beside_table(SearchState(evaluator, BASE, terms)).terms[len(terms) :]
+        evidence = knowing(hidden, "quadratic_drag")
+        (table,) = (kind for kind in evidence.tables if kind.id == "torque_by_angle")
+        terms = find_best_variant(evidence, BASE, table).terms
+        found = add_beside_table(SearchState(evidence, BASE, terms)).terms[len(terms) :]
         assert [term.id for term in found] == ["quadratic_drag"] * named
     spare = (*BASE, effect("spring")(), effect("quadratic_drag")())
-    evaluator = knowing({"quadratic_drag": {"drag": 0.05}}, "quadratic_drag", "spring")
-    assert [step.added for step in confirm_steps(SearchState(evaluator, BASE, spare))] == [None, "quadratic_drag"]
+    evidence = knowing({"quadratic_drag": {"drag": 0.05}}, "quadratic_drag", "spring")
+    assert [step.added for step in confirm_steps(SearchState(evidence, BASE, spare))] == [None, "quadratic_drag"]
 
 
 def test_no_body_has_a_link_of_negative_inertia():
@@ -161,9 +162,9 @@ def test_a_law_that_imitates_another_does_not_fit_where_the_joint_moves_otherwis
     model = (*BASE, effect("quadratic_drag")())
     for hidden, right in (({"cubic_damping": {"cubic": 0.006}}, False), ({"quadratic_drag": {"drag": 0.03}}, True)):
         train, test = recorded(Plant(effects=hidden), slow, fast)
-        evaluator = ModelEvaluator(*split_recordings([train], [test]))
-        assert evaluator.residuals.is_noise(model) == right
-        assert evaluator.residuals.is_noise_in(evaluator.train, evaluator.train.residual(model))
+        evidence = Evidence.from_data(*split_recordings([train], [test]))
+        assert evidence.residuals.is_noise(model) == right
+        assert evidence.residuals.is_noise_in(evidence.train, evidence.train.residual(model))
 
 
 def test_a_short_lag_is_not_exchanged_with_the_time_constant_of_the_joint():

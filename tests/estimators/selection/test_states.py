@@ -8,10 +8,13 @@ import pytest
 
 from estimators.data.rows import ScoredTerms
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.gate import Gate
 from estimators.decisions.score import Bootstrap
-from estimators.selection import candidates, evaluator, tables
+from estimators.selection import candidates, evidence, gates, tables
 from estimators.selection.candidates import screen_library
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.densities import Densities
+from estimators.selection.evidence import Evidence
+from estimators.selection.free_motion import FreeMotion
 from estimators.selection.moves import (
     SearchState,
     add_dry_friction,
@@ -21,6 +24,7 @@ from estimators.selection.moves import (
     revise,
     swap_effect,
 )
+from estimators.selection.policies import ADD
 from estimators.selection.tables import replace_by_table
 from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE, Term, effect
@@ -31,37 +35,54 @@ LIBRARY = {"D": effect("quadratic_drag"), "A": effect("viscous_asymmetry"), "O":
 BACKLASH = effect("backlash")
 LETTERS = {kind.id: letter for letter, kind in (LIBRARY | {"T": FrictionBySpeed}).items()}
 NOISE = 1000.0  # [nat] of gain from which the residual is noise
+DETERMINED = SimpleNamespace(std=np.zeros(9))  # fit of known coefficients, which have no test
 
 
 @pytest.fixture(autouse=True)
 def single_variants(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give each effect one variant."""
-    monkeypatch.setattr(evaluator, "count_tried", lambda data, terms, kind: 1)
+    monkeypatch.setattr(evidence, "count_tried", lambda data, terms, kind: 1)
+    monkeypatch.setattr(gates, "compare_errors", compare_gains)
     monkeypatch.setattr(tables, "make_variants", lambda data, terms, kind: [kind()])
     for module, name in ((candidates, "rank_variants"), (candidates, "refine_variants"), (tables, "refine_variants")):
         monkeypatch.setattr(module, name, lambda data, terms, kind: [ScoredTerms((*terms, kind()), 0.0)])
 
 
-class ScoredEvaluator(ModelEvaluator):
-    """Evaluator whose models have given gains over the base model [nat]; a model without one has none.
+def compare_gains(after: SimpleNamespace, before: SimpleNamespace, motions: dict, margin: float) -> list[Gate]:
+    """Make the gates of held-out errors: a model with more gain has a lower error."""
+    bounds = Gate("physical_bounds", 0.0, 0.0, True)
+    return [bounds, Gate("holdout_torque", -after.gain, -before.gain, after.gain > before.gain)]
+
+
+class KnownEvidence(Evidence):
+    """Evidence whose models have given gains over the base model [nat]; a model without one has none.
 
     The explained share is the gain over what the best model would gain.
     """
 
     def __init__(self, gains: dict[str, float], tables: tuple[type[Term], ...] = ()) -> None:
-        self.gains, self.criterion, self.base, self.tables = gains, Criterion(), BASE, tables
+        self.gains, self.criterion, self.tables = gains, Criterion(), tables
         self.library = {kind.id: kind for kind in LIBRARY.values()}
-        self.bootstrap = Bootstrap(np.zeros(BLOCKS, dtype=np.intp), np.random.default_rng(0))
-        self.held_out = slice(None)
-        self.train = SimpleNamespace(
-            layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True),
+        train = SimpleNamespace(
+            layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True, clusters=np.arange(BLOCKS)),
             segments=(),
             motions={},
             data=SimpleNamespace(link_states={}, contacts=0),
+            equations=lambda terms: SimpleNamespace(fit=lambda clusters: DETERMINED),
             maker=SimpleNamespace(
                 fit=lambda terms, exactly: Point(terms, np.empty(0)),
                 score_terms=lambda terms: ScoredTerms(tuple(terms), 0.0),
             ),
+        )
+        self.fits = SimpleNamespace(
+            train=train,
+            base=BASE,
+            linked=None,
+            release_known=lambda terms: terms,
+            fit_model_with_std=lambda terms: SimpleNamespace(estimates={}, terms=terms),
+            find_violations=lambda terms: [],
+            fit=lambda terms: SimpleNamespace(model=SimpleNamespace(terms=terms, estimates={}), gain=self.total(terms)),
+            refit_to_motion=lambda step: step,
         )
         self.residuals = SimpleNamespace(
             joints=("",),
@@ -73,29 +94,25 @@ class ScoredEvaluator(ModelEvaluator):
                 (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 0.1 * NOISE)
             ),
         )
+        bootstrap = Bootstrap(np.zeros(BLOCKS, dtype=np.intp), np.random.default_rng(0))
+        self.densities = KnownDensities(self.fits, self.residuals, self.criterion, bootstrap)
+        self.densities.total = self.total
+        self.motion = FreeMotion(self.fits, self.criterion)
 
     def total(self, terms: tuple[Term, ...]) -> float:
         return self.gains.get(letters(terms), 0.0)
 
-    def density(self, terms: tuple[Term, ...]) -> np.ndarray:
-        return np.full(BLOCKS, self.total(terms) / BLOCKS)
-
     def progress(self, text: str, share: float) -> None:
         """Nothing is printed."""
 
-    def model(self, terms: tuple[Term, ...]) -> SimpleNamespace:
-        return SimpleNamespace(estimates={})
 
-    def find_violations(self, terms: tuple[Term, ...]) -> list:
-        return []
+class KnownDensities(Densities):
+    """Densities that give each block the same part of the gain; all blocks are held out."""
 
-    def make_base_gates(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> list:
-        return []
+    held_out = slice(None)
 
-    make_coefficient_gates = make_base_gates
-
-    def lowers_errors(self, after: tuple[Term, ...], before: tuple[Term, ...]) -> bool:
-        return self.total(after) > self.total(before)
+    def compute(self, terms: tuple[Term, ...]) -> np.ndarray:
+        return np.full(BLOCKS, self.total(terms) / BLOCKS)
 
 
 def letters(terms: tuple[Term, ...]) -> str:
@@ -103,8 +120,8 @@ def letters(terms: tuple[Term, ...]) -> str:
     return "".join(sorted(LETTERS[term.id] for term in terms if term.id in LETTERS))
 
 
-def state(evaluator: ModelEvaluator, effects: str) -> SearchState:
-    return SearchState(evaluator, BASE, (*BASE, *(LIBRARY[letter]() for letter in effects)))
+def state(evidence: Evidence, effects: str) -> SearchState:
+    return SearchState(evidence, BASE, (*BASE, *(LIBRARY[letter]() for letter in effects)))
 
 
 CLEAR = {"D": 1000.0, "AD": 1000.0, "DO": 1000.0, "ADO": 1000.0}  # only drag is missing
@@ -135,7 +152,7 @@ HIDDEN = {"D": 2.0, "O": 2.0, "DO": 1000.0}  # each effect shows only beside the
     ],
 )
 def test_move_leads_from_state_to_state(move: Callable, gains: dict, before: str, after: str | None):
-    begin = state(ScoredEvaluator(gains), before)
+    begin = state(KnownEvidence(gains), before)
     found = move(begin)
     assert (None if found is None else letters(found.terms)) == after
     assert letters(begin.terms) == before  # the state itself does not change
@@ -143,7 +160,7 @@ def test_move_leads_from_state_to_state(move: Callable, gains: dict, before: str
 
 @pytest.mark.parametrize(("gains", "after"), [(HIDDEN, "DO"), (CLEAR, None), ({"O": 599.0, "DO": 600.0}, None)])
 def test_pair_is_added_if_each_effect_needs_the_other(gains: dict, after: str | None):
-    begin = state(ScoredEvaluator(gains), "")
+    begin = state(KnownEvidence(gains), "")
     found = add_pair(begin, [(*BASE, LIBRARY["D"]())])
     assert (None if found is None else letters(found.terms)) == after
 
@@ -163,7 +180,7 @@ def test_pair_is_added_if_each_effect_needs_the_other(gains: dict, after: str | 
     ],
 )
 def test_table_replaces_effects_that_imitate_it(gains: dict, before: str, after: str, has_table: bool):
-    found = replace_by_table(state(ScoredEvaluator(gains, (FrictionBySpeed,)), before))
+    found = replace_by_table(state(KnownEvidence(gains, (FrictionBySpeed,)), before))
     assert (letters(found.terms), found.table is not None) == (after, has_table)
 
 
@@ -177,19 +194,19 @@ def test_table_replaces_effects_that_imitate_it(gains: dict, before: str, after:
     ],
 )
 def test_screening_keeps_why_a_transmission_was_not_tried(gains: dict, before: str, gate: str | None):
-    evaluator = ScoredEvaluator(gains)
-    evaluator.library[BACKLASH.id] = BACKLASH
-    terms, gates = screen_library(evaluator, state(evaluator, before).terms)[BACKLASH.id]
-    assert [(own.name, own.passed) for own in gates] == ([] if gate is None else [(gate, False)])
+    evidence = KnownEvidence(gains)
+    evidence.library[BACKLASH.id] = BACKLASH
+    terms, decision = screen_library(evidence, state(evidence, before).terms)[BACKLASH.id]
+    assert [(own.name, own.passed) for own in decision.gates] == ([] if gate is None else [(gate, False)])
     assert (terms is None) == (gate is not None)
 
 
 def test_gates_hold_gain_penalty_p_value_and_share_up_to_the_first_that_fails():
-    evaluator, found = ScoredEvaluator({"A": 1.0, "D": 100.0, "O": 900.0}), {}
+    evidence, found = KnownEvidence({"A": 1.0, "D": 100.0, "O": 900.0}), {}
     for letter in "ADO":
-        gates = evaluator.make_gates(state(evaluator, letter).terms, BASE)
+        gates = evidence.decide(state(evidence, letter).terms, BASE, ADD).gates
         found[letter] = [(gate.name, gate.passed) for gate in gates]
-        assert gates[0].value == pytest.approx(evaluator.total(state(evaluator, letter).terms))
+        assert gates[0].value == pytest.approx(evidence.total(state(evidence, letter).terms))
         assert gates[0].limit == pytest.approx(np.log(len(LIBRARY)))  # one variant of each effect was tried
     passed = [("gain", True), ("p_value", True)]
     assert found["D"] == [*passed, ("explained_share", False)]

@@ -6,8 +6,8 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_recordings
-from estimators.selection.evaluator import ModelEvaluator
-from estimators.selection.motion import refit_by_likelihood
+from estimators.selection.evidence import Evidence
+from estimators.selection.refits import refit_by_likelihood
 from estimators.selection.search import SearchResult
 from estimators.simulation.multiple_shooting import compute_state_slopes, estimate, prepare_segments
 from estimators.weak_form.point import Point
@@ -90,23 +90,23 @@ def elastic() -> SearchResult:
     """A model with a link that is watched, fitted to windows along its motion."""
     runs = (Experiment(rate=500.0, seconds=9.0, seed=seed, excitation="multisine") for seed in (5, 6))
     train, unseen = recorded(Plant(**BASIC | {"inertia": 0.09}, effects={"joint_flexibility": ELASTIC}), *runs)
-    evaluator = ModelEvaluator(*split_recordings([train], [unseen]))
+    evidence = Evidence.from_data(*split_recordings([train], [unseen]))
     shape = {name.split(".")[1]: value for name, value in SWINGING.items() if "." in name}
     terms = (*BASE, effect("joint_flexibility")(**shape))
     linear = [value for name, value in SWINGING.items() if "." not in name]
-    evaluator = evaluator.with_link(
-        evaluator.make_step(Model.build(terms, np.array(linear)), added="joint_flexibility")
+    evidence = evidence.with_link(
+        evidence.fits.make_step(Model.build(terms, np.array(linear)), added="joint_flexibility")
     )
     return SearchResult(
-        evaluator, [evaluator.fit_with_std(BASE), evaluator.fit_with_std(terms, added="joint_flexibility")]
+        evidence, [evidence.fits.fit_with_std(BASE), evidence.fits.fit_with_std(terms, added="joint_flexibility")]
     )
 
 
 def test_along_the_motion_of_a_link_windows_tell_the_joint_by_itself(elastic: SearchResult):
-    found, evaluator = elastic.steps[-1].model, elastic.evaluator
+    found, evidence = elastic.steps[-1].model, elastic.evidence
     for name in BASIC:
         assert 0 < found.estimates[name].std < 0.05 * SWINGING[name], name
-    left = evaluator.residuals.holdout_residual(elastic.terms)  # which corrects parameters within their uncertainty
+    left = evidence.residuals.holdout_residual(elastic.terms)  # which corrects parameters within their uncertainty
     assert np.sqrt(np.mean(left**2)) < 1.01 * elastic.steps[-1].errors["holdout"].torque_rms
 
 
@@ -121,7 +121,7 @@ def test_what_tells_of_a_link_tells_its_standard_errors(elastic: SearchResult):
 def test_where_the_link_meets_no_contact_slopes_by_states_are_tangents(elastic: SearchResult):
     """Parameters tell little that other states would not: a secant's error of a percent passes for news of them."""
     point = Point.from_model(elastic.steps[-1].model)
-    (shooting,) = prepare_segments(elastic.evaluator.train.data.windows, point)
+    (shooting,) = prepare_segments(elastic.evidence.train.data.windows, point)
     _, (slopes,) = compute_state_slopes(shooting, [point], shooting.states[None])
     step = 1e-8 * np.eye(4)[:, :, None]
     more, less = (shooting.errors([point], (shooting.states + sign * step)[None])[0] for sign in (1, -1))

@@ -10,7 +10,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_recordings
 from estimators.regression.balance import Balance
 from estimators.search_hints import make_grid
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.selection.evidence import Evidence
 from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare_windows
@@ -90,9 +90,9 @@ def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regress
 def test_a_law_that_removes_nearly_all_torque_predicts_less_than_the_pendulum_without_it():
     """A coarse encoder has much noise of the motion, which must not stand for the torque."""
     recordings = recorded(Plant(), Experiment(rate=500.0, seconds=8.0, seed=1, excitation="pd_loop", counts=1000))
-    evaluator = ModelEvaluator(*split_recordings(recordings))
+    evidence = Evidence.from_data(*split_recordings(recordings))
     tiny = effects()["torque_saturation"](0.002 * float(np.abs(recordings[0].torque).max()))
-    assert evaluator.density((*BASE, tiny)).sum() < evaluator.density(BASE).sum()
+    assert evidence.densities.compute((*BASE, tiny)).sum() < evidence.densities.compute(BASE).sum()
 
 
 def test_a_bent_torque_is_solved_for_what_was_recorded(regression: TorqueRows):
@@ -131,10 +131,10 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
     """A hum on the torque channel: a lag leaves less of it, and explains nothing."""
     (run,) = recorded(Plant(), Experiment(rate=500.0, seconds=8.0, seed=2))
     hum = 3.0 * np.sin(2 * np.pi * 15.0 * run.time)
-    evaluator = ModelEvaluator(*split_recordings([replace(run, torque=run.torque + hum)]))
+    evidence = Evidence.from_data(*split_recordings([replace(run, torque=run.torque + hum)]))
     lag, base = (*BASE, effects()["actuator_lag"](0.01)), tuple(BASE)
-    assert np.std(evaluator.train.residual(lag)) < 0.9 * np.std(evaluator.train.residual(base))
-    assert evaluator.density(lag).sum() < evaluator.density(base).sum()
+    assert np.std(evidence.train.residual(lag)) < 0.9 * np.std(evidence.train.residual(base))
+    assert evidence.densities.compute(lag).sum() < evidence.densities.compute(base).sum()
 
 
 @pytest.mark.parametrize("known", [{}, {"gravity": (2.1, 2.1)}, {"gravity": (0.0, 0.0), "coulomb": (0.8, 0.8)}])

@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.fits import find_term_edges
-from estimators.decisions.errors import Step, compute_held_out_cost
-from estimators.selection.evaluator import ModelEvaluator
+from estimators.decisions.decision import Decision
+from estimators.decisions.errors import Step
+from estimators.decisions.gate import Gate
+from estimators.selection.evidence import Evidence
+from estimators.selection.policies import CONFIRM, REFIT, REFIT_LINK
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments
@@ -24,12 +27,12 @@ def refit_if_misfit(result: SearchResult) -> SearchResult:
     The result is unchanged if the model is no misfit to the motion and has no bristles. The better of both by held-out
     cost is kept.
     """
-    evaluator, (*others, last) = result.evaluator, result.steps
-    if not (evaluator.is_misfit(last) or any(has_bristles(term) for term in last.model.terms)):
+    evidence, (*others, last) = result.evidence, result.steps
+    if not (evidence.motion.is_misfit(last) or any(has_bristles(term) for term in last.model.terms)):
         return result
-    evaluator.progress("fitting the segments", 0.9)
-    refined = min(last, evaluator.refit_to_motion(last), key=compute_held_out_cost)
-    if others and not evaluator.is_confirmed(refined, others[-1]):
+    evidence.progress("fitting the segments", 0.9)
+    refined = _choose_step(evidence, last, evidence.fits.refit_to_motion(last))
+    if others and not evidence.decide(refined, others[-1], CONFIRM).passed:
         return result
     return replace(result, steps=[*others, refined])
 
@@ -43,64 +46,75 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
         selection: result with the step to refit as its last.
         start: initial guess of a model with a link, by default the fit to windows.
     """
-    evaluator, (*others, last) = selection.evaluator, selection.steps
+    evidence, (*others, last) = selection.evidence, selection.steps
     if not last.model.has_known_inertia:
         return selection
     if has_link(last.model.terms):
-        linked = evaluator.linked
+        linked = evidence.fits.linked
         if linked is not None and linked.model.terms == last.model.terms:
-            refitted = min(last, linked, key=compute_held_out_cost)
+            refitted = _choose_step(evidence, last, linked)
         else:
-            refitted = _refit_with_link(evaluator, last, start or last.model)
-        model = multiple_shooting.add_standard_errors(evaluator.train.data.windows, refitted.model)
+            refitted = _refit_with_link(evidence, last, start or last.model)
+        model = multiple_shooting.add_standard_errors(evidence.train.data.windows, refitted.model)
         refitted = replace(refitted, model=model)
-    elif not _has_edges(evaluator, last.model) and evaluator.residuals.is_noise(last.model.terms):
-        refitted = _refit_by_likelihood(evaluator, last)
+    elif not _has_edges(evidence, last.model) and evidence.residuals.is_noise(last.model.terms):
+        refitted = _refit_by_likelihood(evidence, last)
     else:
         return selection
-    if others and not evaluator.is_confirmed(refitted, others[-1]):
+    if others and not evidence.decide(refitted, others[-1], CONFIRM).passed:
         return selection
     return replace(selection, steps=[*others, refitted])
 
 
-def _has_edges(evaluator: ModelEvaluator, model: Model) -> bool:
+def _choose_step(evidence: Evidence, step: Step, *refits: Step) -> Step:
+    """Return a step, replaced by each refit in turn that lowers the held-out errors."""
+    for refit in refits:
+        step = refit if evidence.decide(refit, step, REFIT).passed else step
+    return step
+
+
+def _has_edges(evidence: Evidence, model: Model) -> bool:
     """Return whether a law of the model jumps at a parameter other than an instant, see `find_term_edges`."""
-    edges = find_term_edges(evaluator.train, model.terms).values()
+    edges = find_term_edges(evidence.train, model.terms).values()
     return any(not edge.instant for of_term in edges for edge in of_term)
 
 
-def _refit_by_likelihood(evaluator: ModelEvaluator, last: Step) -> Step:
+def _refit_by_likelihood(evidence: Evidence, last: Step) -> Step:
     """Return the step by maximum likelihood, or `last`: with larger innovations or errors, or few segments.
 
     Held-out innovations must not grow, and standard errors must be smaller on average.
     """
     start = Point.from_model(last.model)
-    segments, holdout_segments = ([choose_segments(w, SEGMENT) for w in part.data.windows] for part in evaluator.parts)
+    segments, holdout_segments = (
+        [choose_segments(w, SEGMENT) for w in part.data.windows] for part in evidence.fits.parts
+    )
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
-    refitted = evaluator.make_step(output_error.fit_maximum_likelihood(segments, start), added=last.added)
+    refitted = evidence.fits.make_step(output_error.fit_maximum_likelihood(segments, start), added=last.added)
     filters = output_error.make_innovations(holdout_segments, start)
     old_rms, new_rms = (
         output_error.compute_rms(holdout_segments, point, filters=filters)
         for point in (start, Point.from_model(refitted.model))
     )
-    return refitted if new_rms <= old_rms and _has_smaller_std(refitted, last) else last
+    ratio = _compute_std_ratio(refitted, last)
+    gates = Gate("innovations", new_rms, old_rms, new_rms <= old_rms), Gate("standard_errors", ratio, 1, ratio < 1)
+    return refitted if Decision(gates).passed else last
 
 
-def _has_smaller_std(step: Step, reference: Step) -> bool:
-    """Return whether the first step has smaller standard errors: by geometric mean, of parameters free in both."""
+def _compute_std_ratio(step: Step, reference: Step) -> float:
+    """Return the ratio of the standard errors of two steps: the geometric mean, of parameters free in both."""
     pairs = [(step.model.estimates[name].std, estimate.std) for name, estimate in reference.model.estimates.items()]
     free = np.array([pair for pair in pairs if min(pair) > 0])
-    return len(free) > 0 and float(np.mean(np.log(free[:, 0] / free[:, 1]))) < 0
+    return float(np.exp(np.mean(np.log(free[:, 0] / free[:, 1])))) if len(free) else np.inf
 
 
-def _refit_with_link(evaluator: ModelEvaluator, last: Step, start: Model) -> Step:
+def _refit_with_link(evidence: Evidence, last: Step, start: Model) -> Step:
     """Return the step with parameters and link states refitted, from its model or `start`, or `last`.
 
     The least held-out cost decides among the steps that do not increase the held-out torque error.
     """
-    refitted = multiple_shooting.estimate(evaluator.train.data.windows, start)
+    refitted = multiple_shooting.estimate(evidence.train.data.windows, start)
     models = [refitted, *([start] if start is not last.model else [])]
-    steps = [evaluator.make_step(model, added=last.added) for model in models]
-    candidates = [step for step in steps if step.errors["holdout"].torque_rms <= last.errors["holdout"].torque_rms]
-    return min(last, *candidates, key=compute_held_out_cost) if candidates else last
+    steps = [evidence.fits.make_step(model, added=last.added) for model in models]
+    candidates = [step for step in steps if evidence.decide(step, last, REFIT_LINK).passed]
+    return _choose_step(evidence, last, *candidates)

@@ -1,0 +1,133 @@
+"""Fits of terms to rows, to simulated segments and to the states of a link, each computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
+from estimators.decisions.errors import Step, Terms
+from estimators.decisions.gate import Gate
+from estimators.memoize import memoized
+from estimators.selection.motion_score import fit_to_motion
+from estimators.selection.physical import find_violations
+from pendulum_env.arms.model import make_arm_model
+from pendulum_env.physics import BASE, Model, has_link, has_transmission, list_ids, list_loads, release_term
+
+
+@dataclass
+class Fits:
+    """Fits of terms to training data, with errors on training and held-out data; results are memoised.
+
+    Attributes:
+        train: data to fit.
+        holdout: data to predict.
+        base: terms that the search starts from.
+        linked: fitted model that estimated the states of a link; None without a link.
+    """
+
+    train: RegressionData
+    holdout: RegressionData
+    base: Terms = BASE
+    linked: Step | None = None
+    _in_motion: dict[Terms, Step] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> tuple[RegressionData, RegressionData]:
+        """Training and held-out data."""
+        return self.train, self.holdout
+
+    def with_link(self, linked: Step) -> Fits:
+        """Return fits to the same data with link states estimated by the model of `linked`."""
+        train, holdout = self._estimate_link_states(linked.model.terms, tuple(map(float, linked.model.theta)))
+        return Fits(train, holdout, self.base, linked)
+
+    @memoized
+    def _estimate_link_states(self, terms: Terms, theta: tuple[float, ...]) -> list[RegressionData]:
+        """Return training and held-out data with link states estimated by the model of some parameters (P,)."""
+        model = Model.build(terms, np.array(theta))
+        return [part.with_link_states(model) for part in self.parts]
+
+    def release_known(self, terms: Terms) -> Terms:
+        """Return the terms with known parameters free; unchanged for free swings, which need a known inertia."""
+        freed = tuple(map(release_term, terms))
+        is_scaled = freed != terms and any(recording.known_inertia for recording in self.train.recordings)
+        return terms if is_scaled else freed
+
+    def fit_model(self, terms: Terms) -> Model:
+        """Fit the terms to the training data, without standard errors."""
+        return Model.build(*self.train.maker.fit(terms)).mark_unknown(self._unknown)
+
+    @memoized
+    def fit_model_with_std(self, terms: Terms) -> Model:
+        """Fit the terms to the training data with standard errors."""
+        return fit_terms(self.train, terms)[0]
+
+    @cached_property
+    def _unknown(self) -> frozenset[str]:
+        """Name of an inertia to withhold, insignificant by noise alone; else an empty set."""
+        if not self.train.layout.predicts_torque or "inertia" not in list_ids(self.base):
+            return frozenset()
+        model, fit = fit_terms(self.train, self.base)
+        inertia, rms = model.estimates["inertia"], float(np.sqrt(np.mean(fit.residual**2)))
+        floor = next(iter(self.train.floors.values()))
+        noise = inertia.std * min(1.0, floor / max(rms, 1e-300))
+        return frozenset() if replace(inertia, std=noise).is_significant else frozenset({"inertia"})
+
+    def fit(self, terms: Terms, added: str | None = None) -> Step:
+        """Return the step of adding the effect `added`: the fit of the terms to the training data, and its errors."""
+        return self.make_step(self.fit_model(terms), added=added)
+
+    def fit_with_std(self, terms: Terms, added: str | None = None) -> Step:
+        """Return the step of adding the effect `added`, as `fit`, with standard errors."""
+        return self.make_step(self.fit_model_with_std(terms), added=added)
+
+    def make_step(self, model: Model, added: str | None = None) -> Step:
+        """Return a step with the errors of a model on training and held-out data, with link states estimated.
+
+        The model gets the units of the recordings; an insignificant inertia is withheld.
+        """
+        parts: Sequence[RegressionData] = self.parts
+        if self.linked is None and has_link(model.terms):
+            parts = self._estimate_link_states(model.terms, tuple(map(float, model.theta)))
+        model = make_arm_model(model).convert_units(self.train.recordings[0].units).mark_unknown(self._unknown)
+        return Step(
+            added, model, {name: part.errors(model) for name, part in zip(("train", "holdout"), parts, strict=True)}
+        )
+
+    def refit_to_motion(self, step: Step) -> Step:
+        """Return the step with parameters refitted to free-running simulation, memoised by its terms.
+
+        The step is unchanged for a transmission (its unknown state diverges), and without segments or known inertia.
+        """
+        if has_transmission(step.model.terms) or not self.train.segments or not step.model.has_known_inertia:
+            return step
+        if step.model.terms not in self._in_motion:
+            self._in_motion[step.model.terms] = self.fit_to_motion(step.model)
+        return replace(self._in_motion[step.model.terms], added=step.added)
+
+    def fit_to_motion(self, start: Model, added: str | None = None) -> Step:
+        """Return the step of adding the effect `added`, fitted to free-running simulation from a first model.
+
+        It is stored for `refit_to_motion` of the fitted terms.
+        """
+        step = self.make_step(fit_to_motion(self.train.segments, start), added=added)
+        return self._in_motion.setdefault(step.model.terms, step)
+
+    @memoized
+    def fit_terms_to_motion(self, terms: Terms) -> Model:
+        """Fit the terms to the torque, then to the motion."""
+        return self.refit_to_motion(self.fit(terms)).model
+
+    def find_violations(self, terms: Terms) -> list[Gate]:
+        """Return a failed gate for each physical bound that a fit of the terms violates at joints of its effects."""
+        joints = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
+        motions = {at: x for at, x in self.train.motions.items() if at in joints}
+        fits = self.train.maker.fit_folds(terms)  # the score depends on these parameters
+        if not find_violations(Model.build(fits.terms, fits.theta).mark_unknown(self._unknown), motions):
+            return []
+        return find_violations(self.fit_model_with_std(terms).mark_unknown(self._unknown), motions)

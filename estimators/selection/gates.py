@@ -1,0 +1,353 @@
+"""Stages of decisions between models: each function makes the gates of one question about two models.
+
+`after` is the model that may take the place of `before`; often it has one effect more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from estimators.data.variants import compute_unique_share
+from estimators.decisions.errors import Step, compute_held_out_cost
+from estimators.decisions.gate import Gate
+from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
+from estimators.selection.evidence import Evidence, Hypothesis, adds_dry_friction
+from estimators.selection.physical import compute_significant_sign, find_violations
+from pendulum_env.physics import SIGNIFICANT, Model, Samples, Term, has_link, list_ids, list_loads
+from pendulum_env.physics.terms import count_parameters, list_forms
+
+
+def require_gain(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the gain in prediction: above its penalty, and with a small p-value; see `Evidence.best_gain`."""
+    evidence = after.evidence
+    gain, penalty = evidence.best_gain(after.terms, before.terms), evidence.penalty(after.terms, before.terms)
+    std = gain.error if np.isfinite(gain.error) else None
+    yield Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std)
+    yield _limit_p_value("p_value", gain.p_value, evidence)
+
+
+def require_gain_in_torque(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the p-value of the gain in torque; link states of the models may differ."""
+    evidence = before.evidence
+    if after.evidence is evidence:
+        gain = evidence.gain(after.terms, before.terms)
+    else:
+        new, old = (each.evidence.densities.compute(each.terms) for each in (after, before))
+        gain = evidence.densities.bootstrap.gain(new, old, evidence.penalty(after.terms, before.terms))
+    yield _limit_p_value("p_value", gain.p_value, evidence)
+
+
+def require_gain_held_out(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the p-value of the gain on held-out data alone.
+
+    Folds of the training data may lack angles of the part that they predict, and favour laws with few parameters.
+    """
+    evidence = after.evidence
+    penalty = evidence.penalty(after.terms, before.terms)
+    gain = evidence.densities.compute_held_out_gain(after.terms, before.terms, penalty)
+    yield _limit_p_value("p_value", gain.p_value, evidence)
+
+
+def require_known_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the gain over `before` with its known parameters free; else `after` imitates other values of them."""
+    evidence = after.evidence
+    if (freed := evidence.fits.release_known(before.terms)) != before.terms:
+        yield _limit_p_value("known_parameters", evidence.best_gain(after.terms, freed).p_value, evidence)
+
+
+def _limit_p_value(name: str, p_value: float, evidence: Evidence) -> Gate:
+    """Make a gate on a p-value."""
+    return Gate(name, p_value, evidence.criterion.p_value, p_value <= evidence.criterion.p_value)
+
+
+def require_tie(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the probability of `after` in the place of `before`."""
+    yield _make_tie_gate(after, before, False)
+
+
+def _make_tie_gate(after: Hypothesis, before: Hypothesis, is_refitted: bool) -> Gate:
+    """Make the gate on the probability of a model, with densities of `Densities.compare`."""
+    bootstrap, densities = after.evidence.densities.compare(after.terms, before.terms, is_refitted)
+    probability, least = float(bootstrap.probabilities(densities)[0]), after.evidence.criterion.tie_probability
+    return Gate("tie_probability", probability, least, probability > least)
+
+
+def require_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the share of the residual torque, or of the motion error, that `after` explains."""
+    least = after.evidence.criterion.explained_share
+    share = after.evidence.explained_share(after.terms, before.terms, least)
+    yield Gate("explained_share", share, least, share > least)
+
+
+def require_needed_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the same share with the limit `Criterion.needed_share`.
+
+    If `after` leaves structure, the share is that of all torque above the noise floor: an unknown law may cause a
+    correlated part, and slow torque, which dominates the error of free motion. This error counts for effects that
+    torque does not show.
+    """
+    evidence, least, terms = after.evidence, after.evidence.criterion.needed_share, (after.terms, before.terms)
+    if evidence.residuals.is_noise(after.terms) or evidence.gain(*terms).p_value > evidence.criterion.p_value:
+        name, share = "explained_share", evidence.explained_share(*terms, least)
+    else:
+        name, share = "share_above_floor", evidence.residuals.explained_share(*terms, above_floor=True)
+    yield Gate(name, share, least, share > least)
+
+
+def require_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the coefficients of the added effects, see `compute_coefficient_chance`, and the base parameters.
+
+    Models with a link, and effects that only free motion shows, have no gate on coefficients. Dry friction that the
+    torque of few windows does not determine passes if free motion shows it.
+    """
+    evidence, terms, criterion = after.evidence, (after.terms, before.terms), after.evidence.criterion
+    if not has_link(after.terms) and evidence.gain(*terms).p_value <= criterion.p_value:
+        train = evidence.fits.train
+        fit = train.equations(after.terms).fit(train.layout.clusters)
+        chance = compute_coefficient_chance(after.terms, fit, list_ids(before.terms))
+        if chance > criterion.p_value and adds_dry_friction(*terms):
+            chance = evidence.gain_in_friction(*terms).p_value
+        yield _limit_p_value("coefficients", chance, evidence)
+    yield from require_base(after, before)
+
+
+def compute_coefficient_chance(terms: Sequence[Term], fit: Fit, known: frozenset[str]) -> float:
+    """Return the largest p-value of Hotelling's tests that all coefficients of a term without a `known` id are zero.
+
+    Nonlinear parameters are given. Few blocks may be predicted better by chance with an effect that the data do not
+    determine. The degrees of freedom are the mean of those of the coefficients.
+
+    Source: Pustejovsky and Tipton, Journal of Business and Economic Statistics 36(4), 2018.
+    """
+    owner, chance = np.array([term.id for term in terms for _ in term.columns]), 0.0
+    for id in set(owner.tolist()) - known:
+        of_term = (owner == id) & (fit.std > 0)  # others are known, or at their bounds
+        if not of_term.any():
+            continue
+        count, freedom = np.count_nonzero(of_term), float(np.mean(fit.freedom[of_term]))
+        scaled = fit.theta[of_term] * compute_widening(fit.freedom[of_term])  # the covariance without its widening
+        square = scaled @ invert_covariance(fit.covariance[np.ix_(of_term, of_term)]) @ scaled
+        second = max(1.0, freedom - count + 1)
+        chance = max(chance, float(scipy.special.fdtrc(count, second, square * second / (freedom * count))))
+    return chance
+
+
+def require_base(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the base parameters that a larger model of a pendulum keeps, see `compare_base`."""
+    evidence = after.evidence
+    larger, smaller = (evidence.fits.fit_model_with_std(each.terms) for each in (after, before))
+    yield from compare_base(larger, smaller, evidence.fits.train.motions, evidence.criterion.kept_inertia)
+
+
+def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], least_inertia: float) -> list[Gate]:
+    """Return gates on the shares of inertia and of gravity that a larger model of a pendulum keeps.
+
+    A model that loses inertia or gravity of the smaller model imitates the joint. A lag T before inertia J and friction
+    b has the transfer function 1 / ((1 + T s) (J s + b)), in which T and J/b change places: a lag of J/b leaves T b of
+    the inertia. Without the lag, a fit finds about J + T b, so that a lag shorter than J/b keeps more than half of the
+    inertia, and its imitation less; a longer lag cannot be distinguished from its imitation. A spring with negative
+    gravity imitates a hardening spring.
+
+    Inertia must keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
+    It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where the smaller
+    model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
+    With a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
+    leave it undetermined cancel it and imitate another law. Models with a link have no gates, as they are
+    uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
+    """
+    gates: list[Gate] = []
+    shared = before.estimates.keys() & after.estimates.keys()
+    if has_link(after.terms):
+        return gates
+    if "inertia" in shared and compute_significant_sign(before, "inertia") > 0:
+        old, new = before.estimates["inertia"], after.estimates["inertia"]
+        total = _compute_mean_inertia(before, motions[""])
+        share = _compute_mean_inertia(after, motions[""]) / total
+        limit = least_inertia * (1 - SIGNIFICANT * old.std / total)
+        gates.append(Gate("kept_inertia", share, limit, share >= limit, std=new.std / total))
+    if "gravity" in shared and compute_significant_sign(before, "gravity"):
+        old, new = before.estimates["gravity"], after.estimates["gravity"]
+        share, std = new.value / old.value, new.std / abs(old.value)
+        keeps_sign = "gravity_tilt" in after.estimates or share + SIGNIFICANT * std >= 0
+        gates.append(Gate("kept_gravity", share, 0.0, keeps_sign and std <= 1.0, std=std))
+    return gates
+
+
+def _compute_mean_inertia(model: Model, x: Samples) -> float:
+    """Return the inertia of a model of a pendulum with all its effects, mean over samples (N,) [kg m^2]."""
+    masses = [float(np.mean(column.mass(x))) for column in model.columns]
+    return float(model.theta @ np.array(masses))
+
+
+def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test physical bounds and held-out errors, see `compare_errors`: of steps, or of fits to torque, else to motion.
+
+    If only free motion shows the effects, torque errors may rise by `Criterion.error_margin`. Bounds that a fit
+    without standard errors violates are tested again with these.
+    """
+    evidence, criterion = after.evidence, after.evidence.criterion
+
+    def compare(new: Step, old: Step) -> list[Gate]:
+        terms, motions = (new.model.terms, old.model.terms), evidence.fits.train.motions
+        is_hidden = evidence.gain(*terms).p_value > criterion.p_value and evidence.may_act_at_rest(*terms)
+        margin = criterion.error_margin if is_hidden else 0.0
+        gates = compare_errors(new, old, motions, margin)
+        if not gates[0].passed and not any(estimate.std for estimate in new.model.estimates.values()):
+            new = replace(new, model=evidence.fits.fit_with_std(new.model.terms).model)
+            gates = compare_errors(new, old, motions, margin)
+        return gates
+
+    gates = compare(after.step, before.step)
+    if after.fitted is None and before.fitted is None and not all(gate.passed for gate in gates):
+        gates = compare(*map(evidence.fits.refit_to_motion, (after.step, before.step)))
+    yield from gates
+
+
+def compare_errors(after: Step, before: Step, motions: Mapping[str, Samples], torque_margin: float = 0.0) -> list[Gate]:
+    """Return the gates of a step over a smaller one: physical bounds, then held-out errors, up to the first failure.
+
+    All violated bounds are returned. Held-out errors have to be below those of `before`: positions first, then torque
+    of each joint with changed terms; unknown errors have no gate. Torque errors may exceed their limit by the relative
+    `torque_margin`. `motions` are samples of the training data, by joint.
+    """
+    new, old = after.errors["holdout"], before.errors["holdout"]
+    common = list_forms(after.model.terms) & list_forms(before.model.terms)
+    others = [term for step in (after, before) for term in step.model.terms if list_forms([term]).isdisjoint(common)]
+    joints = {joint for term in others for joint in list_loads(term.at)} or set(motions)
+    if violated := find_violations(after.model, {name: x for name, x in motions.items() if name in joints}):
+        return violated
+    gates = [Gate("physical_bounds", 0, 0, True)]
+    angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
+    errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
+    for joint_name in (joint for joint in new.joints if joint in joints):
+        unit = after.model.units(joint_name).unit("N m")
+        limit = (1.0 + torque_margin) * old.get_joint_error(joint_name)
+        errors.append(
+            (f"torque@{joint_name}" if joint_name else "torque", new.get_joint_error(joint_name), limit, unit)
+        )
+    for name, error, limit, unit in errors:
+        if not np.isnan([error, limit]).any() and all(gate.passed for gate in gates):
+            gates.append(Gate(f"holdout_{name}", error, limit, error < limit, unit))
+    return gates
+
+
+def require_better_form(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that the models differ in the form of one effect alone, and that the new form lowers held-out errors.
+
+    The form must lower the torque error; the effect must lower all errors.
+    """
+    evidence, terms = after.evidence, (after.terms, before.terms)
+    ids = {id for id, *_ in list_forms(after.terms) ^ list_forms(before.terms)}
+    is_form = list_ids(after.terms) == list_ids(before.terms) and evidence.fits.train.layout.predicts_torque
+    yield Gate("changed_forms", len(ids), 1, is_form and len(ids) == 1)
+    if is_form and len(ids) == 1:
+        (effect,) = (term for term in after.terms if term.id in ids)
+        new, old = (evidence.fits.fit(each).errors["holdout"].get_joint_error(effect.at) for each in terms)
+        yield Gate("holdout_torque", new, old, new < old, after.step.model.units(effect.at).unit("N m"))
+        if new < old:
+            without = tuple(term for term in after.terms if term is not effect)
+            yield from require_lower_errors(after, Hypothesis(evidence, without))
+
+
+def require_lower_cost(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the product of the held-out errors, see `compute_held_out_cost`."""
+    new, old = (compute_held_out_cost(each.step) for each in (after, before))
+    yield Gate("held_out_cost", new, old, new < old)
+
+
+def require_torque_error(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that the held-out torque error does not rise."""
+    new, old = (each.step.errors["holdout"].torque_rms for each in (after, before))
+    yield Gate("holdout_torque", new, old, new <= old, after.step.model.units().unit("N m"))
+
+
+def require_determined_lag(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test a lag or delay that a larger model adds, if the motion may not determine it.
+
+    In motion of one frequency it is not determined (`frequencies`). In a closed loop its residual must be noise:
+    the controller reacts to each torque that the model lacks, and a lag or delay fits this reaction.
+    """
+    residuals, ids = after.evidence.residuals, list_ids(before.terms)
+    if any((term.lead or term.delay) and term.id not in ids for term in after.terms):
+        if residuals.has_one_frequency:
+            yield Gate("frequencies", 1, 2, False)
+        elif residuals.has_feedback:
+            size, limit = residuals.relative_rms(after.terms), after.evidence.criterion.misfit
+            yield Gate("residual_in_loop", size, limit, size <= limit)
+
+
+def require_excitation(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the recorded torque over the smallest significant torque of the last term of `after`.
+
+    N rows with residual s show a torque of which a share u is outside the span of the other terms with a standard error
+    of s / (u sqrt(N)).
+    """
+    *others, term = after.terms
+    evidence, train = after.evidence, after.evidence.fits.train
+    rows, least = train.locate_rows(term.at), evidence.criterion.least_excitation
+    residual, recorded = train.residual(tuple(others))[rows], train.equations(others).y[rows]
+    if not recorded.any():  # a free swing
+        recorded = train.data.applied_torque()[rows]
+    noise, torque = (float(np.sqrt(np.mean(series**2))) for series in (residual, recorded))
+    share = compute_unique_share(train, others, term)
+    value = torque * share * len(residual) ** 0.5 / max(SIGNIFICANT * noise, 1e-300)
+    yield Gate("excitation", value, least, value > least)
+
+
+def require_noise(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that the residual of `after` is noise."""
+    is_noise = after.evidence.residuals.is_noise(after.terms)
+    yield Gate("noise", float(is_noise), 1, is_noise)
+
+
+def require_fewer_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the number of parameters."""
+    new, old = count_parameters(after.terms), count_parameters(before.terms)
+    yield Gate("parameters", new, old, new < old)
+
+
+def require_motion(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that `after` is no misfit to the motion."""
+    is_misfit = after.evidence.motion.has_misfit(after.terms)
+    yield Gate("motion_misfit", float(is_misfit), 0, not is_misfit)
+
+
+def require_simpler_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that a model with a table has fewer parameters, or replaces two or more effects that leave structure."""
+    new, old = count_parameters(after.terms), count_parameters(before.terms)
+    replaces_structure = _replaces_several(after, before) and not after.evidence.residuals.is_noise(before.terms)
+    yield Gate("parameters", new, old, new < old or replaces_structure)
+
+
+def _replaces_several(after: Hypothesis, before: Hypothesis) -> bool:
+    """Return whether a model that leaves only noise lacks two or more terms of another."""
+    n_replaced = len(set(list_ids(before.terms)) - set(list_ids(after.terms)))
+    return n_replaced > 1 and after.evidence.residuals.is_noise(after.terms)
+
+
+def require_tie_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the probability of a model with a table; see `require_gain_of_table` for its density."""
+    yield _make_tie_gate(after, before, after.evidence.residuals.are_refitted(after.terms))
+
+
+def require_gain_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the gain of a model with a table; both models are refitted to each part of the data if the table is."""
+    is_refitted = after.evidence.residuals.are_refitted(after.terms)
+    yield _limit_p_value("p_value", after.evidence.gain(after.terms, before.terms, is_refitted).p_value, after.evidence)
+
+
+def require_share_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the explained share of a table: of the noise, or most of the structure that effects leave.
+
+    If the table leaves structure, too, most of all torque above the noise floor. A table that leaves only noise in the
+    place of two or more effects needs no share.
+    """
+    residuals, criterion = after.evidence.residuals, after.evidence.criterion
+    is_noise, leaves_noise = (residuals.is_noise(each.terms) for each in (before, after))
+    share = residuals.explained_share(after.terms, before.terms, above_floor=not (is_noise or leaves_noise))
+    least = criterion.explained_share if is_noise else criterion.needed_share
+    yield Gate("explained_share", share, least, share > least or _replaces_several(after, before))
