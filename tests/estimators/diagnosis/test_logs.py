@@ -144,7 +144,9 @@ def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named
 def test_a_recording_without_motion_changes_nothing_beside_a_good_one():
     good = recording("filtered noise")
     still = Recording(good.time[:2000], np.zeros(2000), np.full(2000, 0.01), name="still")
-    alone, beside = (Evidence.from_data(*split_recordings(those)).fit(BASE).model for those in ([good], [still, good]))
+    alone, beside = (
+        Evidence.from_data(*split_recordings(those)).fits.fit(BASE).model for those in ([good], [still, good])
+    )
     assert beside.theta == pytest.approx(alone.theta, rel=1e-6)
 
 

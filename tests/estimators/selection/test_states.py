@@ -35,7 +35,6 @@ LIBRARY = {"D": effect("quadratic_drag"), "A": effect("viscous_asymmetry"), "O":
 BACKLASH = effect("backlash")
 LETTERS = {kind.id: letter for letter, kind in (LIBRARY | {"T": FrictionBySpeed}).items()}
 NOISE = 1000.0  # [nat] of gain from which the residual is noise
-DETERMINED = SimpleNamespace(std=np.zeros(9))  # fit of known coefficients, which have no test
 
 
 @pytest.fixture(autouse=True)
@@ -46,6 +45,11 @@ def single_variants(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "make_variants", lambda data, terms, kind: [kind()])
     for module, name in ((candidates, "rank_variants"), (candidates, "refine_variants"), (tables, "refine_variants")):
         monkeypatch.setattr(module, name, lambda data, terms, kind: [ScoredTerms((*terms, kind()), 0.0)])
+
+
+def fit_exactly(terms: tuple[Term, ...]) -> SimpleNamespace:
+    """Return a fit without standard errors, whose coefficients have no test."""
+    return SimpleNamespace(std=np.zeros(sum(len(term.columns) for term in terms)))
 
 
 def compare_gains(after: SimpleNamespace, before: SimpleNamespace, motions: dict, margin: float) -> list[Gate]:
@@ -68,7 +72,7 @@ class KnownEvidence(Evidence):
             segments=(),
             motions={},
             data=SimpleNamespace(link_states={}, contacts=0),
-            equations=lambda terms: SimpleNamespace(fit=lambda clusters: DETERMINED),
+            equations=lambda terms: SimpleNamespace(fit=lambda clusters: fit_exactly(terms)),
             maker=SimpleNamespace(
                 fit=lambda terms, exactly: Point(terms, np.empty(0)),
                 score_terms=lambda terms: ScoredTerms(tuple(terms), 0.0),
@@ -201,7 +205,7 @@ def test_screening_keeps_why_a_transmission_was_not_tried(gains: dict, before: s
     assert (terms is None) == (gate is not None)
 
 
-def test_gates_hold_gain_penalty_p_value_and_share_up_to_the_first_that_fails():
+def test_gates_hold_gain_penalty_p_value_share_and_coefficients_up_to_the_first_that_fails():
     evidence, found = KnownEvidence({"A": 1.0, "D": 100.0, "O": 900.0}), {}
     for letter in "ADO":
         gates = evidence.decide(state(evidence, letter).terms, BASE, ADD).gates
@@ -210,5 +214,5 @@ def test_gates_hold_gain_penalty_p_value_and_share_up_to_the_first_that_fails():
         assert gates[0].limit == pytest.approx(np.log(len(LIBRARY)))  # one variant of each effect was tried
     passed = [("gain", True), ("p_value", True)]
     assert found["D"] == [*passed, ("explained_share", False)]
-    assert found["O"] == [*passed, ("explained_share", True)]
+    assert found["O"] == [*passed, ("explained_share", True), ("coefficients", True)]
     assert found["A"] == [("gain", False), ("p_value", False)]
