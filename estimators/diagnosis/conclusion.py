@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.remedies import find_remedies, find_uneven_clocks
+from estimators.checks.signs import find_driving_friction
 from estimators.checks.torque_constant import find_gain_doubts
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.caveats import find_caveats
@@ -18,7 +19,7 @@ from estimators.diagnosis.unexplained import (
     find_noise_not_logged,
 )
 from estimators.findings import Finding, Kind, withhold_everything
-from estimators.selection.physical import find_driving_friction, find_violations
+from estimators.selection.physical import find_violations
 from estimators.selection.tables import find_explaining_law
 from pendulum_env.arms.joints import Rotor
 from pendulum_env.physics import TABLES

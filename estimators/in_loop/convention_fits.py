@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import Terms
 from estimators.decisions.score import BLOCK, Bootstrap
 from estimators.findings import Quantity
 from estimators.in_loop.fit import compute_log_densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.weak_form.rows import Terms
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term

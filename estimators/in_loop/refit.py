@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.torque_constant import widen_by_constant
 from estimators.data.fits import fit_terms
+from estimators.data.standard_errors import widen_by_constant
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.arguments import Recordings, Terms, apply_limits, select_recordings, select_terms
-from estimators.checks.completeness import check_results
 from estimators.data.fit_data import FitData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
+from estimators.schemes.completeness import check_results
 from estimators.schemes.fitting import Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.data.rows import ScoredTerms
 from estimators.data.variants import rank_variants, refine_variants, try_variants
 from estimators.decisions.errors import Step, Terms
 from estimators.decisions.gate import Gate
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.nonlinear import list_continuous_parameters, list_released_variants, set_values
+from estimators.weak_form.rows import ScoredTerms
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
 
 SAME = 1e-6  # relative difference of equal torques by rounding

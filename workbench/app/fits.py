@@ -6,8 +6,8 @@ from typing import Any
 from estimators import Addition, Diagnosis, FitData, Identification, add, diagnose, fit, identify
 from estimators.arguments import apply_limits
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
-from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.split import split_arm
+from estimators.data.standard_errors import add_torque_constant
 from estimators.decisions.errors import Step
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known

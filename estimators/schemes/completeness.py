@@ -12,6 +12,7 @@ import numpy as np
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.homogeneity import RecordingFit, find_disagreements, find_misfits, fit_each_recording
 from estimators.checks.remedies import find_uneven_clocks, find_wrong_columns
+from estimators.checks.signs import find_driving_friction
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
@@ -19,7 +20,6 @@ from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
-from estimators.selection.physical import find_driving_friction
 from estimators.selection.process_noise import find_process_noise
 from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows, prepare_windows
 from pendulum_env.arms.body import Body
