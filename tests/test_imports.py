@@ -42,6 +42,20 @@ def test_modules_import_each_other_in_no_circle():
     TopologicalSorter(find_imports()).prepare()  # a CycleError names the modules of a circle
 
 
+def test_folders_of_estimators_import_each_other_in_no_circle():
+    folders: dict[str, set[str]] = {}
+    for module, imported in find_imports().items():
+        if module.startswith("estimators."):
+            own = folders.setdefault(_folder(module), set())
+            own |= {_folder(other) for other in imported if other.startswith("estimators.")} - {_folder(module)}
+    TopologicalSorter(folders).prepare()
+
+
+def _folder(module: str) -> str:
+    """Folder or top module of the package."""
+    return module.split(".")[1]
+
+
 def test_packages_depend_one_way():
     order = {package: k for k, package in enumerate(PACKAGES)}
     upward = [

@@ -12,7 +12,6 @@ from typing import Any, Self
 
 import numpy as np
 
-from estimators import in_loop
 from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
@@ -21,9 +20,9 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.split import Parts, add_contacts, split_arm, split_recordings
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import find_known_values
-from estimators.in_loop.motion import LoopMotion, simulate_in_loop
+from estimators.in_loop import decide_conventions, has_open_torque
 from pendulum_env.arms.joints import find_body
-from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import Recording, TorqueConstant
 
 
@@ -95,7 +94,7 @@ class FitData:
         if data.constant is not None:
             quantity = Quantity(data.constant.value, data.constant.std, data.constant.unit)
             data = data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": quantity}))
-        if not in_loop.has_open_torque(data.all_recordings):
+        if not has_open_torque(data.all_recordings):
             return data
         return data.decide_conventions([term for term in terms if isinstance(term, Term)] or BASE)
 
@@ -161,7 +160,7 @@ class FitData:
 
     def decide_conventions(self, base: Sequence[Term]) -> Self:
         """Return the data with the conventions of their drives, decided by a base model, see `decide_conventions`."""
-        recordings, holdout, findings = in_loop.decide_conventions(self.recordings, self.holdout, base)
+        recordings, holdout, findings = decide_conventions(self.recordings, self.holdout, base)
         return replace(self, recordings=recordings, holdout=holdout, treatments=(*self.treatments, *findings))
 
     def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
@@ -270,10 +269,6 @@ class FitData:
         """Findings on torque that was logged late and is corrected."""
         kinds = {Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED, Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED}
         return [replace(finding, kind=kinds[finding.kind]) for finding in self.find_timing(True)]
-
-    def simulate_in_loop(self, model: Model) -> LoopMotion:
-        """Simulate all recordings, fitted ones first, with their controllers; return no motion without controllers."""
-        return simulate_in_loop(model, self.all_recordings)
 
     def find_timing(self, is_late: bool) -> tuple[Finding, ...]:
         """Return findings on torque that is logged late if `is_late`, else on torque that acts late.

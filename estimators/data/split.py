@@ -10,6 +10,7 @@ import numpy as np
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import HELD_OUT
 from estimators.regression.least_squares import IdentificationError
 from estimators.simulation.free_running import choose_segments
 from estimators.weak_form.torque_windows import choose_half_width, prepare_windows
@@ -18,7 +19,6 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Term, has_link
 from pendulum_env.recording import Recording
 
-HELD_OUT = 0.3  # share of each recording, at its end, that is held out if no recording is
 MOTION = 0.5  # least share of the motion that is fitted, if the end of each recording is held out
 REPEATED = 2  # least number of contacts with a stop: a single one may be an accident
 SHORTEST = 0.25  # least factor on the lengths of windows, if longer windows are too few

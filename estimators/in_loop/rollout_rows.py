@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData
 from estimators.decisions.errors import Errors
 from estimators.decisions.score import FOLDS
 from estimators.in_loop.fit import (
@@ -73,12 +72,6 @@ class RolloutRows:
             predicts_torque=False,
             has_fast_fits=False,
         )
-
-    @property
-    @memoized
-    def data(self) -> RegressionData:
-        """Data of the regression with these rows."""
-        return RegressionData(self.torque.data, rollouts=self)
 
     @property
     @memoized

@@ -9,10 +9,10 @@ import numpy as np
 
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Kind
 from estimators.in_loop.convention_fits import TIE
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.refit import refine_rows
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.weak_form.point import Point
 from pendulum_env.recording import Recording

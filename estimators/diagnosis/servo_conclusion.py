@@ -10,9 +10,9 @@ import numpy as np
 from estimators.checks.remedies import find_remedies
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.refit import refine_rows
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
