@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from estimators.checks.torque_constant import estimate_torque_constant, explain_unknown_constant, find_torque_unit
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
 from estimators.in_loop import complete_drives, decide_conventions
 from estimators.regression.least_squares import IdentificationError
@@ -41,6 +41,11 @@ def calibrate(
         inertia = known.get("inertia") or fit_inertia(fitted)
         combined = _scale_swings(combined, inertia, combined[0].torque_unit)
     return combined[:count], combined[count:], doubt
+
+
+def make_constant_finding(constant: TorqueConstant) -> Finding:
+    """Make the finding on the torque constant by which currents are converted."""
+    return Finding(Kind.TORQUE_CONSTANT, {"torque_constant": Quantity(constant.value, constant.std, constant.unit)})
 
 
 def _scale_by_known_value(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -24,6 +24,31 @@ REPEATED = 2  # least number of contacts with a stop: a single one may be an acc
 SHORTEST = 0.25  # least factor on the lengths of windows, if longer windows are too few
 
 Parts = tuple[RegressionData, RegressionData]  # fitted and held out
+
+
+@dataclass(frozen=True)
+class CutSettings:
+    """How recordings of a pendulum are cut into windows and segments.
+
+    Attributes:
+        window_share: factor on the window lengths chosen by noise.
+        inertia: known inertia, which scales encoder noise [kg m^2]; None if the base model gives it.
+        contact_terms: terms of the residual that showed contacts with a stop; None without contacts.
+        horizon: length of the segments for simulation [s]; None for the default.
+    """
+
+    window_share: float = 1.0
+    inertia: float | None = None
+    contact_terms: tuple[Term, ...] | None = None
+    horizon: float | None = None
+
+    def make_parts(self, recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Parts:
+        """Return fitted and held-out data; raises errors of `split_recordings`."""
+        parts = split_recordings(recordings, holdout, self.window_share, self.inertia)
+        parts = parts if self.contact_terms is None else add_contacts(parts, self.contact_terms)
+        if self.horizon is None:
+            return parts
+        return parts[0].with_horizon(self.horizon), parts[1].with_horizon(self.horizon)
 
 
 def split_arm(

@@ -46,7 +46,7 @@ def _list_torque_changes(data: FitData, train: RegressionData) -> Iterator[Array
     The acting torque tau of the logged torque u changes by tau' per second of the delay, and by u' = (tau - u) / lag
     per second of the lag.
     """
-    windows, laws = train.data.windows, data.alignments
+    windows, laws = train.data.windows, data.timing.alignments
     counts = [len(w.centers) for w in windows]
     for law in dict.fromkeys(law for law in laws[: len(data.recordings)] if law.is_late):
         is_timed = np.repeat([laws[k if w.run is None else w.run] == law for k, w in enumerate(windows)], counts)

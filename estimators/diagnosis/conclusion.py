@@ -101,7 +101,7 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         *contacts,
         *([Finding(Kind.ROTORS_MISSING, joints=rotors)] if rotors else []),
         *find_driving_friction(trial.release_bounds(diagnosis.model)),
-        *trial.data.corrections,
+        *trial.data.timing.corrections,
     )
     candidates = mark_met_stops(diagnosis.candidates, contacts)
     return replace(
@@ -121,16 +121,16 @@ def find_in_channel(trial: Trial, diagnosis: Diagnosis) -> list[Finding]:
     selected effects do not explain the delay.
     """
     data = trial.data.whole or trial.data
-    constant, findings = data.constant, [] if data.doubt is None else [data.doubt]
+    constant, findings = data.recordings[0].torque_constant, [] if data.doubt is None else [data.doubt]
     if constant is not None:
         findings += find_gain_doubts(diagnosis.model, constant, data.parts[0].data)
-    findings += data.corrections
+    findings += data.timing.corrections
     selected = {id for group in diagnosis.effects for id in group}
     if selected & {"dead_time", "actuator_lag"}:
-        findings += data.find_timing(False)
-    elif diagnosis.unexplained and data.find_timing(False):
+        findings += data.timing.find(is_late=False)
+    elif diagnosis.unexplained and data.timing.find(is_late=False):
         findings += data.with_timing(
             [term for term in diagnosis.model.terms if term.id in diagnosis.selected]
-        ).find_timing(False)
+        ).timing.find(is_late=False)
     findings += find_uneven_clocks(data.recordings) if diagnosis.unexplained else []
     return [*findings, *find_feedback(data.recordings)]

@@ -24,7 +24,7 @@ from dataclasses import replace
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.back_emf import add_back_emf, include_back_emf, present
 from estimators.diagnosis.case import Case
-from estimators.diagnosis.goal_reading import reread_goals
+from estimators.diagnosis.goal_reading import decide_drives, reread_goals
 from estimators.diagnosis.servo_conclusion import conclude, find_loop_regions
 from estimators.diagnosis.servo_refit import make_data, refine, refit
 from estimators.diagnosis.setting import Setting
@@ -49,7 +49,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     share = max(setting.criterion.explained_share, LOOP.needed)
     criterion = replace(setting.criterion, explained_share=share, needed_share=share)
-    data = data.decide_conventions(setting.base)
+    data = decide_drives(data, setting.base)
     return data, replace(setting, base=base, library=library, criterion=criterion)
 
 

@@ -12,6 +12,7 @@ from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop import list_decisions
 from estimators.in_loop.fit import LOOP
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
@@ -35,7 +36,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         ),
         floors=refine_rows(trial.evaluator)[0].rollouts.encoder,
         findings=(
-            *data.conventions,
+            *list_decisions(data.treatments),
             *find_remedies(
                 trial.release_bounds(diagnosis.model), data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
             ),

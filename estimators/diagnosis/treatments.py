@@ -1,5 +1,6 @@
 """Candidate treatments of the recordings: functions from a trial to treated data, and the rule that keeps them."""
 
+from dataclasses import replace
 from functools import partial
 
 from estimators.arms.payload import Payload, detect_payloads
@@ -55,8 +56,8 @@ def compare_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     is_kept = is_better(ratio, *counts, trial.evaluator.criterion.error_margin)
     if treatment.kind is Kind.IMPACTS_INCLUDED:  # only a stop explains the torque of a contact
         is_kept = is_kept and has_stop(trial.result.terms)
-    is_undone = best.data.has_moved and any(term.lead or term.delay for term in best.result.terms)
-    if is_undone and not trial.data.has_moved and counts[0] < counts[1]:
+    is_undone = best.data.timing.has_moved and any(term.lead or term.delay for term in best.result.terms)
+    if is_undone and not trial.data.timing.has_moved and counts[0] < counts[1]:
         is_kept = is_kept or trial.evaluator.residuals.is_noise(trial.result.terms)
     return TriedTreatment(treatment, ratio, *counts, is_kept)
 
@@ -78,7 +79,7 @@ def count_assumptions(trial: Trial) -> int:
     counted = (*WINDOWS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
     kinds = [treatment.kind for treatment in trial.data.treatments]
     run_on = [kind for kind in kinds if kind in GOALS][-1:] == [Kind.GOALS_RUN_ON]
-    return len(trial.result.steps) - 1 + trial.data.has_moved + sum(kind in counted for kind in kinds) + run_on
+    return len(trial.result.steps) - 1 + trial.data.timing.has_moved + sum(kind in counted for kind in kinds) + run_on
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
@@ -89,7 +90,8 @@ def narrow_windows(trial: Trial) -> FitData | None:
     if not evaluator.residuals.is_noise_by_part(found.terms)[0] or not evaluator.is_misfit(found.steps[-1]):
         return None
     share = evaluator.criterion.shorter_window
-    return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
+    cut = replace(trial.data.cut, window_share=share)
+    return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), cut=cut)
 
 
 def scale_noise_by_model(trial: Trial) -> FitData | None:
@@ -99,7 +101,7 @@ def scale_noise_by_model(trial: Trial) -> FitData | None:
         return None
     numbers, unit = {"inertia": inertia.value, "before": train.data.base_inertia}, train.units().unit(inertia.unit)
     finding = Finding(Kind.WINDOWS_BY_INERTIA, {name: Quantity(value, unit=unit) for name, value in numbers.items()})
-    return trial.data.with_treatment(finding, inertia=inertia.value)
+    return trial.data.with_treatment(finding, cut=replace(trial.data.cut, inertia=inertia.value))
 
 
 def include_contacts(trial: Trial) -> FitData | None:
@@ -149,10 +151,10 @@ def align_with_effects(trial: Trial) -> FitData | None:
     effects = [term for term in trial.result.terms if term.id not in known]
     if not effects or any(map(trial.data.has_treatment, (Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED))):
         return None
-    if not (trial.data.has_moved or trial.data.has_unknown_timing or trial.unexplained):
+    if not (trial.data.timing.has_moved or trial.data.timing.has_unknown or trial.unexplained):
         return None
     timed = trial.data.with_timing(effects)
-    return None if timed.agrees(trial.data) else timed
+    return None if timed.timing.agrees(trial.data.timing) else timed
 
 
 def keep_logged_time(trial: Trial) -> FitData | None:
@@ -161,6 +163,6 @@ def keep_logged_time(trial: Trial) -> FitData | None:
     None if this was done, if no torque was corrected, or if the correction leaves only noise without an effect.
     """
     has_effects = len(trial.result.steps) > 1
-    if not trial.data.has_moved or trial.data.has_treatment(Kind.TIMED_AS_LOGGED):
+    if not trial.data.timing.has_moved or trial.data.has_treatment(Kind.TIMED_AS_LOGGED):
         return None
     return trial.data.without_timing() if has_effects or trial.unexplained else None

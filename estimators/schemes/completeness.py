@@ -53,7 +53,7 @@ def check_results(
         return None, findings, results
     windows, findings = None, find_wrong_columns(first, fit_data.recordings) or find_driving_friction(first)
     with suppress(IdentificationError):  # windows need more motion than some schemes
-        windows = prepare_windows(fit_data.recordings, inertia=fit_data.inertia)
+        windows = prepare_windows(fit_data.recordings, inertia=fit_data.cut.inertia)
         if (inertia := find_inertia_of_noise(RegressionData(windows), terms)) is not None:
             windows = prepare_windows(fit_data.recordings, inertia=inertia.value)
         findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms), terms)]
@@ -68,10 +68,10 @@ def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequen
 
     A late action of torque is no finding if the model has a dead time or a lag.
     """
-    timed = data.with_timing()
+    timing = data.with_timing().timing
     return [
-        *timed.find_timing(True),
-        *(timed.find_timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *timing.find(is_late=True),
+        *(timing.find(is_late=False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
         *(disagreement.finding for disagreement in find_disagreements(fits, only_if_all_fit=True)),
         *(disagreement.finding for disagreement in find_misfits(fits)),
     ]

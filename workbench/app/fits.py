@@ -48,7 +48,7 @@ def fit_pendulum(
     """
     terms = apply_limits(terms, {}, **limits)[0]
     logged = FitData.from_recordings(recordings, holdout, terms)
-    if logged.doubt is not None and logged.unit != PER_INERTIA:
+    if logged.doubt is not None and logged.recordings[0].torque_unit != PER_INERTIA:
         raise InputError(f"{describe(logged.doubt)} Or give the gain itself.")
     timed = logged.with_timing()
     data = timed if is_aligned else logged
@@ -60,7 +60,7 @@ def fit_pendulum(
         replace(step, model=model),
         identify_schemes(data.recordings, model),
         find_disagreements(fit_each_recording(parts, model.terms), only_if_all_fit=True),
-        *(timed.find_timing(is_late) for is_late in (True, False)),
+        *(timed.timing.find(is_late) for is_late in (True, False)),
     )
 
 

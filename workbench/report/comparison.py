@@ -40,7 +40,7 @@ def make_comparison(case: ReportData) -> Section:
     about = (
         f"{held_out}Torque is averaged over short windows clear of stick; gaps are where the joint stuck or turned. "
         "Each simulation of the position starts from the measured state and then runs "
-        f"freely for {case.data.horizon or HORIZON:g} s on the recorded torque alone."
+        f"freely for {case.data.cut.horizon or HORIZON:g} s on the recorded torque alone."
     )
     other_runs = [Part(f"Other recordings, {len(order) - 1} of {len(usable) - 1}", runs[2:], brief=False)]
     content: Content = [about, *runs[:2], *other_runs[: len(order) - 1]]

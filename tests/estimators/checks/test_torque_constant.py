@@ -170,7 +170,7 @@ def test_errors_of_parameters_include_that_of_the_torque_constant():
     own, given = found["dynamic"].model.estimates, known["dynamic"].model.estimates
     assert all(own[name].std >= 0.99 * given[name].std for name in own)
     wide = FitData.from_recordings(runs)
-    loose = replace(wide.constant, std=0.05 * K)
+    loose = replace(wide.recordings[0].torque_constant, std=0.05 * K)
     widened = identify([replace(r, torque_constant=loose) for r in wide.recordings], schemes="dynamic")["dynamic"]
     # I = K phi - dI: of a fit to a light and a heavy recording, an error of K moves inertia by more than its share
     assert widened.model.estimates["inertia"].std > 0.05 * UNLOADED["inertia"]

@@ -10,6 +10,7 @@ from estimators.checks.alignment import Alignment
 from estimators.data.fit_data import FitData
 from estimators.data.fits import fit_terms
 from estimators.data.standard_errors import widen_by_constant, widen_by_timing
+from estimators.data.timing import Timing
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE, Estimate, Model, effect
 from pendulum_env.recording import TorqueConstant
@@ -25,7 +26,7 @@ def time_recording(law: Alignment, delay: float) -> FitData:
     late = replace(recording, torque=np.roll(recording.torque, 2))
     own = replace(law, channel=replace(law.channel, delay=delay))
     corrected = replace(own.apply(late), is_checked=True)
-    return FitData((corrected,), (corrected,), alignments=(law, law), untimed=FitData((late,), (late,)))
+    return FitData((corrected,), (corrected,), timing=Timing((law, law), (late.name, late.name), (late, late)))
 
 
 LATE = Alignment(Channel(DELAY), STD, 0.0)
