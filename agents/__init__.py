@@ -1,15 +1,12 @@
 """Policies that choose excitation torques: signals, planners and trained networks, and their comparison."""
 
-from typing import TYPE_CHECKING
+import lazy_loader
 
-from pendulum_env.lazy import lazy_exports
+from pendulum_env.registration import ARM_DESIGN, DESIGN
 
-if TYPE_CHECKING:
-    from agents.comparison import PolicyComparison, compare_policies
-    from agents.network import Network, load
-    from agents.observer import Pilot
-    from pendulum_env.registration import ARM_DESIGN, DESIGN
-else:
-    __getattr__, __dir__ = lazy_exports(__name__)
+__getattr__, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__all__ += ["ARM_DESIGN", "DESIGN"]
 
-__all__ = ["ARM_DESIGN", "DESIGN", "Network", "Pilot", "PolicyComparison", "compare_policies", "load"]
+
+def __dir__() -> list[str]:
+    return __all__

@@ -68,7 +68,7 @@ REFERENCES = {
             "estimators.diagnosis.result.Step",
             "estimators.diagnosis.result.Candidate",
             "estimators.decisions.errors.Errors",
-            "estimators.decisions.errors.Gate",
+            "estimators.decisions.gate.Gate",
             "estimators.diagnosis.suggestion.Suggestion",
             "estimators.checks.alignment.Alignment",
             "estimators.checks.homogeneity.Disagreement",

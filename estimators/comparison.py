@@ -18,7 +18,8 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_inertia
 from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.motion import LoopMotion
+from estimators.data.split import CutSettings
+from estimators.in_loop.motion import LoopMotion, simulate_in_loop
 from estimators.results import Comparison, Distance
 from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
@@ -66,8 +67,8 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     joints = model.terms if isinstance(model.body, Body) else ()
     separate = [] if joints else [_prepare_recording(recording, model, horizon) for recording in recordings]
     joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints)
-    data = FitData(recordings, recordings, terms=joints, horizon=horizon).with_parts((joined, joined))
-    loop = data.simulate_in_loop(model)
+    data = FitData(recordings, recordings, terms=joints, cut=CutSettings(horizon=horizon)).with_parts((joined, joined))
+    loop = simulate_in_loop(model, recordings)
     joint = compute_distance("all", joined, model, loop)
     residual = joined.residual(model.terms, model.theta)
     fits = fit_each_recording([joined.data], model.terms) if separate and not joint.errors.is_in_loop else []

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
+from estimators.in_loop.motion import simulate_in_loop
 from estimators.regression.least_squares import IdentificationError
 from estimators.simulation.free_running import Segments, simulate_errors
 from estimators.weak_form import links
@@ -86,7 +87,7 @@ def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, 
     if data is None:
         raise IdentificationError("the result has no data: compare its model with the recordings")
     predictions = [_make_empty_prediction(model, recording) for recording in data.all_recordings]
-    loop = data.simulate_in_loop(model)
+    loop = simulate_in_loop(model, data.all_recordings)
     if data.is_comparison:
         predictions = [replace(prediction, is_held_out=None) for prediction in predictions]
     with suppress(*[IdentificationError] * bool(loop)):  # a servo may move too little for a regression of its torque

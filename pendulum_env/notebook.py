@@ -1,11 +1,11 @@
-"""Display of results in notebooks; the workbench registers the text of each type."""
+"""Display of results in notebooks; modules of the entry points `NARRATORS` register the text of each type."""
 
 from functools import singledispatch
-from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any
 
 BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # contrast of at least 3:1 on white and on black
-NARRATOR = "workbench.narrator.notebook"  # imported at the first use
+NARRATORS = "pendulum_ident.narrators"  # loaded at the first use; the workbench has one
 
 
 @singledispatch
@@ -21,11 +21,12 @@ def summarise(result: object) -> str:
 
 
 def _narrate(generic: Any, result: object) -> str:
-    """Import the narrator, which registers its functions, and call the one for the result's type."""
-    import_module(NARRATOR)
+    """Load the installed narrators, which register their functions, and call the one for the result's type."""
+    for point in entry_points(group=NARRATORS):
+        point.load()
     narrate = generic.dispatch(type(result))
     if narrate is generic.dispatch(object):
-        raise TypeError(f"{type(result).__name__} has no text")
+        raise TypeError(f"{type(result).__name__} has no text: install pendulum-ident again to register its narrator")
     text: str = narrate(result)
     return text
 

@@ -26,8 +26,15 @@ def _name(file: Path) -> str:
 
 
 def _imported(file: Path, known: Set[str]) -> set[str]:
-    """Known modules that a file imports: `from package import name` imports a module of the package or the package."""
+    """Known modules that a file imports: `from package import name` imports a module of the package or the package.
+
+    The imports of a stub beside it are relative, and happen at the first use of a name.
+    """
     imported: set[str] = set()
+    stub = file.with_suffix(".pyi")
+    if stub.exists():
+        nodes = ast.walk(ast.parse(stub.read_text(encoding="utf-8")))
+        imported = {f"{_name(file)}.{node.module}" for node in nodes if isinstance(node, ast.ImportFrom)}
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             imported |= {alias.name for alias in node.names}
@@ -40,6 +47,20 @@ def _imported(file: Path, known: Set[str]) -> set[str]:
 
 def test_modules_import_each_other_in_no_circle():
     TopologicalSorter(find_imports()).prepare()  # a CycleError names the modules of a circle
+
+
+def test_folders_of_estimators_import_each_other_in_no_circle():
+    folders: dict[str, set[str]] = {}
+    for module, imported in find_imports().items():
+        if module.startswith("estimators."):
+            own = folders.setdefault(_folder(module), set())
+            own |= {_folder(other) for other in imported if other.startswith("estimators.")} - {_folder(module)}
+    TopologicalSorter(folders).prepare()
+
+
+def _folder(module: str) -> str:
+    """Folder or top module of the package."""
+    return module.split(".")[1]
 
 
 def test_packages_depend_one_way():

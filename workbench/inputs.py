@@ -11,6 +11,7 @@ from estimators.arguments import check_model
 from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.free_swings import find_known_values
+from estimators.in_loop import list_decisions
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel, ModelOptions, load_model
 from pendulum_env.formatting import join_words
@@ -138,7 +139,7 @@ class Inputs:
         """Calibrate torque by known loads or known values, and report its timing."""
         known_values = find_known_values(self.model.terms) | dict(fixed or {})
         data = FitData.from_recordings(self.recordings, self.holdout, self.model.terms, known=known_values)
-        for finding in data.conventions:
+        for finding in list_decisions(data.treatments):
             terminal.print(describe(finding))
         if not self.body.can_simulate:
             align = align or None  # the test is slow for arms: only with --align
@@ -172,13 +173,13 @@ def report_timing(data: FitData, align: bool | None, terminal: Terminal) -> FitD
     With `align` false, torque that is logged late or filtered is a warning. With None, or without logged torque,
     its timing is not tested.
     """
-    if data.constant is not None:
-        terminal.print(data.constant.text)
+    if (constant := data.recordings[0].torque_constant) is not None:
+        terminal.print(constant.text)
     align = align if all(recording.has_logged_torque for recording in data.recordings) else None
     timed = data if align is None else data.with_timing()
-    if align and not timed.has_moved:
+    if align and not timed.timing.has_moved:
         terminal.print("no torque shows to be logged late: taken as it was logged")
-    for finding in timed.find_timing(True):
+    for finding in timed.timing.find(is_late=True):
         text = describe_late(finding, "It is corrected." if align else "Correct it with --align.")
         terminal.print(text if align else f"warning: {text}", style="yellow")
     return timed if align else data

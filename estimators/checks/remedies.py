@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.checks.signs import compute_significant_sign, find_driving_friction, is_significantly_negative
 from estimators.findings import Finding, Kind, Quantity, Remedy
 from estimators.regression.least_squares import Equations, IdentificationError, solve
-from estimators.selection.physical import compute_significant_sign, find_driving_friction, is_significantly_negative
 from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import NEWTON_METRE, Recording

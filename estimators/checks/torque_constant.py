@@ -12,7 +12,7 @@ Source: Gautier and Briot, Journal of Dynamic Systems, Measurement, and Control 
 known payloads).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,17 +24,13 @@ from estimators.checks.channel_rows import (
     is_brake,
     list_load_friction,
 )
-from estimators.data.fits import fit_terms
-from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
-from estimators.free_swings import NO_LOAD, remove_unit_inertia
+from estimators.free_swings import NO_LOAD
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.motion import get_load_in_newton_metres
 from estimators.weak_form.torque_windows import TorqueWindows
-from pendulum_env._typing import Array
-from pendulum_env.physics import LOAD, Estimate, Model
+from pendulum_env.physics import LOAD, Model
 from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant
-from pendulum_env.units import is_of_torque
 
 MIN_Z_SCORE = 5.0  # of the inverse torque constant, in standard errors
 
@@ -49,39 +45,6 @@ def find_torque_unit(recordings: Sequence[Recording]) -> str:
             "with a gain or with *? for the torque"
         )
     return units[0]
-
-
-def add_torque_constant(
-    model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None
-) -> Model:
-    """Add the torque constant, and the standard errors it causes, to a model.
-
-    Args:
-        model: fitted to the data, in the unit of their torque.
-        data: windows of recordings with a constant. Without a constant, the model is converted to their units.
-        fit: function that fits the model to data under another constant; by default the same terms.
-    """
-    recording = data.windows[0].recording
-    constant = recording.torque_constant
-    if constant is None:
-        return remove_unit_inertia(model.convert_units(recording.units))
-    fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
-    changed = fit(data.with_torque(1 + constant.std / constant.value))
-    return widen_by_constant(model, constant, changed.theta - fit(data).theta)
-
-
-def widen_by_constant(model: Model, constant: TorqueConstant, change: Array | None = None) -> Model:
-    """Add the error of the torque constant to standard errors and correlations of a model, and set the constant.
-
-    `change` (P,) is that of the linear parameters by one standard error of the constant. By default they change as the
-    nonlinear ones: those in a unit of torque by the relative error of the constant.
-    """
-    share = constant.std / constant.value
-    changes = {name: share * e.value for name, e in model.estimates.items() if is_of_torque(e.unit)}
-    if change is not None:
-        changes |= dict(zip((column.name for column in model.columns), change.tolist(), strict=True))
-    known = Estimate(constant.value, constant.std, constant.unit)
-    return replace(model.add_errors(changes), torque_constant=known)
 
 
 def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding:

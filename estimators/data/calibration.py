@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
-from estimators import in_loop
 from estimators.checks.torque_constant import estimate_torque_constant, explain_unknown_constant, find_torque_unit
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
+from estimators.in_loop import complete_drives, decide_conventions
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import NEWTON_METRE, PER_INERTIA, Recording, TorqueConstant
@@ -41,6 +41,11 @@ def calibrate(
         inertia = known.get("inertia") or fit_inertia(fitted)
         combined = _scale_swings(combined, inertia, combined[0].torque_unit)
     return combined[:count], combined[count:], doubt
+
+
+def make_constant_finding(constant: TorqueConstant) -> Finding:
+    """Make the finding on the torque constant by which currents are converted."""
+    return Finding(Kind.TORQUE_CONSTANT, {"torque_constant": Quantity(constant.value, constant.std, constant.unit)})
 
 
 def _scale_by_known_value(
@@ -118,8 +123,8 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Reco
                 f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: "
                 "record under known loads that differ, or identify the model with a torque constant"
             )
-    recordings = in_loop.complete_drives(recordings, model.log_format)
+    recordings = complete_drives(recordings, model.log_format)
     try:
-        return in_loop.decide_conventions(recordings).recordings
+        return decide_conventions(recordings).recordings
     except IdentificationError:  # the joint moves too little for a decision
-        return in_loop.complete_drives(recordings, {"goal": "held"})
+        return complete_drives(recordings, {"goal": "held"})

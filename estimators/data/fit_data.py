@@ -6,24 +6,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
-import numpy as np
-
-from estimators import in_loop
-from estimators.checks.alignment import Alignment
 from estimators.checks.channel import align_each
 from estimators.checks.homogeneity import Disagreement
-from estimators.data.calibration import calibrate
+from estimators.data.calibration import calibrate, make_constant_finding
 from estimators.data.regression_data import RegressionData
-from estimators.data.split import Parts, add_contacts, split_arm, split_recordings
-from estimators.findings import Finding, Kind, Quantity
+from estimators.data.split import CutSettings, Parts, add_contacts, split_arm
+from estimators.data.timing import Timing
+from estimators.findings import Finding, Kind
 from estimators.free_swings import find_known_values
-from estimators.in_loop.motion import LoopMotion, simulate_in_loop
+from estimators.in_loop import decide_open_torque
 from pendulum_env.arms.joints import find_body
-from pendulum_env.physics import BASE, Model, Term
+from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import Recording, TorqueConstant
 
 
@@ -35,32 +32,23 @@ class FitData:
         recordings: to fit; torque in N m if the torque constant is known, else in the unit of the log.
         holdout: to check on; if empty, the end of each fitted recording is held out.
         doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
-        alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
-            torque is corrected. Empty before `with_timing`.
-        window_share: factor on the window lengths chosen by noise.
-        inertia: known inertia of a pendulum, which scales encoder noise [kg m^2]; None if the base model gives it.
-        contact_terms: terms of the residual that showed contacts with a stop; None without contacts.
+        timing: time between torque and motion of each recording, fitted ones first. Empty before `with_timing`.
+        cut: how recordings of a pendulum are cut into windows and segments.
         terms: terms that may be fitted to an arm, the links first; empty for a pendulum.
         treatments: findings on each treatment, in order.
         excluded: disagreements of the recordings that were excluded from the fit.
         whole: the data before recordings were excluded; None without exclusion.
-        untimed: the data before torque was timed; None before.
-        horizon: length of the segments for simulation [s]; None for the default.
     """
 
     recordings: tuple[Recording, ...]
     holdout: tuple[Recording, ...] = ()
     doubt: Finding | None = None
-    alignments: tuple[Alignment, ...] = ()
-    window_share: float = 1.0
-    inertia: float | None = None
-    contact_terms: tuple[Term, ...] | None = None
+    timing: Timing = field(default_factory=Timing)
+    cut: CutSettings = field(default_factory=CutSettings)
     terms: tuple[type[Term] | Term, ...] = ()
     treatments: tuple[Finding, ...] = ()
     excluded: tuple[Disagreement, ...] = ()
     whole: FitData | None = None
-    untimed: FitData | None = None
-    horizon: float | None = None
 
     @classmethod
     def from_recordings(
@@ -90,14 +78,13 @@ class FitData:
         """
         if not find_body(terms).can_simulate:
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
-        known = find_known_values([term for term in terms if isinstance(term, Term)]) if known is None else known
-        data = cls(*calibrate(recordings, holdout, constant, known), inertia=known.get("inertia"))
-        if data.constant is not None:
-            quantity = Quantity(data.constant.value, data.constant.std, data.constant.unit)
-            data = data.with_treatment(Finding(Kind.TORQUE_CONSTANT, {"torque_constant": quantity}))
-        if not in_loop.has_open_torque(data.all_recordings):
-            return data
-        return data.decide_conventions([term for term in terms if isinstance(term, Term)] or BASE)
+        base = [term for term in terms if isinstance(term, Term)]
+        known = find_known_values(base) if known is None else known
+        fitted, held_out, doubt = calibrate(recordings, holdout, constant, known)
+        treatments = () if (own := fitted[0].torque_constant) is None else (make_constant_finding(own),)
+        fitted, held_out, findings = decide_open_torque(fitted, held_out, base or BASE)
+        cut = CutSettings(inertia=known.get("inertia"))
+        return cls(fitted, held_out, doubt, cut=cut, treatments=(*treatments, *findings))
 
     def with_treatment(self, treatment: Finding, **changes: Any) -> Self:
         """Return the data with changed fields, and a finding on the treatment added to `treatments`."""
@@ -116,26 +103,29 @@ class FitData:
         """
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
-        raw, terms = self.untimed or self, [term for term in self.terms if isinstance(term, Term)]
-        recordings, count = raw.all_recordings, len(raw.recordings)
-        alignments = align_each(recordings, [*terms, *effects])
-        pairs = zip(alignments, recordings, strict=True)
-        corrected = tuple(alignment.apply(recording) for alignment, recording in pairs)
-        earlier = tuple(treatment for treatment in self.treatments if treatment not in self.corrections)
-        changes: dict[str, Any] = {"recordings": corrected[:count], "holdout": corrected[count:], "untimed": raw}
-        timed = replace(self, **changes, alignments=tuple(alignments))
+        logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
+        terms = [term for term in self.terms if isinstance(term, Term)]
+        alignments = tuple(align_each(logged, [*terms, *effects]))
+        timing = Timing(alignments, tuple(recording.name for recording in logged), logged)
+        corrected = tuple(law.apply(recording) for law, recording in zip(alignments, logged, strict=True))
+        corrections = self.timing.corrections
+        earlier = (treatment for treatment in self.treatments if treatment not in corrections)
         model_finding = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
-        return replace(timed, treatments=(*earlier, *model_finding, *timed.corrections))
+        treatments = (*earlier, *model_finding, *timing.corrections)
+        changes: dict[str, Any] = {"recordings": corrected[:count], "holdout": corrected[count:]}
+        return replace(self, **changes, timing=timing, treatments=treatments)
 
     def without_timing(self) -> FitData:
         """Return the data with torque as logged: with no correction of its delay and filter."""
         if self.whole is not None:
             return self.whole.without_timing().without_outliers(self.excluded)
-        raw, corrections = self.untimed or self, self.corrections
+        logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
+        corrections = self.timing.corrections
         others = (treatment for treatment in self.treatments if treatment not in corrections)
-        earlier = tuple(treatment for treatment in others if treatment.kind is not Kind.TIMED_BESIDE)
-        changes: dict[str, Any] = {"recordings": raw.recordings, "holdout": raw.holdout, "alignments": ()}
-        return replace(self, **changes, treatments=(*earlier, Finding(Kind.TIMED_AS_LOGGED)))
+        earlier = (treatment for treatment in others if treatment.kind is not Kind.TIMED_BESIDE)
+        treatments = (*earlier, Finding(Kind.TIMED_AS_LOGGED))
+        changes: dict[str, Any] = {"recordings": logged[:count], "holdout": logged[count:]}
+        return replace(self, **changes, timing=Timing(), treatments=treatments)
 
     def without_outliers(self, outliers: Sequence[Disagreement]) -> FitData:
         """Return the data without the fitted recordings of some disagreements, and with `whole` set to these data.
@@ -147,37 +137,32 @@ class FitData:
         remaining_numbers = [k for k in range(count) if k + 1 not in excluded]
         if len(remaining_numbers) == count:
             return self
-        alignments = [
-            self.alignments[k] for k in (*remaining_numbers, *range(count, len(self.alignments))) if self.alignments
-        ]
+        timed_numbers = (*remaining_numbers, *range(count, len(self.timing.alignments)))
         names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in remaining_numbers)
         return self.with_treatment(
             Finding(Kind.RECORDINGS_EXCLUDED, recordings=names),
             recordings=tuple(self.recordings[k] for k in remaining_numbers),
-            alignments=tuple(alignments),
+            timing=self.timing.select(timed_numbers),
             excluded=tuple(outliers),
             whole=self,
         )
 
-    def decide_conventions(self, base: Sequence[Term]) -> Self:
-        """Return the data with the conventions of their drives, decided by a base model, see `decide_conventions`."""
-        recordings, holdout, findings = in_loop.decide_conventions(self.recordings, self.holdout, base)
-        return replace(self, recordings=recordings, holdout=holdout, treatments=(*self.treatments, *findings))
-
     def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
         """Return the data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
-        numbered = enumerate(self.all_recordings)
-        changed = tuple(change(recording) if k in numbers else recording for k, recording in numbered)
-        untimed = None if self.untimed is None else self.untimed.with_changes(change, numbers)
-        count = len(self.recordings)
-        return replace(self, recordings=changed[:count], holdout=changed[count:], untimed=untimed)
+        changed, logged = (
+            tuple(change(recording) if k in numbers else recording for k, recording in enumerate(recordings))
+            for recordings in (self.all_recordings, self.timing.logged)
+        )
+        count, timing = len(self.recordings), replace(self.timing, logged=logged)
+        return replace(self, recordings=changed[:count], holdout=changed[count:], timing=timing)
 
     def with_contacts(self, terms: Sequence[Term]) -> Self:
         """Return the data with contacts with a stop, by the residual of some terms; the same data if they are few."""
         parts = add_contacts(self.parts, terms)
         if parts is self.parts:
             return self
-        return self.with_treatment(Finding(Kind.IMPACTS_INCLUDED), contact_terms=tuple(terms)).with_parts(parts)
+        cut = replace(self.cut, contact_terms=tuple(terms))
+        return self.with_treatment(Finding(Kind.IMPACTS_INCLUDED), cut=cut).with_parts(parts)
 
     def with_parts(self, parts: Parts) -> Self:
         """Set the cached `parts` of this object, and return it."""
@@ -189,11 +174,12 @@ class FitData:
         if horizon is None:
             return self
         train, holdout = (part.with_horizon(horizon) for part in self.parts)
-        return replace(self, horizon=horizon).with_parts((train, holdout))
+        return replace(self, cut=replace(self.cut, horizon=horizon)).with_parts((train, holdout))
 
     def without_history(self, terms: tuple[Term, ...] = ()) -> Self:
-        """Return the data without memoised results, `whole` and `untimed`; those of an arm with `terms` instead."""
-        result = replace(self, terms=terms if self.terms else (), whole=None, untimed=None)
+        """Return the data without memoised results, `whole` and logged torque; those of an arm with `terms` instead."""
+        timing = replace(self.timing, logged=())
+        result = replace(self, terms=terms if self.terms else (), whole=None, timing=timing)
         if "parts" in vars(self):
             train, holdout = map(replace, self.parts)
             result.with_parts((train, holdout))
@@ -209,11 +195,7 @@ class FitData:
         if self.terms:
             train, holdout = split_arm(self.recordings, self.holdout)
             return RegressionData.from_arm(train, self.terms), RegressionData.from_arm(holdout, self.terms)
-        parts = split_recordings(self.recordings, self.holdout, self.window_share, self.inertia)
-        parts = parts if self.contact_terms is None else add_contacts(parts, self.contact_terms)
-        if self.horizon is None:
-            return parts
-        return parts[0].with_horizon(self.horizon), parts[1].with_horizon(self.horizon)
+        return self.cut.make_parts(self.recordings, self.holdout)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields without `parts`, which are large and computed again."""
@@ -228,67 +210,3 @@ class FitData:
     def all_recordings(self) -> tuple[Recording, ...]:
         """All recordings, fitted ones first."""
         return self.recordings if self.is_comparison else (*self.recordings, *self.holdout)
-
-    @property
-    def constant(self) -> TorqueConstant | None:
-        """Torque constant by which currents were converted; None if they were not."""
-        return self.recordings[0].torque_constant
-
-    @property
-    def unit(self) -> str:
-        """Unit of the torque: `N m`, or that of the log."""
-        return self.recordings[0].torque_unit
-
-    @property
-    def has_moved(self) -> bool:
-        """Return whether the torque of a recording was logged late, and so corrected."""
-        return any(alignment.is_late for alignment in self.alignments)
-
-    @property
-    def has_unknown_timing(self) -> bool:
-        """Return whether the time between torque and motion of a recording could not be determined."""
-        return any(np.isinf(alignment.delay_std) for alignment in self.alignments)
-
-    def agrees(self, other: FitData) -> bool:
-        """Return whether other data have the same alignments, within their standard errors, or these data have none."""
-        return all(
-            np.isinf(alignment.delay_std)
-            or (alignment.is_late == counterpart.is_late and alignment.agrees(counterpart))
-            for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
-        )
-
-    @property
-    def conventions(self) -> tuple[Finding, ...]:
-        """Findings on conventions of drives: laws of controllers, the position that they read, and course of goals."""
-        controllers = [item for item in self.treatments if item.kind in (Kind.CONTROLLER_READ, Kind.COUNTS_UNSEEN)]
-        positions = [item for item in self.treatments if item.kind is Kind.POSITION_READ]
-        goals = [item for item in self.treatments if item.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
-        return (*controllers, *positions[-1:], *goals[-1:])  # the last decision holds
-
-    @property
-    def corrections(self) -> list[Finding]:
-        """Findings on torque that was logged late and is corrected."""
-        kinds = {Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED, Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED}
-        return [replace(finding, kind=kinds[finding.kind]) for finding in self.find_timing(True)]
-
-    def simulate_in_loop(self, model: Model) -> LoopMotion:
-        """Simulate all recordings, fitted ones first, with their controllers; return no motion without controllers."""
-        return simulate_in_loop(model, self.all_recordings)
-
-    def find_timing(self, is_late: bool) -> tuple[Finding, ...]:
-        """Return findings on torque that is logged late if `is_late`, else on torque that acts late.
-
-        Findings name their recordings, unless all recordings share one alignment.
-        """
-        findings, names = list[Finding](), list[list[str]]()
-        for recording, alignment in zip(self.all_recordings, self.alignments, strict=bool(self.alignments)):
-            if alignment.is_late != is_late or (finding := alignment.finding) is None:
-                continue
-            if finding not in findings:
-                findings.append(finding)
-                names.append([])
-            names[findings.index(finding)].append(recording.name)
-        if all(alignment is self.alignments[0] for alignment in self.alignments):
-            return tuple(findings)
-        pairs = zip(findings, names, strict=True)
-        return tuple(replace(finding, recordings=tuple(own_names)) for finding, own_names in pairs)

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import Terms
 from estimators.decisions.criterion import Criterion
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.least_squares import Fit, project_out, solve_least_squares
 from estimators.weak_form.columns import list_law_bounds, mark_bounds
 from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
+from estimators.weak_form.rows import Terms
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import SIGNIFICANT, Estimate, Model, NonlinearParameter, Samples, Term, has_link
 

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.data.rows import RowLayout, RowMaker, Terms
 from estimators.decisions.errors import Errors
 from estimators.regression.balance import Balance
 from estimators.simulation.free_running import (
@@ -22,6 +21,7 @@ from estimators.simulation.free_running import (
 )
 from estimators.simulation.multiple_shooting import estimate_link_state, simulate_link_motion
 from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.rows import RowLayout, RowMaker, Terms
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows, prepare_windows
 from pendulum_env._typing import Array

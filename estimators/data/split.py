@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import HELD_OUT
 from estimators.regression.least_squares import IdentificationError
 from estimators.simulation.free_running import choose_segments
 from estimators.weak_form.torque_windows import choose_half_width, prepare_windows
@@ -18,12 +19,36 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Term, has_link
 from pendulum_env.recording import Recording
 
-HELD_OUT = 0.3  # share of each recording, at its end, that is held out if no recording is
 MOTION = 0.5  # least share of the motion that is fitted, if the end of each recording is held out
 REPEATED = 2  # least number of contacts with a stop: a single one may be an accident
 SHORTEST = 0.25  # least factor on the lengths of windows, if longer windows are too few
 
 Parts = tuple[RegressionData, RegressionData]  # fitted and held out
+
+
+@dataclass(frozen=True)
+class CutSettings:
+    """How recordings of a pendulum are cut into windows and segments.
+
+    Attributes:
+        window_share: factor on the window lengths chosen by noise.
+        inertia: known inertia, which scales encoder noise [kg m^2]; None if the base model gives it.
+        contact_terms: terms of the residual that showed contacts with a stop; None without contacts.
+        horizon: length of the segments for simulation [s]; None for the default.
+    """
+
+    window_share: float = 1.0
+    inertia: float | None = None
+    contact_terms: tuple[Term, ...] | None = None
+    horizon: float | None = None
+
+    def make_parts(self, recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Parts:
+        """Return fitted and held-out data; raises errors of `split_recordings`."""
+        parts = split_recordings(recordings, holdout, self.window_share, self.inertia)
+        parts = parts if self.contact_terms is None else add_contacts(parts, self.contact_terms)
+        if self.horizon is None:
+            return parts
+        return parts[0].with_horizon(self.horizon), parts[1].with_horizon(self.horizon)
 
 
 def split_arm(

@@ -1,19 +1,24 @@
-"""Standard errors by an estimated delay of the torque, and of the ends of a hard stop."""
+"""Standard errors by an estimated delay of the torque, by its constant, and of the ends of a hard stop."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from estimators.data.fit_data import FitData
-from estimators.data.fits import compute_parameter_changes
+from estimators.data.fits import compute_parameter_changes, fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind, Quantity
+from estimators.free_swings import remove_unit_inertia
 from estimators.signals.differentiation import estimate_encoder_noise
+from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, Estimate, Model, find_link, has_link
 from pendulum_env.physics.actuation import ActuatorLag
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, TorqueConstant
+from pendulum_env.units import is_of_torque
+
+MIN_CROSSING = 5.0  # least step of the motion across an end, in standard deviations of the encoder's noise
 
 
 def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model:
@@ -41,7 +46,7 @@ def _list_torque_changes(data: FitData, train: RegressionData) -> Iterator[Array
     The acting torque tau of the logged torque u changes by tau' per second of the delay, and by u' = (tau - u) / lag
     per second of the lag.
     """
-    windows, laws = train.data.windows, data.alignments
+    windows, laws = train.data.windows, data.timing.alignments
     counts = [len(w.centers) for w in windows]
     for law in dict.fromkeys(law for law in laws[: len(data.recordings)] if law.is_late):
         is_timed = np.repeat([laws[k if w.run is None else w.run] == law for k, w in enumerate(windows)], counts)
@@ -52,7 +57,37 @@ def _list_torque_changes(data: FitData, train: RegressionData) -> Iterator[Array
             yield law.lag_std / law.lag * train.data.columns([ActuatorLag(law.lag)])[0][1] * is_timed
 
 
-MIN_CROSSING = 5.0  # least step of the motion across an end, in standard deviations of the encoder's noise
+def add_torque_constant(
+    model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None
+) -> Model:
+    """Add the torque constant, and the standard errors it causes, to a model.
+
+    Args:
+        model: fitted to the data, in the unit of their torque.
+        data: windows of recordings with a constant. Without a constant, the model is converted to their units.
+        fit: function that fits the model to data under another constant; by default the same terms.
+    """
+    recording = data.windows[0].recording
+    constant = recording.torque_constant
+    if constant is None:
+        return remove_unit_inertia(model.convert_units(recording.units))
+    fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
+    changed = fit(data.with_torque(1 + constant.std / constant.value))
+    return widen_by_constant(model, constant, changed.theta - fit(data).theta)
+
+
+def widen_by_constant(model: Model, constant: TorqueConstant, change: Array | None = None) -> Model:
+    """Add the error of the torque constant to standard errors and correlations of a model, and set the constant.
+
+    `change` (P,) is that of the linear parameters by one standard error of the constant. By default they change as the
+    nonlinear ones: those in a unit of torque by the relative error of the constant.
+    """
+    share = constant.std / constant.value
+    changes = {name: share * e.value for name, e in model.estimates.items() if is_of_torque(e.unit)}
+    if change is not None:
+        changes |= dict(zip((column.name for column in model.columns), change.tolist(), strict=True))
+    known = Estimate(constant.value, constant.std, constant.unit)
+    return replace(model.add_errors(changes), torque_constant=known)
 
 
 def widen_ends(model: Model, recordings: Sequence[Recording]) -> Model:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.rows import ScoredTerms, Terms
 from estimators.memoize import memoized
 from estimators.regression.balance import place_columns
 from estimators.regression.least_squares import project_out
 from estimators.search_hints import count_variants, find_hints, make_grid
+from estimators.weak_form.rows import ScoredTerms, Terms
 from pendulum_env._typing import Array
 from pendulum_env.physics import Samples, Table, Term, count_term_parameters
 

@@ -31,6 +31,7 @@ from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.quantity import get_finite
 
 BLOCK, FOLDS = 1.0, 10  # length of a block [s]; number of folds of cross-validation, to which blocks belong in turn
+HELD_OUT = 0.3  # share of each recording, at its end, that is held out if no recording is
 NU = 4.0  # degrees of freedom of Student's t
 PEAK = float(np.exp(gammaln((NU + 1) / 2) - gammaln(NU / 2)) / np.sqrt(NU * np.pi))  # its density at zero
 DRAWS = 4000  # of the Bayesian bootstrap

@@ -87,7 +87,7 @@ class Trial:
 
     @property
     def evidence(self) -> Evidence:
-        """Evaluator of the search."""
+        """Evidence of the search."""
         return self.result.evidence
 
     @cached_property

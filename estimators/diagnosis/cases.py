@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from estimators.diagnosis.arm import ARM
 from estimators.diagnosis.case import Case
 from estimators.diagnosis.pendulum import PENDULUM
-from estimators.in_loop.case import SERVO
+from estimators.diagnosis.servo import SERVO
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 

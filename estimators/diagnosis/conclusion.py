@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.remedies import find_remedies, find_uneven_clocks
+from estimators.checks.signs import find_driving_friction
 from estimators.checks.torque_constant import find_gain_doubts
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.caveats import find_caveats
@@ -18,7 +19,7 @@ from estimators.diagnosis.unexplained import (
     find_noise_not_logged,
 )
 from estimators.findings import Finding, Kind, withhold_everything
-from estimators.selection.physical import find_driving_friction, find_violations
+from estimators.selection.physical import find_violations
 from estimators.selection.tables import find_explaining_law
 from pendulum_env.arms.joints import Rotor
 from pendulum_env.physics import TABLES
@@ -100,7 +101,7 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         *contacts,
         *([Finding(Kind.ROTORS_MISSING, joints=rotors)] if rotors else []),
         *find_driving_friction(trial.release_bounds(diagnosis.model)),
-        *trial.data.corrections,
+        *trial.data.timing.corrections,
     )
     candidates = mark_met_stops(diagnosis.candidates, contacts)
     return replace(
@@ -120,16 +121,16 @@ def find_in_channel(trial: Trial, diagnosis: Diagnosis) -> list[Finding]:
     selected effects do not explain the delay.
     """
     data = trial.data.whole or trial.data
-    constant, findings = data.constant, [] if data.doubt is None else [data.doubt]
+    constant, findings = data.recordings[0].torque_constant, [] if data.doubt is None else [data.doubt]
     if constant is not None:
         findings += find_gain_doubts(diagnosis.model, constant, data.parts[0].data)
-    findings += data.corrections
+    findings += data.timing.corrections
     selected = {id for group in diagnosis.effects for id in group}
     if selected & {"dead_time", "actuator_lag"}:
-        findings += data.find_timing(False)
-    elif diagnosis.unexplained and data.find_timing(False):
+        findings += data.timing.find(is_late=False)
+    elif diagnosis.unexplained and data.timing.find(is_late=False):
         findings += data.with_timing(
             [term for term in diagnosis.model.terms if term.id in diagnosis.selected]
-        ).find_timing(False)
+        ).timing.find(is_late=False)
     findings += find_uneven_clocks(data.recordings) if diagnosis.unexplained else []
     return [*findings, *find_feedback(data.recordings)]

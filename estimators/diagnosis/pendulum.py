@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from estimators.checks.torque_constant import add_torque_constant
-from estimators.data import standard_errors
 from estimators.data.fit_data import FitData
+from estimators.data.standard_errors import add_torque_constant, widen_by_timing, widen_ends
 from estimators.decisions.errors import Step
 from estimators.diagnosis.angle_error import widen_by_law
 from estimators.diagnosis.case import Case, Trial
@@ -46,9 +45,9 @@ def present(trial: Trial, step: Step, is_final: bool) -> Step:
 
     A final step includes the error of the law of the angle.
     """
-    model = standard_errors.widen_by_timing(step.model, trial.data, trial.evidence.train)
+    model = widen_by_timing(step.model, trial.data, trial.evidence.train)
     model = widen_by_law(model, trial.evidence) if is_final else model
-    model = standard_errors.widen_ends(model, trial.data.recordings)
+    model = widen_ends(model, trial.data.recordings)
     model = add_torque_constant(model, trial.data.parts[0].data)
     return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
 

@@ -1,6 +1,7 @@
 """Candidate treatments of the recordings: functions from a trial to treated data, and the policies that keep them."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 
 from estimators.arms.payload import Payload, detect_payloads
@@ -82,7 +83,7 @@ def require_stop(after: Trial, before: Trial) -> Iterator[Gate]:
 
 def require_logged_time(after: Trial, before: Trial) -> Iterator[Gate]:
     """Test that `after` leaves torque as logged, where `before` corrects its time and has a lag or delay."""
-    is_undone = before.data.has_moved and not after.data.has_moved
+    is_undone = before.data.timing.has_moved and not after.data.timing.has_moved
     is_undone &= any(term.lead or term.delay for term in before.result.terms)
     yield Gate("undone_timing", float(is_undone), 1, is_undone)
 
@@ -115,7 +116,7 @@ def count_assumptions(trial: Trial) -> int:
     counted = (*WINDOWS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
     kinds = [treatment.kind for treatment in trial.data.treatments]
     run_on = [kind for kind in kinds if kind in GOALS][-1:] == [Kind.GOALS_RUN_ON]
-    return len(trial.result.steps) - 1 + trial.data.has_moved + sum(kind in counted for kind in kinds) + run_on
+    return len(trial.result.steps) - 1 + trial.data.timing.has_moved + sum(kind in counted for kind in kinds) + run_on
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
@@ -126,7 +127,8 @@ def narrow_windows(trial: Trial) -> FitData | None:
     if not evidence.residuals.is_noise_by_part(found.terms)[0] or not evidence.motion.is_misfit(found.steps[-1]):
         return None
     share = evidence.criterion.shorter_window
-    return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), window_share=share)
+    cut = replace(trial.data.cut, window_share=share)
+    return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), cut=cut)
 
 
 def scale_noise_by_model(trial: Trial) -> FitData | None:
@@ -136,7 +138,7 @@ def scale_noise_by_model(trial: Trial) -> FitData | None:
         return None
     numbers, unit = {"inertia": inertia.value, "before": train.data.base_inertia}, train.units().unit(inertia.unit)
     finding = Finding(Kind.WINDOWS_BY_INERTIA, {name: Quantity(value, unit=unit) for name, value in numbers.items()})
-    return trial.data.with_treatment(finding, inertia=inertia.value)
+    return trial.data.with_treatment(finding, cut=replace(trial.data.cut, inertia=inertia.value))
 
 
 def include_contacts(trial: Trial) -> FitData | None:
@@ -186,10 +188,10 @@ def align_with_effects(trial: Trial) -> FitData | None:
     effects = [term for term in trial.result.terms if term.id not in known]
     if not effects or any(map(trial.data.has_treatment, (Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED))):
         return None
-    if not (trial.data.has_moved or trial.data.has_unknown_timing or trial.unexplained):
+    if not (trial.data.timing.has_moved or trial.data.timing.has_unknown or trial.unexplained):
         return None
     timed = trial.data.with_timing(effects)
-    return None if timed.agrees(trial.data) else timed
+    return None if timed.timing.agrees(trial.data.timing) else timed
 
 
 def keep_logged_time(trial: Trial) -> FitData | None:
@@ -198,6 +200,6 @@ def keep_logged_time(trial: Trial) -> FitData | None:
     None if this was done, if no torque was corrected, or if the correction leaves only noise without an effect.
     """
     has_effects = len(trial.result.steps) > 1
-    if not trial.data.has_moved or trial.data.has_treatment(Kind.TIMED_AS_LOGGED):
+    if not trial.data.timing.has_moved or trial.data.has_treatment(Kind.TIMED_AS_LOGGED):
         return None
     return trial.data.without_timing() if has_effects or trial.unexplained else None

@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData
-from estimators.data.rows import Terms
 from estimators.decisions.score import BLOCK, Bootstrap
 from estimators.findings import Quantity
 from estimators.in_loop.fit import compute_log_densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.weak_form.rows import Terms
+from estimators.weak_form.torque_rows import TorqueRows
+from estimators.weak_form.torque_windows import prepare_windows
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
@@ -97,7 +98,7 @@ def fit_conventions(
     fits = []
     for own in settings:
         variant = complete_drives(recordings, own)
-        torque = RegressionData.from_recordings(variant, part=part).torque
+        torque = TorqueRows(prepare_windows(variant, part=part))
         rows = RolloutRows(Rollouts(variant, FINE, shares=part, has_counts=has_counts), torque)
         fits.append(ConventionFit.from_rows(own, rows, rows.fit(base, exactly=True).terms))
     return fits

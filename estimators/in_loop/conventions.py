@@ -21,11 +21,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from estimators.data.rows import Terms
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.convention_fits import Settings, choose_fit, complete_drives, fit_conventions, group_by_loop
 from estimators.in_loop.counts import find_encoder_step
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
+from estimators.weak_form.rows import Terms
 from estimators.weak_form.windows import Part
 from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime
@@ -72,6 +72,22 @@ def decide_conventions(
         names = () if deciding == list(range(count)) else tuple(every[k].name for k in deciding)
         findings += [replace(finding, recordings=names) for finding in own_findings]
     return Conventions(tuple(every[:count]), tuple(every[count:]), tuple(findings))
+
+
+def decide_open_torque(recordings: Recordings, holdout: Recordings, base: Sequence[Term]) -> Conventions:
+    """Decide conventions if the torque of a recording is that requested by its drive, and depends on them."""
+    drives = [r.actuator for r in (*recordings, *holdout) if not r.has_logged_torque]
+    if any(depends_on_past(drive) or "derivative" in drive.open_conventions for drive in drives):
+        return decide_conventions(recordings, holdout, base)
+    return Conventions(recordings, holdout, ())
+
+
+def list_decisions(findings: Sequence[Finding]) -> list[Finding]:
+    """List the last decisions among findings: laws of controllers, the position that they read, and course of goals."""
+    controllers = [item for item in findings if item.kind in (Kind.CONTROLLER_READ, Kind.COUNTS_UNSEEN)]
+    positions = [item for item in findings if item.kind is Kind.POSITION_READ]
+    goals = [item for item in findings if item.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
+    return [*controllers, *positions[-1:], *goals[-1:]]
 
 
 def _decide_together(
@@ -134,9 +150,3 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part) -> Decision:
     choice = choose_fit(fit_conventions(recordings, choices, base, part, has_counts=True), ("reads",), COUNTS_TIE)
     pairs = tuple(choice.fit.settings.items())
     return choice.fit.settings, [Finding(Kind.POSITION_READ, {"gain": choice.gain}, pairs=pairs)]
-
-
-def has_open_torque(recordings: Sequence[Recording]) -> bool:
-    """Return whether the torque of a recording is that requested by its drive, and depends on conventions."""
-    drives = [r.actuator for r in recordings if not r.has_logged_torque]
-    return any(depends_on_past(drive) or "derivative" in drive.open_conventions for drive in drives)

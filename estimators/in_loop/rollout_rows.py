@@ -10,8 +10,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData
-from estimators.data.rows import FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.decisions.errors import Errors
 from estimators.decisions.score import FOLDS
 from estimators.in_loop.fit import (
@@ -33,6 +31,7 @@ from estimators.simulation.multiple_shooting import add_link_friction
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_nonlinear_names
 from estimators.weak_form.point import Point
+from estimators.weak_form.rows import FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, find_link, has_link
@@ -73,12 +72,6 @@ class RolloutRows:
             predicts_torque=False,
             has_fast_fits=False,
         )
-
-    @property
-    @memoized
-    def data(self) -> RegressionData:
-        """Data of the regression with these rows."""
-        return RegressionData(self.torque.data, rollouts=self)
 
     @property
     @memoized

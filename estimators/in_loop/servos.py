@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from estimators.data.split import HELD_OUT
+from estimators.decisions.score import HELD_OUT
 from estimators.weak_form.windows import WHOLE, Part
 from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.physics.actuation import BackEmf

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from estimators.checks.torque_constant import widen_by_constant
+from estimators.data.standard_errors import widen_by_constant
 from estimators.free_swings import remove_unit_inertia
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import (

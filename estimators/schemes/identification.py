@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.arguments import Recordings, Terms, apply_limits, select_recordings, select_terms
-from estimators.checks.completeness import check_results
 from estimators.data.fit_data import FitData
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import make_swing_terms, restore_known
+from estimators.in_loop import list_decisions
 from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
+from estimators.schemes.completeness import check_results
 from estimators.schemes.fitting import Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification
@@ -70,14 +71,15 @@ def identify(
     results, undetermined = withhold_estimates(results, segments, swing_terms, fit_data.recordings[0].units)
     data, findings, results = check_results(first_model, results, fit_data, swing_terms)
     constant_findings = (fit_data.doubt,) if fit_data.doubt is not None else ()
-    log_format = collect_log_format(fit_data.recordings)
+    log_format, first = collect_log_format(fit_data.recordings), fit_data.recordings[0]
+    decisions = list_decisions(fit_data.treatments)
     return Identification(
         {id: replace(result, model=replace(result.model, log_format=log_format)) for id, result in results.items()},
-        (*filter_findings, *noise_findings, *undetermined, *constant_findings, *fit_data.conventions, *findings),
+        (*filter_findings, *noise_findings, *undetermined, *constant_findings, *decisions, *findings),
         tuple(recording.name for recording in recordings),
         tuple(np.cumsum([sum(len(m) * m.period for m, *_ in group) for group in segments]).tolist()),
-        fit_data.unit,
-        fit_data.constant,
+        first.torque_unit,
+        first.torque_constant,
         data,
     )
 
@@ -109,7 +111,7 @@ def _calibrate(
     With a constant, all schemes are fitted again to the torque of a constant one standard error larger. `terms` are
     those of the user, `swing_terms` the fitted terms.
     """
-    recordings, constant = data.recordings, data.constant
+    recordings, constant = data.recordings, data.recordings[0].torque_constant
     if constant is None:
         converted = {id: result.convert_units(recordings[0].units) for id, result in results.items()}
         return {id: replace(own, model=restore_known(own.model, terms, recordings)) for id, own in converted.items()}

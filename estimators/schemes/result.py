@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.data.standard_errors import add_torque_constant
 from estimators.findings import Finding, Kind, collect_withheld
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.regression.least_squares import IdentificationError

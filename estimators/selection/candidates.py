@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.data.rows import ScoredTerms
 from estimators.data.variants import rank_variants, refine_variants, try_variants
 from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms
@@ -14,6 +13,7 @@ from estimators.search_hints import find_hints, is_possible
 from estimators.selection.evidence import Evidence
 from estimators.selection.policies import ADD, KEEP_BASE, SWAP
 from estimators.weak_form.nonlinear import list_continuous_parameters, list_released_variants, set_values
+from estimators.weak_form.rows import ScoredTerms
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
 
 SAME = 1e-6  # relative difference of equal torques by rounding

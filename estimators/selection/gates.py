@@ -11,12 +11,13 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
+from estimators.checks.signs import compute_significant_sign
 from estimators.data.variants import compute_unique_share
 from estimators.decisions.errors import Step, compute_held_out_cost
 from estimators.decisions.gate import Gate
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
 from estimators.selection.evidence import Evidence, Hypothesis, adds_dry_friction
-from estimators.selection.physical import compute_significant_sign, find_violations
+from estimators.selection.physical import find_violations
 from pendulum_env.physics import SIGNIFICANT, Model, Samples, Term, has_link, list_ids, list_loads
 from pendulum_env.physics.terms import count_parameters, list_forms
 

@@ -12,7 +12,6 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from estimators.data.rows import FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.decisions.score import FOLDS
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns, Tangent, condense, place_columns
@@ -36,6 +35,7 @@ from estimators.weak_form.nonlinear import (
     search_by_cross_entropy,
 )
 from estimators.weak_form.point import Point
+from estimators.weak_form.rows import FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, Term

@@ -6,8 +6,8 @@ from typing import Any
 from estimators import Addition, Diagnosis, FitData, Identification, add, diagnose, fit, identify
 from estimators.arguments import apply_limits
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
-from estimators.checks.torque_constant import add_torque_constant
 from estimators.data.split import split_arm
+from estimators.data.standard_errors import add_torque_constant
 from estimators.decisions.errors import Step
 from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
@@ -48,7 +48,7 @@ def fit_pendulum(
     """
     terms = apply_limits(terms, {}, **limits)[0]
     logged = FitData.from_recordings(recordings, holdout, terms)
-    if logged.doubt is not None and logged.unit != PER_INERTIA:
+    if logged.doubt is not None and logged.recordings[0].torque_unit != PER_INERTIA:
         raise InputError(f"{describe(logged.doubt)} Or give the gain itself.")
     timed = logged.with_timing()
     data = timed if is_aligned else logged
@@ -60,7 +60,7 @@ def fit_pendulum(
         replace(step, model=model),
         identify_schemes(data.recordings, model),
         find_disagreements(fit_each_recording(parts, model.terms), only_if_all_fit=True),
-        *(timed.find_timing(is_late) for is_late in (True, False)),
+        *(timed.timing.find(is_late) for is_late in (True, False)),
     )
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.in_loop.motion import simulate_in_loop
 from estimators.simulation.free_running import HORIZON, Segments, simulate_errors
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable, capitalise, format_number
@@ -39,7 +40,7 @@ def make_comparison(case: ReportData) -> Section:
     about = (
         f"{held_out}Torque is averaged over short windows clear of stick; gaps are where the joint stuck or turned. "
         "Each simulation of the position starts from the measured state and then runs "
-        f"freely for {case.data.horizon or HORIZON:g} s on the recorded torque alone."
+        f"freely for {case.data.cut.horizon or HORIZON:g} s on the recorded torque alone."
     )
     other_runs = [Part(f"Other recordings, {len(order) - 1} of {len(usable) - 1}", runs[2:], brief=False)]
     content: Content = [about, *runs[:2], *other_runs[: len(order) - 1]]
@@ -94,7 +95,7 @@ def plot_position(case: ReportData, id: str, segments_of_models: Sequence[Segmen
 
 def make_loop(case: ReportData, headline: str) -> Section:
     """Make the section on simulations in the loop: errors and motion, held-out recordings first."""
-    loops = [case.data.simulate_in_loop(step.model) for step in case.ends]
+    loops = [simulate_in_loop(step.model, case.data.all_recordings) for step in case.ends]
     fitted, (factor, unit) = len(case.data.recordings), case.angle
     rows, figures = [], list[plots.Figure]()
     for k, recording in sorted(enumerate(case.data.all_recordings), key=lambda item: item[0] < fitted):

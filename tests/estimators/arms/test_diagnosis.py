@@ -42,9 +42,9 @@ def test_torque_of_all_joints_that_was_sampled_is_late_by_half_a_sample(six, pla
     )
     base = arm_base(six)
     given = FitData((sparse,), terms=base).with_timing()
-    (law,) = given.alignments
+    (law,) = given.timing.alignments
     assert law.channel.is_sampled and law.delay == pytest.approx(2.5 / plain.rate, abs=0.6 / plain.rate)
-    assert not FitData((plain,), terms=base).with_timing().has_moved
+    assert not FitData((plain,), terms=base).with_timing().timing.has_moved
     (mended,) = given.recordings
     acted = plain.torque[: 5 * len(sparse)].reshape(-1, 5, len(six.joints)).mean(axis=1)
     first = round(mended.time[0] * sparse.rate)
@@ -59,7 +59,7 @@ def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
     drives = plain.torque * np.gradient(plain.position, 1 / plain.rate, axis=0) > 0
     asked = np.where(drives, plain.torque / (1 - share), plain.torque / (1 + share))  # of motors behind such gears
     late = replace(plain, torque=np.roll(asked, 1, axis=0)).slice(1, None)
-    assert not FitData((late,), terms=arm_base(body)).with_timing().has_moved
+    assert not FitData((late,), terms=arm_base(body)).with_timing().timing.has_moved
     found = diagnose(late, (), arm_base(body), only=["load_dependent_friction", "cogging"])
     rubs = {f"load_dependent_friction@{joint}" for joint in ("shoulder", "elbow")}
     assert set(found.selected) == rubs and not found.joint_residuals

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.channel import align
-from estimators.checks.torque_constant import estimate_torque_constant, find_gain_doubts, widen_by_constant
+from estimators.checks.torque_constant import estimate_torque_constant, find_gain_doubts
 from estimators.comparison import compare
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.addition import add
@@ -170,7 +170,7 @@ def test_errors_of_parameters_include_that_of_the_torque_constant():
     own, given = found["dynamic"].model.estimates, known["dynamic"].model.estimates
     assert all(own[name].std >= 0.99 * given[name].std for name in own)
     wide = FitData.from_recordings(runs)
-    loose = replace(wide.constant, std=0.05 * K)
+    loose = replace(wide.recordings[0].torque_constant, std=0.05 * K)
     widened = identify([replace(r, torque_constant=loose) for r in wide.recordings], schemes="dynamic")["dynamic"]
     # I = K phi - dI: of a fit to a light and a heavy recording, an error of K moves inertia by more than its share
     assert widened.model.estimates["inertia"].std > 0.05 * UNLOADED["inertia"]
@@ -230,14 +230,3 @@ def test_a_model_per_ampere_is_compared_with_currents_only(tmp_path):
     assert found.torque_unit == "A" and "N m" not in json.dumps(found.json())
     with pytest.raises(ModelError, match="the model is per A, and the recordings are in N m: read them alike"):
         compare(model, in_newton_metres([run]))
-
-
-def test_parameters_change_together_with_the_torque_constant():
-    """Five per cent of the constant are five of every torque, and of no ratio of two parameters."""
-    terms = (*BASE, effect("stribeck")(stribeck_velocity=0.5))
-    model = Model.build(terms, [0.1, 2.0, 0.4, 0.9, 0.3], 1e-6, **{"stribeck.stribeck_velocity": 0.01})
-    wider = widen_by_constant(model, TorqueConstant(K, 0.05 * K, "A"))
-    assert wider.estimates["gravity"].std == pytest.approx(0.05 * 2.0, rel=1e-3)
-    assert wider.estimates["stribeck.stribeck_velocity"].std == 0.01  # a speed
-    assert np.array(wider.correlation)[0, 1:5] == pytest.approx(1.0, abs=1e-3) and wider.correlation[0][5] == 0.0
-    assert wider.torque_constant == Estimate(K, 0.05 * K, "N m/A")

@@ -32,25 +32,25 @@ def mixed() -> FitData:
 
 
 def test_each_recording_is_timed_by_itself_where_they_differ():
-    in_time, behind = mixed().alignments
+    in_time, behind = mixed().timing.alignments
     assert not in_time.is_found and behind.delay == pytest.approx(LATE / mixed().recordings[1].rate, rel=0.05)
-    (finding,) = mixed().find_timing(True)
+    (finding,) = mixed().timing.find(is_late=True)
     assert finding.recordings == ("moving, late",) and finding.kind is Kind.TORQUE_LATE
 
 
 def test_held_out_recordings_tell_the_timing_of_the_log_too():
     good = recording("moving")
     still = late(good).slice(0, 400)  # too short to tell
-    assert not FitData.from_recordings([still]).with_timing().has_moved
-    assert all(one.is_late for one in FitData.from_recordings([still], [late(good)]).with_timing().alignments)
+    assert not FitData.from_recordings([still]).with_timing().timing.has_moved
+    assert all(one.is_late for one in FitData.from_recordings([still], [late(good)]).with_timing().timing.alignments)
 
 
 def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
     assert mixed().without_outliers([]) is mixed()
     first, second = (Disagreement(number, "", (), ()) for number in (1, 2))
     left = mixed().without_outliers([second])
-    assert left.find_timing(True) == () and not left.has_moved
-    assert mixed().without_outliers([first]).find_timing(True)[0].recordings == ()
+    assert left.timing.find(is_late=True) == () and not left.timing.has_moved
+    assert mixed().without_outliers([first]).timing.find(is_late=True)[0].recordings == ()
 
 
 def test_data_that_come_from_another_process_are_prepared_again_alike():
@@ -66,7 +66,8 @@ def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
     current = replace(recording("moving"), torque_unit="A")
     assert FitData.from_recordings([current]).doubt.kind is Kind.LOADS_UNKNOWN
     known = FitData.from_recordings([current], [current], constant=TorqueConstant(2.0, 0.1, "A"))
-    assert known.doubt is None and known.unit == "N m" and known.constant.value == 2.0
+    (converted,) = known.recordings
+    assert known.doubt is None and converted.torque_unit == "N m" and converted.torque_constant.value == 2.0
     for one in (*known.recordings, *known.holdout):
         np.testing.assert_array_equal(one.torque, 2.0 * current.torque)
 

@@ -9,12 +9,15 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators.checks.alignment import Alignment
 from estimators.data.fit_data import FitData
 from estimators.data.fits import fit_terms
-from estimators.data.standard_errors import widen_by_timing
+from estimators.data.standard_errors import widen_by_constant, widen_by_timing
+from estimators.data.timing import Timing
 from estimators.signals.channel import Channel
-from pendulum_env.physics import BASE
+from pendulum_env.physics import BASE, Estimate, Model, effect
+from pendulum_env.recording import TorqueConstant
 from tests.cases import recorded
 
 DELAY, STD = 0.004, 0.0005  # [s], of the torque, and the error of its estimate
+K = 0.873  # [N m/A]
 
 
 def time_recording(law: Alignment, delay: float) -> FitData:
@@ -23,7 +26,7 @@ def time_recording(law: Alignment, delay: float) -> FitData:
     late = replace(recording, torque=np.roll(recording.torque, 2))
     own = replace(law, channel=replace(law.channel, delay=delay))
     corrected = replace(own.apply(late), is_checked=True)
-    return FitData((corrected,), (corrected,), alignments=(law, law), untimed=FitData((late,), (late,)))
+    return FitData((corrected,), (corrected,), timing=Timing((law, law), (late.name, late.name), (late, late)))
 
 
 LATE = Alignment(Channel(DELAY), STD, 0.0)
@@ -51,3 +54,14 @@ def test_errors_of_torque_in_time_stay(law):
     data = time_recording(law, DELAY)
     model = fit_terms(data.parts[0], BASE)[0]
     assert widen_by_timing(model, data, data.parts[0]) is model
+
+
+def test_parameters_change_together_with_the_torque_constant():
+    """Five per cent of the constant are five of every torque, and of no ratio of two parameters."""
+    terms = (*BASE, effect("stribeck")(stribeck_velocity=0.5))
+    model = Model.build(terms, [0.1, 2.0, 0.4, 0.9, 0.3], 1e-6, **{"stribeck.stribeck_velocity": 0.01})
+    wider = widen_by_constant(model, TorqueConstant(K, 0.05 * K, "A"))
+    assert wider.estimates["gravity"].std == pytest.approx(0.05 * 2.0, rel=1e-3)
+    assert wider.estimates["stribeck.stribeck_velocity"].std == 0.01  # a speed
+    assert np.array(wider.correlation)[0, 1:5] == pytest.approx(1.0, abs=1e-3) and wider.correlation[0][5] == 0.0
+    assert wider.torque_constant == Estimate(K, 0.05 * K, "N m/A")

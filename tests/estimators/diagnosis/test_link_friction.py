@@ -36,7 +36,7 @@ def test_an_elastic_joint_whose_torque_is_exact_has_no_dead_time(seed, size):
     steps = np.repeat(np.random.default_rng(seed).uniform(-1, 1, 260), 120)[:30_000]
     command = size * (steps + 0.6 * np.sin(2 * np.pi * 0.31 * np.arange(30_000) / 1000.0))
     found = diagnose(recorded(plant, experiment, commands=[command]), only=["joint_flexibility", "dead_time"])
-    assert found.selected == ("joint_flexibility",) and not found.data.has_moved
+    assert found.selected == ("joint_flexibility",) and not found.data.timing.has_moved
     for name, truth in (
         ("inertia", 0.09),
         ("joint_flexibility", 0.035),

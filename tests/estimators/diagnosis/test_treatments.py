@@ -56,7 +56,7 @@ def test_diagnosis_records_the_treatments_that_were_tried():
 def test_friction_that_fades_under_a_chirp_is_no_late_log():
     plant = Plant(effects={"friction_drift": {"drift_a": 0.6, "drift_T": 6.0, "drift_b": 0.0}})
     found = diagnosed_under_chirps(plant, "friction_drift", "stribeck", "viscous_asymmetry", "torque_offset")
-    assert found.selected == ("friction_drift",) and not found.unexplained and not found.data.has_moved
+    assert found.selected == ("friction_drift",) and not found.unexplained and not found.data.timing.has_moved
     for name, truth in (("inertia", plant.inertia), ("coulomb", plant.coulomb), ("friction_drift.warm_up", 6.0)):
         estimate = found.model.estimates[name]
         assert abs(estimate.value - truth) < 3 * estimate.std and estimate.std < 0.05 * truth

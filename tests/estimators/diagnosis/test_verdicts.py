@@ -204,7 +204,7 @@ def test_clipped_torque_at_a_low_rate_leaves_noise_and_no_delay():
     runs = recorded(plant, Experiment(rate=500.0, seconds=12.0, seed=3))
     found = diagnose(runs, only=["torque_saturation", "actuator_lag", "dead_time"])
     assert found.selected == ("torque_saturation",) and found.unexplained == ()
-    assert not found.data.has_moved
+    assert not found.data.timing.has_moved
     for name, truth in (THETA | {"torque_saturation.limit": 3.0}).items():
         estimate = found.model.estimates[name]
         assert abs(estimate.value - truth) < 4 * estimate.std, name

@@ -14,13 +14,14 @@ from estimators.arguments import apply_limits
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.goal_reading import reread_goals
+from estimators.diagnosis.servo import SERVO
+from estimators.diagnosis.servo_conclusion import find_torque_scale
+from estimators.diagnosis.servo_refit import make_data
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop import complete_drives, decide_conventions
-from estimators.in_loop.case import SERVO
-from estimators.in_loop.conclusion import find_torque_scale
 from estimators.in_loop.fit import compute_log_likelihood, fit_rollouts, linearise_errors
-from estimators.in_loop.goal_reading import reread_goals
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.in_loop.servos import are_driven
@@ -89,7 +90,7 @@ def test_bounds_of_an_experiment_are_refused_in_the_loop(plain, asked):
 
 def test_rows_around_a_fit_are_derivatives_of_simulations(rollouts: Rollouts):
     rollouts = rollouts.without_counts  # counts change by steps
-    data = RolloutRows(rollouts, RegressionData.from_recordings(rollouts.recordings).torque).data
+    data = make_data(RolloutRows(rollouts, RegressionData.from_recordings(rollouts.recordings).torque))
     terms, theta = data.maker.fit(TILTED)
     np.testing.assert_allclose(data.residual(terms), data.residual(terms, theta), atol=1e-9)
     nearby = theta * (1.0 + 5e-3 * np.array([1, -1, 1, -1, 1]))

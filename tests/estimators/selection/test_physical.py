@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 import scipy
 
+from estimators.checks.signs import find_driving_friction
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Errors, Step
 from estimators.decisions.gate import explain_rejection
 from estimators.findings import Finding, Kind
 from estimators.regression.least_squares import Equations, Fit, solve
 from estimators.selection.gates import compare_base, compare_errors, compute_coefficient_chance
-from estimators.selection.physical import find_driving_friction, find_violations
+from estimators.selection.physical import find_violations
 from pendulum_env.arms.joints import get_coupling, place_term
 from pendulum_env.physics import BASE, Model, Samples, Term, effect, list_ids
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limit_term
-from pendulum_env.physics.table import FrictionBySpeed
 from pendulum_env.physics.term import UNLOADED, KnownLoad
 from pendulum_env.physics.time_varying import PayloadChange
 
@@ -48,23 +48,6 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     assert told == Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous@wrist",))
     (wrong,) = find_violations(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
     assert (wrong.name, wrong.value) == ("coupling.inertia@elbow,-wrist", -5.0)
-
-
-@pytest.mark.parametrize(
-    ("terms", "theta", "std", "told"),
-    [
-        (BASE, (2.0, 0.1, -0.2), 0.01, "coulomb"),
-        (BASE, (2.0, -0.2, -0.2), 0.01, "viscous coulomb"),
-        (BASE, (2.0, 0.1, -0.031), 0.01, "coulomb"),
-        (BASE, (2.0, 0.1, -0.029), 0.01, None),  # or it may be noise
-        (BASE, (2.0, 0.1, -0.2), 0.0, None),  # or what was told
-        ([*BASE, effect("stribeck")()], (2.0, 0.1, -0.2, 0.5), 0.01, "coulomb"),
-        ([*BASE, FrictionBySpeed()], (2.0, 0.1, -0.2, 0.5, 0.5, 0.5), 0.01, None),  # the table holds all of it
-    ],
-)
-def test_friction_that_surely_drives_is_said_whatever_else_outweighs_it(terms, theta, std, told):
-    found = find_driving_friction(Model.build(terms, [0.1, *theta], [0.01, 0.01, 0.01, std, *theta[3:]]))
-    assert found == ([Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(told.split()))] if told else [])
 
 
 def swinging(load: KnownLoad = UNLOADED) -> Samples:

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.data.rows import ScoredTerms
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.gate import Gate
 from estimators.decisions.score import Bootstrap
@@ -27,6 +26,7 @@ from estimators.selection.moves import (
 from estimators.selection.policies import ADD
 from estimators.selection.tables import replace_by_table
 from estimators.weak_form.point import Point
+from estimators.weak_form.rows import ScoredTerms
 from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.physics.table import FrictionBySpeed
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.checks.signs import compute_significant_sign
 from estimators.data.fit_data import FitData
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.servo_refit import refit_step
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
-from estimators.in_loop.refit import refit_step
 from estimators.in_loop.servos import has_unpowered_motor, select_voltage_drives
-from estimators.selection.physical import compute_significant_sign
 from estimators.weak_form.point import Point
 from pendulum_env.physics import Term, list_ids
 from pendulum_env.physics.actuation import BackEmf

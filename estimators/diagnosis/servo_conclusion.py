@@ -10,9 +10,10 @@ import numpy as np
 from estimators.checks.remedies import find_remedies
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Kind, Quantity
+from estimators.in_loop import list_decisions
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.refit import refine_rows
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
@@ -35,7 +36,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         ),
         floors=refine_rows(trial.evidence)[0].rollouts.encoder,
         findings=(
-            *data.conventions,
+            *list_decisions(data.treatments),
             *find_remedies(
                 trial.release_bounds(diagnosis.model), data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
             ),

@@ -12,6 +12,7 @@ import numpy as np
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.homogeneity import RecordingFit, find_disagreements, find_misfits, fit_each_recording
 from estimators.checks.remedies import find_uneven_clocks, find_wrong_columns
+from estimators.checks.signs import find_driving_friction
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
@@ -19,7 +20,6 @@ from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
-from estimators.selection.physical import find_driving_friction
 from estimators.selection.process_noise import find_process_noise
 from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows, prepare_windows
 from pendulum_env.arms.body import Body
@@ -53,7 +53,7 @@ def check_results(
         return None, findings, results
     windows, findings = None, find_wrong_columns(first, fit_data.recordings) or find_driving_friction(first)
     with suppress(IdentificationError):  # windows need more motion than some schemes
-        windows = prepare_windows(fit_data.recordings, inertia=fit_data.inertia)
+        windows = prepare_windows(fit_data.recordings, inertia=fit_data.cut.inertia)
         if (inertia := find_inertia_of_noise(RegressionData(windows), terms)) is not None:
             windows = prepare_windows(fit_data.recordings, inertia=inertia.value)
         findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms), terms)]
@@ -68,10 +68,10 @@ def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequen
 
     A late action of torque is no finding if the model has a dead time or a lag.
     """
-    timed = data.with_timing()
+    timing = data.with_timing().timing
     return [
-        *timed.find_timing(True),
-        *(timed.find_timing(False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *timing.find(is_late=True),
+        *(timing.find(is_late=False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
         *(disagreement.finding for disagreement in find_disagreements(fits, only_if_all_fit=True)),
         *(disagreement.finding for disagreement in find_misfits(fits)),
     ]

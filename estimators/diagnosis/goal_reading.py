@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,16 +10,24 @@ import numpy as np
 
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Kind
+from estimators.in_loop import decide_conventions
 from estimators.in_loop.convention_fits import TIE
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.refit import refine_rows
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.weak_form.point import Point
+from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import replace_drive
 
 GOALS = {Kind.GOALS_HELD: "ramp", Kind.GOALS_RUN_ON: "held"}  # with the other reading
+
+
+def decide_drives(data: FitData, base: Sequence[Term]) -> FitData:
+    """Return the data with the conventions of their drives, decided by a base model, see `decide_conventions`."""
+    recordings, holdout, findings = decide_conventions(data.recordings, data.holdout, base)
+    return replace(data, recordings=recordings, holdout=holdout, treatments=(*data.treatments, *findings))
 
 
 def reread_goals(trial: Trial) -> FitData | None:
@@ -51,7 +60,7 @@ def declare_goals(trial: Trial, goal: str) -> FitData:
 
     finding = Finding(Kind.GOALS_HELD if goal == "held" else Kind.GOALS_RUN_ON)
     data = data.with_treatment(finding, recordings=declare(data.recordings), holdout=declare(data.holdout))
-    return data.decide_conventions(trial.setting.base) if "reads" in changes else data
+    return decide_drives(data, trial.setting.base) if "reads" in changes else data
 
 
 def predict_held_out(trial: Trial, data: FitData) -> float:

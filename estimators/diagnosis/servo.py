@@ -2,19 +2,33 @@
 
 Friction at rest, sticking and breaking away show in the distance between a servo and its goal. A regression of torque
 on motion omits rest, and torque of a controller is a function of the position itself.
+
+A diagnosis makes these calls, in this order:
+
+    prepare                     servo.py                   calibrates the recordings
+      decide_conventions        in_loop/conventions.py     decides by fits how drives and goals are simulated
+    make_evidence               servo.py                   makes `RolloutRows` of fitted and held-out recordings
+    search                      selection/search.py        adds and drops effects by these rows, each time:
+      RolloutRows.compare       in_loop/rollout_rows.py    simulates the variants of an effect, each by one step
+        Rollouts                in_loop/rollouts.py        simulates all recordings at once by `simulate_servos`
+      RolloutRows.refine        in_loop/rollout_rows.py    fits the best variants by `fit_rollouts` (in_loop/fit.py)
+    reread_goals                goal_reading.py            is tried with the found effects, if goals were left open
+    refine                      servo_refit.py             refits with shorter steps, drops effects not needed
+      scan_profile              in_loop/profile.py         fits the gap of a play by its profile likelihood
+    find_loop_regions, conclude servo_conclusion.py        find the residual of the motion and the findings
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators.data.fit_data import FitData
+from estimators.diagnosis.back_emf import add_back_emf, include_back_emf, present
 from estimators.diagnosis.case import Case
+from estimators.diagnosis.goal_reading import decide_drives, reread_goals
+from estimators.diagnosis.servo_conclusion import conclude, find_loop_regions
+from estimators.diagnosis.servo_refit import make_data, refine, refit
 from estimators.diagnosis.setting import Setting
-from estimators.in_loop.back_emf import add_back_emf, include_back_emf, present
-from estimators.in_loop.conclusion import conclude, find_loop_regions
 from estimators.in_loop.fit import LOOP
-from estimators.in_loop.goal_reading import reread_goals
-from estimators.in_loop.refit import refine, refit
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
@@ -35,7 +49,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     share = max(setting.criterion.explained_share, LOOP.needed)
     criterion = replace(setting.criterion, explained_share=share, needed_share=share)
-    data = data.decide_conventions(setting.base)
+    data = decide_drives(data, setting.base)
     return data, replace(setting, base=base, library=library, criterion=criterion)
 
 
@@ -52,7 +66,7 @@ def make_evidence(data: FitData, setting: Setting) -> Evidence:
     )
     windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
     check = RolloutRows(Rollouts(held_out, shares=check_part), windows, guide=train)
-    return add_back_emf(data, setting).make_evidence((train.data, check.data))
+    return add_back_emf(data, setting).make_evidence((make_data(train), make_data(check)))
 
 
 SERVO = Case(

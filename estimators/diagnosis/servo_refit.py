@@ -5,14 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.torque_constant import widen_by_constant
 from estimators.data.fits import fit_terms
+from estimators.data.regression_data import RegressionData
+from estimators.data.standard_errors import widen_by_constant
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding
 from estimators.in_loop.fit import LOOP
 from estimators.in_loop.profile import LikelihoodProfile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.memoize import memoized
 from estimators.selection.evidence import Evidence
 from estimators.selection.fits import Fits
 from estimators.selection.policies import SWAP
@@ -37,7 +39,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     result = refit(trial.result)
     last = result.steps[-1]
     train, held_out = refine_rows(result.evidence)
-    fits, steps = Fits(train.data, held_out.data, result.evidence.fits.base), result.steps
+    fits, steps = Fits(make_data(train), make_data(held_out), result.evidence.fits.base), result.steps
     evidence = result.evidence.with_fits(fits)
     terms_by_ids = {list_ids(step.model.terms): step.model.terms for step in steps}
     terms, effects = result.terms, [step.added for step in steps[1:]]
@@ -49,7 +51,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         is_link = any(term.link for term in terms if term.id == id)
         least = LOOP.dominant if is_link and not evidence.residuals.is_noise(terms) else LOOP.needed
         models = [evidence.fits.fit_model(model_terms) for model_terms in (terms, without(id))]
-        errors = [[part.data.errors(model).loop[0] for model in models] for part in (train, held_out)]
+        errors = [[make_data(part).errors(model).loop[0] for model in models] for part in (train, held_out)]
         share = min(1.0 - (after / before) ** 2 for after, before in errors)
         return share > least and evidence.decide(terms, without(id), SWAP).passed
 
@@ -77,6 +79,12 @@ def has_size(model: Model, term: Term) -> bool:
     return bool(values @ np.linalg.pinv(covariance) @ values > SIGNIFICANT**2)
 
 
+@memoized
+def make_data(rows: RolloutRows) -> RegressionData:
+    """Return the data of a regression by rollouts."""
+    return RegressionData(rows.torque.data, rollouts=rows)
+
+
 def refine_rows(evidence: Evidence) -> tuple[RolloutRows, RolloutRows]:
     """Return the rows of fitted and held-out rollouts with shorter steps of the integrator."""
     train, held_out = (part.rollouts for part in evidence.fits.parts)
@@ -100,10 +108,10 @@ def fit_step(evidence: Evidence, added: str | None, terms: Sequence[Term]) -> St
     terms = train.fit(terms).terms
     profile = train.fit_by_profile(terms)
     terms = terms if profile is None else profile.point.terms
-    model, recording = widen_errors(fit_terms(train.data, terms)[0], train, profile), train.rollouts.recordings[0]
+    model, recording = widen_errors(fit_terms(make_data(train), terms)[0], train, profile), train.rollouts.recordings[0]
     constant = recording.torque_constant  # its error widens all standard errors
     model = model.convert_units(recording.units) if constant is None else widen_by_constant(model, constant)
-    return Step(added, model, {"train": train.data.errors(model), "holdout": held_out.data.errors(model)})
+    return Step(added, model, {"train": make_data(train).errors(model), "holdout": make_data(held_out).errors(model)})
 
 
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:

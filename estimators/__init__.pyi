@@ -1,0 +1,38 @@
+from .checks.channel import align
+from .comparison import compare
+from .data.fit_data import FitData
+from .decisions.criterion import Criterion
+from .diagnosis.addition import add
+from .diagnosis.result import Addition, Diagnosis
+from .diagnosis.run import diagnose
+from .diagnosis.torque_search import fit
+from .findings import Verdict
+from .prediction import Prediction
+from .regression.least_squares import IdentificationError
+from .results import Comparison
+from .schemes.identification import identify
+from .schemes.result import Identification
+from .schemes.six import SCHEMES, scheme
+from .search_hints import SearchHints, set_hints
+
+__all__ = [
+    "SCHEMES",
+    "Addition",
+    "Comparison",
+    "Criterion",
+    "Diagnosis",
+    "FitData",
+    "Identification",
+    "IdentificationError",
+    "Prediction",
+    "SearchHints",
+    "Verdict",
+    "add",
+    "align",
+    "compare",
+    "diagnose",
+    "fit",
+    "identify",
+    "scheme",
+    "set_hints",
+]

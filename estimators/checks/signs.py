@@ -1,0 +1,30 @@
+"""Signs of estimates that noise does not explain."""
+
+import numpy as np
+
+from estimators.findings import Finding, Kind
+from pendulum_env.physics import Model, Table
+
+
+def find_driving_friction(model: Model) -> list[Finding]:
+    """Return a finding with the dry and viscous friction parameters that are significantly negative, or an empty list.
+
+    With a table of friction they may have any sign.
+    """
+    has_table = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
+    names = [name for name in model.estimates if name.split("@")[0] in ("viscous", "coulomb")]
+    negative = [name for name in names if is_significantly_negative(model, name) and not has_table]
+    return [Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(negative))] if negative else []
+
+
+def is_significantly_negative(model: Model, name: str) -> bool:
+    """Return whether an estimate is negative by more than 3 standard errors."""
+    return compute_significant_sign(model, name) < 0
+
+
+def compute_significant_sign(model: Model, name: str) -> int:
+    """Return the sign of an estimate; 0 within 3 standard errors of zero, or if it is missing, unknown or given."""
+    estimate = model.estimates.get(name)
+    if estimate is None or estimate.is_unknown or estimate.std <= 0 or not estimate.is_significant:
+        return 0
+    return int(np.sign(estimate.value))

@@ -1,0 +1,77 @@
+"""Time between torque and motion of several recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimators.checks.alignment import Alignment
+from estimators.findings import Finding, Kind
+from pendulum_env.recording import Recording
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Time between torque and motion of each recording, by which late or filtered torque is corrected.
+
+    Attributes:
+        alignments: of each recording.
+        names: of the recordings.
+        logged: recordings before the correction; empty in a result.
+    """
+
+    alignments: tuple[Alignment, ...] = ()
+    names: tuple[str, ...] = ()
+    logged: tuple[Recording, ...] = ()
+
+    def select(self, numbers: Sequence[int]) -> Timing:
+        """Return the timing of some recordings, numbered from 0; unchanged without alignments."""
+        if not self.alignments:
+            return self
+        return replace(
+            self, alignments=tuple(self.alignments[k] for k in numbers), names=tuple(self.names[k] for k in numbers)
+        )
+
+    @property
+    def has_moved(self) -> bool:
+        """Return whether the torque of a recording was logged late, and so corrected."""
+        return any(alignment.is_late for alignment in self.alignments)
+
+    @property
+    def has_unknown(self) -> bool:
+        """Return whether the time between torque and motion of a recording could not be determined."""
+        return any(np.isinf(alignment.delay_std) for alignment in self.alignments)
+
+    def agrees(self, other: Timing) -> bool:
+        """Return whether another timing has the same alignments, within their standard errors; unknown ones agree."""
+        return all(
+            np.isinf(alignment.delay_std)
+            or (alignment.is_late == counterpart.is_late and alignment.agrees(counterpart))
+            for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
+        )
+
+    @property
+    def corrections(self) -> list[Finding]:
+        """Findings on torque that was logged late and is corrected."""
+        kinds = {Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED, Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED}
+        return [replace(finding, kind=kinds[finding.kind]) for finding in self.find(is_late=True)]
+
+    def find(self, is_late: bool) -> tuple[Finding, ...]:
+        """Return findings on torque that is logged late if `is_late`, else on torque that acts late.
+
+        Findings name their recordings, unless all recordings share one alignment.
+        """
+        findings, names = list[Finding](), list[list[str]]()
+        for name, alignment in zip(self.names, self.alignments, strict=True):
+            if alignment.is_late != is_late or (finding := alignment.finding) is None:
+                continue
+            if finding not in findings:
+                findings.append(finding)
+                names.append([])
+            names[findings.index(finding)].append(name)
+        if all(alignment is self.alignments[0] for alignment in self.alignments):
+            return tuple(findings)
+        pairs = zip(findings, names, strict=True)
+        return tuple(replace(finding, recordings=tuple(own_names)) for finding, own_names in pairs)
