@@ -14,7 +14,7 @@ from estimators.findings import Finding, Kind, Quantity, Verdict
 from estimators.selection.candidates import can_reproduce, needs_all_parts, screen_library, screen_replacements
 from estimators.selection.evidence import Evidence
 from estimators.selection.moves import remove_term
-from estimators.selection.policies import ADD, CONFIRM, DETERMINE_LAG, EXCITE, KEEP_BASE, NEED, SWAP, Rule
+from estimators.selection.policies import ADD, CONFIRM, DETERMINE_LAG, EXCITE, FOLLOW_MOTION, NEED, REPLACE, SWAP, Rule
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table, remove_table
 from pendulum_env.physics import Term, is_hidden
@@ -74,7 +74,7 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
     others = remove_term(final, term)
     is_met = term.has_impacts and evidence.train.layout.predicts_torque and evidence.train.data.contacts > 0
     odds = {term.id: 1.0} if is_hidden(term) or is_met else compute_alternatives(evidence, final, term)
-    share = 1.0 if evidence.residuals.is_noise(final) else max(0.0, evidence.explained_share(final, others))
+    share = 1.0 if evidence.residuals.is_noise(final) else max(0.0, evidence.shares.compute(final, others))
     rivals = {rival[-1].id: rival for rival in screen_replacements(evidence, final, term)} if len(odds) > 1 else {}
     least = evidence.criterion.tie_probability
     tied = sorted((id for id in odds if id != term.id and odds[id] > least), key=lambda id: -odds[id])
@@ -187,6 +187,4 @@ def can_replace(evidence: Evidence, rival: Terms, terms: Terms, others: Terms) -
     In addition, `terms` must not follow the motion significantly better. Tables are removed from all models.
     """
     rival, terms, others = (remove_table(evidence, model) for model in (rival, terms, others))
-    if not all(evidence.decide(rival, others, policy).passed for policy in (KEEP_BASE, CONFIRM, DETERMINE_LAG)):
-        return False
-    return evidence.motion.compute_shares(terms, rival)[0] <= evidence.criterion.explained_share
+    return evidence.decide(rival, others, REPLACE).passed and evidence.decide(rival, terms, FOLLOW_MOTION).passed

@@ -11,7 +11,7 @@ from estimators.decisions.errors import Step, Terms
 from estimators.decisions.gate import Gate
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.evidence import Evidence
-from estimators.selection.policies import ADD, KEEP_BASE, SWAP
+from estimators.selection.policies import ADD, KEEP_BASE, REFINE, SWAP
 from estimators.weak_form.nonlinear import list_continuous_parameters, list_released_variants, set_values
 from estimators.weak_form.rows import ScoredTerms
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
@@ -82,10 +82,7 @@ def screen_effect(evidence: Evidence, terms: Terms, effect: type[Term]) -> Score
         is_uniform = (
             len({len(trial.terms[-1].columns) for trial in ranked}) == 1
         )  # else the one with most columns is first
-        if is_uniform and (
-            evidence.gain(ranked[0].terms, terms).p_value > evidence.criterion.coarse_p_value
-            or evidence.residuals.explained_share(ranked[0].terms, terms) < evidence.criterion.coarse_share
-        ):
+        if is_uniform and not evidence.decide(ranked[0].terms, terms, REFINE).passed:
             return ranked[0]
     return find_best_variant(evidence, terms, effect)
 

@@ -19,6 +19,7 @@ from estimators.selection.densities import Densities, number_recordings
 from estimators.selection.fits import Fits
 from estimators.selection.free_motion import FreeMotion
 from estimators.selection.residuals import Residuals
+from estimators.selection.shares import ExplainedShares
 from pendulum_env.physics import BASE, COMPETING, Term, effects, is_dry, list_ids
 
 
@@ -31,6 +32,7 @@ class Evidence:
         densities: log predictive densities of blocks.
         residuals: residuals of fits, noise or structure.
         motion: comparison by free motion.
+        shares: shares of residual and motion error that a larger model explains.
         library: effects that may be selected, by id.
         tables: nonparametric functions that compete with the effects.
         criterion: limits of the decisions.
@@ -41,6 +43,7 @@ class Evidence:
     densities: Densities
     residuals: Residuals
     motion: FreeMotion
+    shares: ExplainedShares
     library: Mapping[str, type[Term]]
     tables: Sequence[type[Term]]
     criterion: Criterion
@@ -90,7 +93,8 @@ class Evidence:
         """Return the evidence of some fits under random weights of their blocks."""
         residuals = Residuals(fits.train, fits.holdout, criterion, fits.base)
         densities, motion = Densities(fits, residuals, criterion, bootstrap), FreeMotion(fits, criterion)
-        return cls(fits, densities, residuals, motion, library, tables, criterion, progress)
+        shares = ExplainedShares(residuals, motion)
+        return cls(fits, densities, residuals, motion, shares, library, tables, criterion, progress)
 
     @property
     def train(self) -> RegressionData:
@@ -179,16 +183,6 @@ class Evidence:
         """Return the gain in free motion of a model over another with less dry friction."""
         n_effects = sum(is_dry(kind()) for kind in self.library.values())
         return self.motion.compare(after, before, self.penalty(after, before, n_effects))[0]
-
-    def explained_share(self, after: Terms, before: Terms, enough: float = np.inf) -> float:
-        """Return the share of the residual torque, or of the error of free motion, that a larger model explains.
-
-        It is the larger of both shares: an effect matters if it changes the torque or the motion. Windows of torque
-        leave out stick and reversals, and noise of the torque may exceed the torque of an effect that moves the joint
-        far. Motion is simulated only if the share of the torque is not above `enough`.
-        """
-        share = self.residuals.explained_share(after, before)
-        return share if share > enough else max(share, min(self.motion.compute_shares(after, before)))
 
 
 @dataclass(frozen=True)

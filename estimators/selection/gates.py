@@ -80,8 +80,25 @@ def _make_tie_gate(after: Hypothesis, before: Hypothesis, is_refitted: bool) -> 
 def require_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the share of the residual torque, or of the motion error, that `after` explains."""
     least = after.evidence.criterion.explained_share
-    share = after.evidence.explained_share(after.terms, before.terms, least)
+    share = after.evidence.shares.compute(after.terms, before.terms, least)
     yield Gate("explained_share", share, least, share > least)
+
+
+def require_share_of_torque(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the share of the residual torque alone."""
+    least = after.evidence.criterion.explained_share
+    share = after.evidence.shares.compute_of_torque(after.terms, before.terms)
+    yield Gate("explained_share", share, least, share > least)
+
+
+def require_coarse_gain(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test gain and explained share of a variant on a coarse grid, with limits that a refined variant may pass."""
+    evidence, criterion = after.evidence, after.evidence.criterion
+    p_value = evidence.gain(after.terms, before.terms).p_value
+    yield Gate("p_value", p_value, criterion.coarse_p_value, p_value <= criterion.coarse_p_value)
+    if p_value <= criterion.coarse_p_value:
+        share = evidence.shares.compute_of_torque(after.terms, before.terms)
+        yield Gate("explained_share", share, criterion.coarse_share, share >= criterion.coarse_share)
 
 
 def require_needed_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -93,9 +110,9 @@ def require_needed_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
     """
     evidence, least, terms = after.evidence, after.evidence.criterion.needed_share, (after.terms, before.terms)
     if evidence.residuals.is_noise(after.terms) or evidence.gain(*terms).p_value > evidence.criterion.p_value:
-        name, share = "explained_share", evidence.explained_share(*terms, least)
+        name, share = "explained_share", evidence.shares.compute(*terms, least)
     else:
-        name, share = "share_above_floor", evidence.residuals.explained_share(*terms, above_floor=True)
+        name, share = "share_above_floor", evidence.shares.compute_of_torque(*terms, above_floor=True)
     yield Gate(name, share, least, share > least)
 
 
@@ -317,6 +334,13 @@ def require_motion(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     yield Gate("motion_misfit", float(is_misfit), 0, not is_misfit)
 
 
+def require_motion_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that `before` does not follow the motion significantly better."""
+    share = after.evidence.motion.compute_shares(before.terms, after.terms)[0]
+    most = after.evidence.criterion.explained_share
+    yield Gate("motion_share", share, most, share <= most)
+
+
 def require_simpler_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that a model with a table has fewer parameters, or replaces two or more effects that leave structure."""
     new, old = count_parameters(after.terms), count_parameters(before.terms)
@@ -349,6 +373,7 @@ def require_share_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Ga
     """
     residuals, criterion = after.evidence.residuals, after.evidence.criterion
     is_noise, leaves_noise = (residuals.is_noise(each.terms) for each in (before, after))
-    share = residuals.explained_share(after.terms, before.terms, above_floor=not (is_noise or leaves_noise))
+    above_floor = not (is_noise or leaves_noise)
+    share = after.evidence.shares.compute_of_torque(after.terms, before.terms, above_floor=above_floor)
     least = criterion.explained_share if is_noise else criterion.needed_share
     yield Gate("explained_share", share, least, share > least or _replaces_several(after, before))

@@ -8,6 +8,7 @@ from estimators.selection.evidence import Hypothesis
 from estimators.selection.gates import (
     require_base,
     require_better_form,
+    require_coarse_gain,
     require_determined_lag,
     require_excitation,
     require_fewer_parameters,
@@ -19,11 +20,13 @@ from estimators.selection.gates import (
     require_lower_cost,
     require_lower_errors,
     require_motion,
+    require_motion_share,
     require_needed_share,
     require_noise,
     require_parameters,
     require_share,
     require_share_of_table,
+    require_share_of_torque,
     require_simpler_table,
     require_tie,
     require_tie_of_table,
@@ -52,6 +55,13 @@ TIE = Rule("tie", (require_tie,))
 REFIT = Rule("refit", (require_lower_cost,))
 # Parameters fitted together with link states do not raise the torque error.
 REFIT_LINK = Rule("refit link", (require_torque_error,))
+# A variant on a coarse grid is near enough to the data to be refined.
+REFINE = Rule("refine", (require_coarse_gain,))
+# A law explains enough of the residual torque.
+EXPLAIN_TORQUE = Rule("explain torque", (require_share_of_torque,))
+# An ambiguous effect may take the place of the selected one.
+REPLACE = Rule("replace", (require_base, require_lower_errors, require_determined_lag))
+FOLLOW_MOTION = Rule("follow motion", (require_motion_share,))
 # A lag or delay is no answer of a controller.
 DETERMINE_LAG = Rule("determine lag", (require_determined_lag,))
 # The recorded torque would show the effect.

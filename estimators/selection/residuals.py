@@ -1,11 +1,11 @@
-"""Residuals of models, joint by joint: noise or structure, and the share of it that a larger model explains."""
+"""Residuals of models, joint by joint: noise or structure."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, cast
+from typing import cast
 
 import numpy as np
 
@@ -20,18 +20,6 @@ from estimators.search_hints import make_grid
 from estimators.selection.process_noise import ProcessNoise, find_process_noise
 from pendulum_env._typing import Array
 from pendulum_env.physics import Table, Term
-
-
-class Power(NamedTuple):
-    """Power of a model's residual at a joint [N^2 m^2].
-
-    Attributes:
-        total: mean square, plus the variance of torque noise that the model removes.
-        correlated: mean square of the part that neighbouring windows share.
-    """
-
-    total: float
-    correlated: float
 
 
 @dataclass
@@ -66,10 +54,10 @@ class Residuals:
     @memoized
     def structures(self, terms: Terms) -> tuple[dict[str, ResidualStructure], dict[str, ResidualStructure]]:
         """Return the structure of a fit's residual at each joint, on training and on held-out data."""
-        of_train = self._structures_in(self.train, self.train.residual(terms))
-        return of_train, self._structures_in(self.holdout, self.holdout_residual(terms))
+        of_train = self.find_structures(self.train, self.train.residual(terms))
+        return of_train, self.find_structures(self.holdout, self.holdout_residual(terms))
 
-    def _structures_in(self, part: RegressionData, residual: Array) -> dict[str, ResidualStructure]:
+    def find_structures(self, part: RegressionData, residual: Array) -> dict[str, ResidualStructure]:
         """Return the structure at each joint of a residual (R,) [N m] of a part of the data."""
         layout = part.layout
         return {at: layout.structure(at, residual[layout.joints[at]], self.inertia[at]) for at in self.joints}
@@ -95,7 +83,7 @@ class Residuals:
 
         The noise of a pendulum is that of its sensors, or white torque noise that is not logged.
         """
-        is_noise = self._are_noise(part, self._structures_in(part, residual))
+        is_noise = self._are_noise(part, self.find_structures(part, residual))
         return is_noise or self.find_process_noise(part, residual) is not None
 
     def find_process_noise(self, part: RegressionData, residual: Array) -> ProcessNoise | None:
@@ -103,7 +91,7 @@ class Residuals:
 
         The residual exceeds the noise of the sensors, and is white.
         """
-        if not self._is_pendulum or self._are_noise(part, self._structures_in(part, residual)):
+        if not self._is_pendulum or self._are_noise(part, self.find_structures(part, residual)):
             return None
         return find_process_noise(part.data, residual, self.inertia[self.joints[0]], self.criterion)
 
@@ -157,65 +145,6 @@ class Residuals:
         """Return whether terms have a table that does not cover the held-out data."""
         tables = [term for term in terms if isinstance(term, Table)]
         return not all(table.covers(self.holdout.data.part(table.at).samples) for table in tables)
-
-    @memoized
-    def power(self, terms: Terms) -> list[dict[str, Power]]:
-        """Return the power of a fit's residual at each joint, on training and on held-out data.
-
-        Tables that do not cover the held-out data are refitted to each.
-        """
-        powers_by_part = []
-        for part in self.parts:
-            if self.are_refitted(terms):
-                residual = part.residual(set_grid(part, terms))
-            else:
-                residual = part.equations(terms, by_noise=True).error(self.train.solve(terms))
-            structures, powers = self._structures_in(part, residual), {}
-            for at in self.joints:
-                absorbed = part.compute_absorbed_noise([term for term in terms if term.at == at])
-                total = structures[at].rms ** 2 + sum(variance for _, variance in absorbed)
-                powers[at] = Power(total, structures[at].correlated_rms ** 2)
-            powers_by_part.append(powers)
-        return powers_by_part
-
-    def explained_share(self, after: Terms, before: Terms, above_floor: bool = False) -> float:
-        """Return the share of one model's explainable residual power that a larger model explains, at its best joint.
-
-        The share is the smaller of training and held-out data. Explainable power is
-
-        - all power, if the residual of the smaller model has no structure;
-        - removed power + correlated power of the rest + power of the rest / sqrt(number of rows), if its
-          neighbouring windows are correlated;
-        - all power above the noise floor otherwise, or with `above_floor`.
-
-        Held-out data without structure do not count if the training data have structure. Removed power below the
-        precision of the rows counts as zero. Joints other than the best may lose by a compensation of link parameters.
-        """
-        return max(self._explained_at(at, after, before, above_floor) for at in self.joints)
-
-    def _explained_at(self, at: str, after: Terms, before: Terms, above_floor: bool) -> float:
-        """Return the `explained_share` at a joint."""
-        least, shares, structures = self.train.layout.precision[at] ** 2, [], self.structures(before)
-        structured = [
-            self.criterion.has_structure(of_part[at], self.noise_floor(part, at))
-            for part, of_part in zip(self.parts, structures, strict=True)
-        ]
-        parts = zip(self.parts, self.power(before), self.power(after), structures, structured, strict=True)
-        for part, olds, news, of_part, has_structure in parts:
-            old, new = olds[at], news[at]
-            removed = old.total - new.total
-            if not has_structure and part is self.holdout and structured[0]:
-                continue
-            if removed <= least:
-                shares.append(0.0)
-            elif not has_structure:
-                shares.append(removed / old.total)
-            elif of_part[at].z_score >= self.criterion.z_score and not above_floor:
-                resolution = new.total / len(part.layout.clusters[part.locate_rows(at)]) ** 0.5
-                shares.append(removed / (removed + new.correlated + resolution))
-            else:
-                shares.append(removed / max(old.total - self.noise_floor(part, at) ** 2, removed))
-        return min(shares)
 
 
 def set_grid(part: RegressionData, terms: Sequence[Term]) -> Terms:

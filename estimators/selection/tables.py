@@ -11,7 +11,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
 from estimators.selection.evidence import Evidence
 from estimators.selection.moves import SearchState, remove_term
-from estimators.selection.policies import ADD, BEAT_BY_TABLE, CONFIRM, NEED, SWAP, TIE, TIE_TABLE
+from estimators.selection.policies import ADD, BEAT_BY_TABLE, CONFIRM, EXPLAIN_TORQUE, NEED, SWAP, TIE, TIE_TABLE
 from pendulum_env.physics import Table, Term, count_term_parameters, list_ids, list_loads
 
 
@@ -140,17 +140,13 @@ def find_explaining_law(evidence: Evidence, terms: Terms, laws: Iterable[type[Te
     `criterion.explained_share` of the residual torque, or are needed, see `Evidence.is_needed`. Return None
     without candidates.
     """
-    residuals, least_share = evidence.residuals, evidence.criterion.explained_share
     trials = [find_best_variant(evidence, terms, law) for law in laws if law.id not in list_ids(terms)]
     models = [
         trial.terms
         for trial in trials
         if trial is not None
         and evidence.decide(trial.terms, terms, ADD).passed
-        and (
-            residuals.explained_share(trial.terms, terms) > least_share
-            or evidence.decide(trial.terms, terms, NEED).passed
-        )
+        and any(evidence.decide(trial.terms, terms, policy).passed for policy in (EXPLAIN_TORQUE, NEED))
         and evidence.decide(trial.terms, terms, CONFIRM).passed
     ]
     best = max(

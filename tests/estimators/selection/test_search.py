@@ -105,7 +105,7 @@ def test_what_explains_one_recording_and_not_the_next_explains_little(later, exp
     trial = find_best_variant(evidence, BASE, effect("periodic_disturbance"))
     assert trial.fitted_rms < 0.1
     least, most = explained
-    assert least <= evidence.residuals.explained_share(trial.terms, BASE) <= most
+    assert least <= evidence.shares.compute_of_torque(trial.terms, BASE) <= most
 
 
 @pytest.mark.slow

@@ -24,6 +24,7 @@ from estimators.selection.moves import (
     swap_effect,
 )
 from estimators.selection.policies import ADD
+from estimators.selection.shares import ExplainedShares
 from estimators.selection.tables import replace_by_table
 from estimators.weak_form.point import Point
 from estimators.weak_form.rows import ScoredTerms
@@ -94,20 +95,26 @@ class KnownEvidence(Evidence):
             are_refitted=lambda terms: False,
             relative_rms=lambda terms: 1.0,
             is_noise_at=lambda at, terms: self.total(terms) >= NOISE,
-            explained_share=lambda after, before, above_floor=False: (
-                (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 0.1 * NOISE)
-            ),
         )
         bootstrap = Bootstrap(np.zeros(BLOCKS, dtype=np.intp), np.random.default_rng(0))
         self.densities = KnownDensities(self.fits, self.residuals, self.criterion, bootstrap)
         self.densities.total = self.total
         self.motion = FreeMotion(self.fits, self.criterion)
+        self.shares = KnownShares(self.residuals, self.motion)
+        self.shares.total = self.total
 
     def total(self, terms: tuple[Term, ...]) -> float:
         return self.gains.get(letters(terms), 0.0)
 
     def progress(self, text: str, share: float) -> None:
         """Nothing is printed."""
+
+
+class KnownShares(ExplainedShares):
+    """Shares of what the best model gains."""
+
+    def compute_of_torque(self, after: tuple[Term, ...], before: tuple[Term, ...], above_floor: bool = False) -> float:
+        return (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 0.1 * NOISE)
 
 
 class KnownDensities(Densities):
