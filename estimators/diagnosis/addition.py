@@ -23,11 +23,22 @@ from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.in_loop import complete_drives
 from estimators.progress import Progress, no_progress
-from estimators.selection.policies import CONFIRM
-from estimators.selection.search import SearchResult, fit_without_and_with
+from estimators.regression.least_squares import IdentificationError
+from estimators.selection.candidates import (
+    find_best_variant,
+    find_undetermined_parameter,
+    refit_nonlinear,
+    release_significant,
+)
+from estimators.selection.evidence import Evidence
+from estimators.selection.moves import add_dry_friction
+from estimators.selection.path import find_model_path
+from estimators.selection.policies import CONFIRM, SWAP
+from estimators.selection.search import SearchResult
+from estimators.selection.state import SearchState
 from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import Bounds, Model, Term, is_hidden
+from pendulum_env.physics import Bounds, Model, Term, is_dry, is_hidden
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -108,3 +119,32 @@ def _fit_effect(
         gain = evidence.best_gain(longer.model.terms, before.model.terms)
         objection = None if gain.p_value <= evidence.criterion.p_value else Finding(Kind.BY_CHANCE)
     return Trial(case, data, setting, result, refit=result), refitted, objection
+
+
+def fit_without_and_with(evidence: Evidence, kind: type[Term]) -> list[Step]:
+    """Return the steps from the base model to that with the best variant of an effect, with standard errors.
+
+    Dry friction that is not significant in torque is fitted to free motion, if that confirms it.
+
+    Raises:
+        IdentificationError: if the data offer no variant of the effect, or do not determine it.
+    """
+    evidence.progress("fitting without it", 0.1)
+    start = refit_nonlinear(evidence, evidence.fits.base)
+    evidence.progress(f"searching {kind.id}", 0.3)
+    trial = find_best_variant(evidence, start, kind, is_determined=True)
+    terms = None if trial is None else refit_nonlinear(evidence, release_significant(evidence, trial.terms))
+    if is_dry(kind()) and (terms is None or not evidence.decide(terms, start, SWAP).passed):
+        if (by_motion := add_dry_friction(SearchState(evidence, start, start))) is not None:
+            return find_model_path(by_motion)
+    if terms is None:
+        raise IdentificationError(f"{', '.join(evidence.train.names)}: nothing there shows {kind.id}", kind.id)
+    evidence.progress(f"fitting with {kind.id}", 0.8)
+    before, longer = evidence.fits.fit_with_std(start), evidence.fits.fit_with_std(terms, added=kind.id)
+    if (name := find_undetermined_parameter(evidence, longer)) is not None:
+        raise IdentificationError(
+            f"{', '.join(evidence.train.names)}: {name} is not determined: within its standard error "
+            "it means more torque than was applied",
+            longer.model.terms[-1].id,
+        )
+    return [before, longer]

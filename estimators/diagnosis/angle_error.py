@@ -8,8 +8,8 @@ from estimators.data.variants import rank_variants, refine_variants
 from estimators.decisions.errors import Terms
 from estimators.selection.candidates import can_reproduce
 from estimators.selection.evidence import Evidence
-from estimators.selection.moves import remove_term
 from estimators.selection.policies import KEEP_BASE, SWAP_HELD_OUT
+from estimators.selection.state import remove_term
 from pendulum_env.physics import SIGNIFICANT, Estimate, Gravity, Model, Table, Term, list_ids
 
 TURN = 2 * np.pi  # range of angles from which gravity differs from any other law of the angle [rad]

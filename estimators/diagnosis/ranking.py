@@ -13,9 +13,9 @@ from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity, Verdict
 from estimators.selection.candidates import can_reproduce, needs_all_parts, screen_library, screen_replacements
 from estimators.selection.evidence import Evidence
-from estimators.selection.moves import remove_term
 from estimators.selection.policies import ADD, CONFIRM, DETERMINE_LAG, EXCITE, FOLLOW_MOTION, NEED, REPLACE, SWAP, Rule
 from estimators.selection.search import SearchResult
+from estimators.selection.state import remove_term
 from estimators.selection.tables import explain_table, remove_table
 from pendulum_env.physics import Term, is_hidden
 from pendulum_env.physics.terms import find_untested_ends

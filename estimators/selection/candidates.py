@@ -9,6 +9,7 @@ from estimators.data.variants import rank_variants, refine_variants, try_variant
 from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms
 from estimators.decisions.gate import Gate
+from estimators.memoize import memoized
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.evidence import Evidence
 from estimators.selection.policies import ADD, KEEP_BASE, REFINE, SWAP
@@ -32,6 +33,7 @@ def screen_effects(evidence: Evidence, terms: Terms, excluded: Collection[str] =
     return sorted((screened.terms for screened in library if screened.terms is not None), key=evidence.screening_score)
 
 
+@memoized
 def screen_library(evidence: Evidence, terms: Terms, excluded: Collection[str] = ()) -> dict[str, Screening]:
     """Screen each effect of the library that the terms lack, by id; slow transmissions come last."""
     missing = [effect for id, effect in evidence.library.items() if id not in list_ids(terms) | {*excluded}]

@@ -10,8 +10,8 @@ from estimators.decisions.errors import Terms
 from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
 from estimators.selection.evidence import Evidence
-from estimators.selection.moves import SearchState, remove_term
 from estimators.selection.policies import ADD, BEAT_BY_TABLE, CONFIRM, EXPLAIN_TORQUE, NEED, SWAP, TIE, TIE_TABLE
+from estimators.selection.state import SearchState, remove_term
 from pendulum_env.physics import Table, Term, count_term_parameters, list_ids, list_loads
 
 

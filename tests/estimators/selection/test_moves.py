@@ -12,9 +12,10 @@ from estimators.diagnosis.ranking import compute_alternatives, rank_effects
 from estimators.findings import Kind
 from estimators.selection.candidates import find_best_variant
 from estimators.selection.evidence import Evidence
-from estimators.selection.moves import SearchState, leave_limits
+from estimators.selection.links import leave_limits
 from estimators.selection.policies import ADD, EXCITE, NEED, SWAP
 from estimators.selection.search import search
+from estimators.selection.state import SearchState
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests.cases import recorded

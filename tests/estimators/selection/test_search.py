@@ -9,12 +9,14 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import diagnose
 from estimators.data.split import split_recordings
-from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters, screen_effects
+from estimators.selection.candidates import find_best_variant, refit_nonlinear, release_parameters
 from estimators.selection.evidence import Evidence
-from estimators.selection.moves import SearchState, add_pair
+from estimators.selection.moves import add_pair
+from estimators.selection.path import confirm_steps
 from estimators.selection.physical import find_bound_violations
 from estimators.selection.policies import CHANGE_FORM
-from estimators.selection.search import SearchResult, confirm_steps, search
+from estimators.selection.search import SearchResult, search
+from estimators.selection.state import SearchState
 from estimators.selection.tables import add_beside_table
 from pendulum_env.physics import BASE, effect
 from pendulum_env.physics.terms import list_ids
@@ -55,7 +57,7 @@ def test_two_effects_that_hide_each_other_are_found_together_and_one_alone_has_n
     for hidden in (both, {"stribeck": both["stribeck"]}):
         train, test = two_runs(hidden, 500.0)
         evidence = Evidence.from_data(*split_recordings([train], [test]), library=library)
-        pair = add_pair(SearchState(evidence, BASE, BASE), screen_effects(evidence, BASE))
+        pair = add_pair(SearchState(evidence, BASE, BASE))
         assert pair is None if len(hidden) == 1 else list_ids(pair.effects) == both.keys()
 
 

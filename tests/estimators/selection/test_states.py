@@ -15,16 +15,16 @@ from estimators.selection.densities import Densities
 from estimators.selection.evidence import Evidence
 from estimators.selection.free_motion import FreeMotion
 from estimators.selection.moves import (
-    SearchState,
     add_dry_friction,
-    add_effect,
     add_pair,
     drop_effect,
+    extend_model,
     revise,
     swap_effect,
 )
 from estimators.selection.policies import ADD
 from estimators.selection.shares import ExplainedShares
+from estimators.selection.state import SearchState
 from estimators.selection.tables import replace_by_table
 from estimators.weak_form.point import Point
 from estimators.weak_form.rows import ScoredTerms
@@ -143,13 +143,13 @@ HIDDEN = {"D": 2.0, "O": 2.0, "DO": 1000.0}  # each effect shows only beside the
 @pytest.mark.parametrize(
     ("move", "gains", "before", "after"),
     [
-        (add_effect, CLEAR, "", "D"),
-        (add_effect, CLEAR, "D", None),
-        (add_effect, TWO, "D", "DO"),
+        (extend_model, CLEAR, "", "D"),
+        (extend_model, CLEAR, "D", None),
+        (extend_model, TWO, "D", "DO"),
         (add_dry_friction, CLEAR, "", None),  # without segments of motion
-        (add_effect, {"A": 3.0}, "", None),  # below the penalty for three effects and the p-value
-        (add_effect, {"A": 100.0}, "", None),  # significant, but a tenth of the residual
-        (add_effect, HIDDEN, "", "DO"),
+        (extend_model, {"A": 3.0}, "", None),  # below the penalty for three effects and the p-value
+        (extend_model, {"A": 100.0}, "", None),  # significant, but a tenth of the residual
+        (extend_model, HIDDEN, "", "DO"),
         (drop_effect, CLEAR, "DO", "D"),
         (drop_effect, CLEAR, "D", None),
         (drop_effect, {}, "A", ""),
@@ -172,7 +172,7 @@ def test_move_leads_from_state_to_state(move: Callable, gains: dict, before: str
 @pytest.mark.parametrize(("gains", "after"), [(HIDDEN, "DO"), (CLEAR, None), ({"O": 599.0, "DO": 600.0}, None)])
 def test_pair_is_added_if_each_effect_needs_the_other(gains: dict, after: str | None):
     begin = state(KnownEvidence(gains), "")
-    found = add_pair(begin, [(*BASE, LIBRARY["D"]())])
+    found = add_pair(begin)
     assert (None if found is None else letters(found.terms)) == after
 
 
