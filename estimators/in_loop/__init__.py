@@ -8,7 +8,10 @@ A diagnosis makes these calls, in this order:
     search                      selection/search.py adds and drops effects by these rows, each time:
       RolloutRows.compare       rollout_rows.py     simulates the variants of an effect, each by one step
         Rollouts                rollouts.py         simulates all recordings at once by `simulate_servos`
-      RolloutRows.refine        rollout_rows.py     fits the best variants by `fit_rollouts` (fit.py)
+        ComparedPositions       compared_positions.py has the measured positions to compare with
+      RolloutFits.linearise     rollout_fits.py     fits each set of terms once by `fit_rollouts` (fit.py), and
+        linearise_errors        linearisation.py    simulates the slopes of the positions by the parameters
+        fit_link                link_fit.py         fits a link from many starts
     reread_goals                goal_reading.py     is tried with the found effects, if the fits left the goals open
     refine                      refit.py            refits with shorter steps, widens errors, drops effects not needed
       scan_profile              profile.py          fits the gap of a play by its profile likelihood

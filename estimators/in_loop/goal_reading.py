@@ -10,10 +10,9 @@ import numpy as np
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding, Kind
-from estimators.in_loop.convention_fits import TIE
-from estimators.in_loop.fit import LOOP
 from estimators.in_loop.refit import refine_rows
 from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.settings import LOOP
 from estimators.weak_form.point import Point
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import replace_drive
@@ -31,10 +30,10 @@ def reread_goals(trial: Trial) -> FitData | None:
     data, unseen = trial.data, refine_rows(trial.evaluator)[1]
     readings = [treatment for treatment in data.treatments if treatment.kind in GOALS]
     error = trial.result.steps[-1].errors["holdout"].total
-    if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
+    if len(readings) != 1 or error < LOOP.limits.faithful * unseen.rollouts.noise.encoder_error:
         return None
     gain, is_held = readings[0].numbers.get("gain"), readings[0].kind is Kind.GOALS_HELD
-    if is_held and (gain is None or abs(gain.value) > TIE * (gain.std or 0.0)):
+    if is_held and (gain is None or abs(gain.value) > LOOP.limits.tie * (gain.std or 0.0)):
         return None
     reread = declare_goals(trial, GOALS[readings[0].kind])
     return reread if not is_held or predict_held_out(trial, reread) < error else None
@@ -59,5 +58,5 @@ def predict_held_out(trial: Trial, data: FitData) -> float:
     model, evaluator = trial.result.steps[-1].model, trial.case.evaluator(data, trial.setting)
     rows = evaluator.train.rollouts
     assert isinstance(rows, RolloutRows)
-    rows.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
+    rows.fits.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
     return evaluator.fit(model.terms).errors["holdout"].total
