@@ -13,9 +13,8 @@ from estimators.diagnosis.case import Trial
 from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Kind
 from estimators.in_loop import decide_conventions
-from estimators.in_loop.convention_fits import TIE
-from estimators.in_loop.fit import LOOP
 from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.settings import LOOP
 from estimators.weak_form.point import Point
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
@@ -40,10 +39,10 @@ def reread_goals(trial: Trial) -> FitData | None:
     data, unseen = trial.data, refine_rows(trial.evidence)[1]
     readings = [treatment for treatment in data.treatments if treatment.kind in GOALS]
     error = trial.result.steps[-1].errors["holdout"].total
-    if len(readings) != 1 or error < LOOP.faithful * unseen.rollouts.encoder[""]:
+    if len(readings) != 1 or error < LOOP.limits.faithful * unseen.rollouts.noise.encoder_error:
         return None
     gain, is_held = readings[0].numbers.get("gain"), readings[0].kind is Kind.GOALS_HELD
-    if is_held and (gain is None or abs(gain.value) > TIE * (gain.std or 0.0)):
+    if is_held and (gain is None or abs(gain.value) > LOOP.limits.tie * (gain.std or 0.0)):
         return None
     reread = declare_goals(trial, GOALS[readings[0].kind])
     return reread if not is_held or predict_held_out(trial, reread) < error else None
@@ -68,5 +67,5 @@ def predict_held_out(trial: Trial, data: FitData) -> float:
     model, evidence = trial.result.steps[-1].model, trial.case.make_evidence(data, trial.setting)
     rows = evidence.train.rollouts
     assert isinstance(rows, RolloutRows)
-    rows.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
+    rows.fits.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
     return evidence.fits.fit(model.terms).errors["holdout"].total

@@ -28,10 +28,10 @@ from estimators.diagnosis.goal_reading import decide_drives, reread_goals
 from estimators.diagnosis.servo_conclusion import conclude, find_loop_regions
 from estimators.diagnosis.servo_refit import make_data, refine, refit
 from estimators.diagnosis.setting import Setting
-from estimators.in_loop.fit import LOOP
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
+from estimators.in_loop.settings import LOOP
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import search
 from estimators.weak_form.torque_rows import TorqueRows
@@ -42,12 +42,12 @@ from pendulum_env.recording import Recording
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
     """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
 
-    An effect must explain at least the share `LOOP.needed` of the residual.
+    An effect must explain at least the share `LOOP.limits.needed` of the residual.
     """
     data = FitData.from_recordings(recordings, holdout, setting.base)
     base = make_base(data.recordings, setting.base)
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
-    share = max(setting.criterion.explained_share, LOOP.needed)
+    share = max(setting.criterion.explained_share, LOOP.limits.needed)
     criterion = replace(setting.criterion, explained_share=share, needed_share=share)
     data = decide_drives(data, setting.base)
     return data, replace(setting, base=base, library=library, criterion=criterion)
@@ -61,11 +61,10 @@ def make_evidence(data: FitData, setting: Setting) -> Evidence:
     """
     recordings, held_out = data.recordings, data.holdout or data.recordings
     train_part, check_part = choose_parts(data.holdout)
-    train = RolloutRows(
-        Rollouts(recordings, shares=train_part), TorqueRows(prepare_windows(recordings, part=train_part))
-    )
+    windows = TorqueRows(prepare_windows(recordings, part=train_part))
+    train = RolloutRows(Rollouts(recordings, shares=train_part), windows, criterion=setting.criterion)
     windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
-    check = RolloutRows(Rollouts(held_out, shares=check_part), windows, guide=train)
+    check = RolloutRows(Rollouts(held_out, shares=check_part), windows, train, setting.criterion)
     return add_back_emf(data, setting).make_evidence((make_data(train), make_data(check)))
 
 

@@ -13,7 +13,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop import list_decisions
-from estimators.in_loop.fit import LOOP
+from estimators.in_loop.settings import LOOP
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
@@ -34,7 +34,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             replace(candidate, reason=Finding(Kind.LONG_STEPS)) if candidate.effect in dropped else candidate
             for candidate in diagnosis.candidates
         ),
-        floors=refine_rows(trial.evidence)[0].rollouts.encoder,
+        floors={"": refine_rows(trial.evidence)[0].rollouts.noise.encoder_error},
         findings=(
             *list_decisions(data.treatments),
             *find_remedies(
@@ -49,21 +49,22 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
 def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | None:
     """Return a finding if a controller of unknown rate may act so late that its gain imitates inertia.
 
-    The imitated inertia is half the speed gain over `LOOP.seldom` [Hz]; it counts above one standard error.
+    The imitated inertia is half the speed gain over `LOOP.limits.slow_rate` [Hz]; it counts above one standard error.
     """
     drives = [r.drive for r in recordings if r.drive is not None and r.drive.rate is None]
     gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
-    imitated_inertia = max(gains, default=0.0) / (2 * LOOP.seldom)
+    imitated_inertia = max(gains, default=0.0) / (2 * LOOP.limits.slow_rate)
     if imitated_inertia <= model.estimates["inertia"].std:
         return None
     inertia = Quantity(imitated_inertia, unit=model.estimates["inertia"].unit)
-    return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(LOOP.seldom, unit="Hz"), "inertia": inertia})
+    return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(LOOP.limits.slow_rate, unit="Hz"), "inertia": inertia})
 
 
 def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
-    """Return a finding if the logged torque is that requested by the drive times a factor off 1 by `LOOP.scale`.
+    """Return a finding if the logged torque is that requested by the drive times a factor off 1.
 
-    Drives with an integral part are not tested: the requested torque is that without it.
+    The factor is off by at least `LOOP.limits.torque_scale`. Drives with an integral part are not tested: the requested
+    torque is that without it.
     """
     logs = [r for r in recordings if r.drive and not r.drive.ki and r.torque_unit == r.drive.unit]
     recorded = [r for r in logs if r.has_logged_torque]
@@ -74,7 +75,7 @@ def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
         for series in zip(*((r.torque, compute_commanded_torque(r)) for r in recorded), strict=True)
     )
     factor = float(logged @ requested / max(requested @ requested, np.finfo(float).tiny))
-    if abs(factor - 1.0) < LOOP.scale:
+    if abs(factor - 1.0) < LOOP.limits.torque_scale:
         return None
     return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(factor)})
 
@@ -89,9 +90,11 @@ def find_loop_regions(trial: Trial) -> Sequence[Region]:
         residual, data = rows.residual(last.model.terms, theta), rows.rollouts
         if evidence.residuals.is_noise_in(part, residual):
             continue
-        mean_errors = np.array([np.mean(np.abs(residual[data.recording_of == k])) for k in range(len(data.recordings))])
+        mean_errors = np.array(
+            [np.mean(np.abs(residual[data.positions.recording_of == k])) for k in range(len(data.recordings))]
+        )
         worst = int(np.argmax(mean_errors))
-        error, floor = float(np.mean(np.abs(residual))), data.encoder[""]
+        error, floor = float(np.mean(np.abs(residual))), data.noise.encoder_error
         unit = last.model.units().unit("rad")
         numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
         if len(mean_errors) > 1:

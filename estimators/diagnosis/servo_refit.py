@@ -11,9 +11,9 @@ from estimators.data.standard_errors import widen_by_constant
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding
-from estimators.in_loop.fit import LOOP
 from estimators.in_loop.profile import LikelihoodProfile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
+from estimators.in_loop.settings import LOOP
 from estimators.memoize import memoized
 from estimators.selection.evidence import Evidence
 from estimators.selection.fits import Fits
@@ -33,8 +33,8 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
     An effect is needed if it predicts better and its size differs from zero by more than 3 standard errors. Prediction
     alone is not sufficient: a servo that sticks a little earlier or later changes seconds of the motion. An effect must
-    also explain the share `LOOP.needed` of the squared error without it, in fitted and held-out data. For a link, the
-    share is `LOOP.dominant` if the residual is not noise.
+    also explain the share `LOOP.limits.needed` of the squared error without it, in fitted and held-out data. For a
+    link, the share is `LOOP.limits.dominant` if the residual is not noise.
     """
     result = refit(trial.result)
     last = result.steps[-1]
@@ -49,7 +49,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
     def is_needed(id: str | None) -> bool:
         is_link = any(term.link for term in terms if term.id == id)
-        least = LOOP.dominant if is_link and not evidence.residuals.is_noise(terms) else LOOP.needed
+        least = LOOP.limits.dominant if is_link and not evidence.residuals.is_noise(terms) else LOOP.limits.needed
         models = [evidence.fits.fit_model(model_terms) for model_terms in (terms, without(id))]
         errors = [[make_data(part).errors(model).loop[0] for model in models] for part in (train, held_out)]
         share = min(1.0 - (after / before) ** 2 for after, before in errors)
@@ -62,7 +62,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     while idle := find_idle():
         effects.remove(idle[-1])
         remaining = without(idle[-1])
-        terms = terms_by_ids.get(list_ids(remaining)) or train.with_nonlinear(remaining)
+        terms = terms_by_ids.get(list_ids(remaining)) or train.fits.fit_nonlinear(remaining)
         last = fit_step(result.evidence, effects[-1] if effects else None, terms)
     if len(effects) == len(steps) - 1:
         return result, ()
@@ -95,7 +95,7 @@ def refine_rows(evidence: Evidence) -> tuple[RolloutRows, RolloutRows]:
 def refit_step(evidence: Evidence, step: Step, start: Point | None = None) -> Step:
     """Refit a step with shorter steps of the integrator, from a start, by default its parameters."""
     start = start or Point.from_parameters(step.model.terms, np.asarray(step.model.theta))
-    refine_rows(evidence)[0].set_start(start)
+    refine_rows(evidence)[0].fits.set_start(start)
     return fit_step(evidence, step.added, start.terms)
 
 
@@ -106,7 +106,7 @@ def fit_step(evidence: Evidence, added: str | None, terms: Sequence[Term]) -> St
     """
     train, held_out = refine_rows(evidence)
     terms = train.fit(terms).terms
-    profile = train.fit_by_profile(terms)
+    profile = train.fits.fit_by_profile(terms)
     terms = terms if profile is None else profile.point.terms
     model, recording = widen_errors(fit_terms(make_data(train), terms)[0], train, profile), train.rollouts.recordings[0]
     constant = recording.torque_constant  # its error widens all standard errors
@@ -121,7 +121,7 @@ def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | N
     their change with dry friction: a simulated controller that reads the exact position sticks, a real one may creep.
     """
     point = Point.from_model(model)
-    near, rollouts = rows.linearise_at_fit(model.terms), rows.rollouts
+    near, rollouts = rows.fits.linearise(model.terms), rows.rollouts
     by_nonlinear, nonlinear = rows.nonlinear_jacobian(model.terms, point.theta)
     slopes = np.column_stack([near.slopes[:, : len(point.theta)], by_nonlinear])
     errors = [each.without_counts.compute_position_errors([point]) for each in (rollouts, *rollouts.mistimed)]

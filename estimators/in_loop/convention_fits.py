@@ -9,9 +9,10 @@ import numpy as np
 
 from estimators.decisions.score import BLOCK, Bootstrap
 from estimators.findings import Quantity
-from estimators.in_loop.fit import compute_log_densities
+from estimators.in_loop.likelihood import compute_log_densities
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.in_loop.rollouts import Rollouts
+from estimators.in_loop.settings import LOOP
 from estimators.weak_form.rows import Terms
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import prepare_windows
@@ -23,8 +24,6 @@ from pendulum_env.servo.drive import find_declared_conventions
 from pendulum_env.servo.torque import replace_drive
 
 Settings = dict[str, str]  # conventions of a drive, by name
-TIE = 1.64  # standard errors of a gain, within which two fits are tied: a p-value of 5 %
-SAME = 1e-3  # [nat], smaller differences mean equal motion: the output does not reach its limit
 
 
 class ConventionFit(NamedTuple):
@@ -38,12 +37,12 @@ class ConventionFit(NamedTuple):
     @classmethod
     def from_rows(cls, settings: Settings, rows: RolloutRows, terms: Terms) -> ConventionFit:
         """Return the fit of the terms by some rows."""
-        density = compute_log_densities(rows.rollouts, rows.linearise_at_fit(terms).error)
-        return cls(settings, rows, terms, np.bincount(rows.rollouts.blocks(BLOCK)[0], density).astype(float))
+        density = compute_log_densities(rows.rollouts, rows.fits.linearise(terms).error)
+        return cls(settings, rows, terms, np.bincount(rows.rollouts.positions.blocks(BLOCK)[0], density).astype(float))
 
     def with_effect(self, effect: Term) -> ConventionFit:
         """Return the fit with another effect, whose nonlinear parameters are fitted."""
-        terms = self.rows.with_nonlinear((*self.terms, effect))
+        terms = self.rows.fits.fit_nonlinear((*self.terms, effect))
         return ConventionFit.from_rows(self.settings, self.rows, terms)
 
     @property
@@ -99,24 +98,24 @@ def fit_conventions(
     for own in settings:
         variant = complete_drives(recordings, own)
         torque = TorqueRows(prepare_windows(variant, part=part))
-        rows = RolloutRows(Rollouts(variant, FINE, shares=part, has_counts=has_counts), torque)
+        rows = RolloutRows(Rollouts(variant, LOOP.simulation.fine_steps, shares=part, has_counts=has_counts), torque)
         fits.append(ConventionFit.from_rows(own, rows, rows.fit(base, exactly=True).terms))
     return fits
 
 
-def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], ties: float = TIE) -> Choice:
+def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], ties: float = LOOP.limits.tie) -> Choice:
     """Choose the first fit that is less likely than the best by at most `ties` standard errors.
 
     A fit that is less likely by at most ln(n) is chosen too, with n fits: the best of n may gain as much by chance.
     Alternatives differ in settings of `names`.
     """
     best = max(fits, key=lambda fit: fit.likelihood)
-    bootstrap = Bootstrap(best.rows.rollouts.blocks(BLOCK)[2], np.random.default_rng(0))
+    bootstrap = Bootstrap(best.rows.rollouts.positions.blocks(BLOCK)[2], np.random.default_rng(0))
     gains = [bootstrap.gain(best.density, fit.density) for fit in fits]
     is_tied = [gain.total <= max(ties * gain.error, float(np.log(len(fits)))) for gain in gains]
     chosen = fits[is_tied.index(True)]
     others = [fit for fit in fits if fit.select(names) != chosen.select(names)]
-    different = [fit for fit in others if abs(fit.likelihood - best.likelihood) > SAME] or others
+    different = [fit for fit in others if abs(fit.likelihood - best.likelihood) > LOOP.limits.same] or others
     alternative = max(different, key=lambda fit: fit.likelihood)
     gain = bootstrap.gain(chosen.density, alternative.density)
     return Choice(chosen, alternative, Quantity(gain.total, gain.error))

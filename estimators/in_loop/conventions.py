@@ -25,6 +25,7 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.convention_fits import Settings, choose_fit, complete_drives, fit_conventions, group_by_loop
 from estimators.in_loop.counts import find_encoder_step
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
+from estimators.in_loop.settings import LOOP
 from estimators.weak_form.rows import Terms
 from estimators.weak_form.windows import Part
 from pendulum_env.physics import BASE, Term, list_ids
@@ -34,7 +35,6 @@ from pendulum_env.servo.drive import CONTROLLER, list_open_conventions
 from pendulum_env.servo.torque import depends_on_past
 
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
-COUNTS_TIE = 1.0  # standard errors of a tie with counts, which most controllers read
 Recordings = tuple[Recording, ...]
 Decision = tuple[Settings, list[Finding]]
 
@@ -147,6 +147,7 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part) -> Decision:
         return {}, [Finding(Kind.COUNTS_UNSEEN)] if "counts" in readings else []
     if len(choices) == 1:
         return {}, []
-    choice = choose_fit(fit_conventions(recordings, choices, base, part, has_counts=True), ("reads",), COUNTS_TIE)
+    fits = fit_conventions(recordings, choices, base, part, has_counts=True)
+    choice = choose_fit(fits, ("reads",), LOOP.limits.counts_tie)
     pairs = tuple(choice.fit.settings.items())
     return choice.fit.settings, [Finding(Kind.POSITION_READ, {"gain": choice.gain}, pairs=pairs)]

@@ -15,19 +15,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimators.in_loop.settings import LOOP
 from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import get_bus_voltage
-
-FINEST = 1e-6  # [rad], least step of an encoder; smaller ones are rounding
-REACHES = (3.0, 30.0, 300.0, np.inf)  # counts from the first position, over which the step is fitted in sequence
-OFF_GRID = 0.1  # largest deviation of a position from the grid of an encoder, in counts: decimals of the log
 
 
 def find_least_change(recordings: Sequence[Recording]) -> float:
     """Return the least change of position between samples [rad], the step of the finest encoder; inf without motion."""
     steps = [np.abs(np.diff(recording.position)) for recording in recordings]
-    return min(float(changes[changes > FINEST].min(initial=np.inf)) for changes in steps)
+    return min(float(changes[changes > LOOP.encoder.finest].min(initial=np.inf)) for changes in steps)
 
 
 def find_encoder_step(recordings: Sequence[Recording]) -> float | None:
@@ -39,11 +36,11 @@ def find_encoder_step(recordings: Sequence[Recording]) -> float | None:
     if not np.isfinite(step):
         return None
     displacement = np.concatenate([recording.position - recording.position[0] for recording in recordings])
-    for reach in REACHES:
+    for reach in LOOP.encoder.reaches:
         near = displacement[np.abs(displacement) < (reach + 0.5) * step]
         whole = np.rint(near / step)
         step = float(whole @ near / max(whole @ whole, 1.0)) or step
-    is_grid = np.abs(displacement / step - np.rint(displacement / step)).max() < OFF_GRID
+    is_grid = np.abs(displacement / step - np.rint(displacement / step)).max() < LOOP.encoder.off_grid
     return step if is_grid else None
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.decisions.errors import Errors
-from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven
+from estimators.in_loop.settings import LOOP
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
@@ -70,6 +71,7 @@ def simulate_in_loop(model: Model, recordings: Sequence[Recording]) -> LoopMotio
     """Simulate whole recordings of servos with their controllers in the loop."""
     if not are_driven(recordings):
         return LoopMotion(np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.intp))
-    rollouts = Rollouts(tuple(recordings), FINE)
-    error = rollouts.compare_paths(rollouts.simulate_paths([Point.from_model(model)]))[:, 0]
-    return LoopMotion(rollouts.time, rollouts.position, error, rollouts.recording_of)
+    rollouts = Rollouts(tuple(recordings), LOOP.simulation.fine_steps)
+    positions = rollouts.positions
+    error = positions.compare_paths(rollouts.simulate_paths([Point.from_model(model)]))[:, 0]
+    return LoopMotion(positions.time, positions.measured, error, positions.recording_of)

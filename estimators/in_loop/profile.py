@@ -18,29 +18,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.in_loop.fit import LOOP, LinearErrors, compute_log_likelihood, fit_rollouts, linearise_errors
+from estimators.in_loop.fit import fit_rollouts
+from estimators.in_loop.likelihood import compute_log_likelihood
+from estimators.in_loop.linearisation import LinearErrors, linearise_errors
 from estimators.in_loop.rollouts import Rollouts
+from estimators.in_loop.settings import LOOP
 from estimators.regression.least_squares import compute_robust_covariance
 from estimators.search_hints import find_hints
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics.limits import limit_term
-
-
-@dataclass(frozen=True)
-class ProfileSettings:
-    """Settings of a profile."""
-
-    ratio: float = 1.1  # of neighbouring values at first
-    fall: float = 20.0  # [nat], largest fall of the likelihood from the best value to its neighbours
-    beside: int = 2  # number of values of the parabola on either side of the best
-    most: int = 12  # largest number of values
-    leaps: tuple[float, ...] = (0.8, 0.9, 1.1, 1.25)  # factors of the `multimodal` parameter in other starts
-    gain: float = 1.0  # [nat], least gain of a fit after a leap
-
-
-PROFILE = ProfileSettings()
 
 
 @dataclass(frozen=True)
@@ -97,7 +85,7 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Likelihood
     shifts = np.array(near) - np.mean(near)
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
     # a controller that reads counts at the output does not see motion of the motor within a count
-    in_counts = rollouts.resolution if parameter.unit == "rad" and rollouts.servos.at_output else 0.0
+    in_counts = rollouts.noise.resolution if parameter.unit == "rad" and rollouts.servos.at_output else 0.0
     return LikelihoodProfile(name, place, release(last), variance * estimate**2 + in_counts**2, slopes)
 
 
@@ -153,11 +141,11 @@ class _ProfileScan:
         """Fit at further values; return the likeliest value and its neighbours, through which the parabola passes."""
         while True:
             values, k = self.find_best()
-            best, beside = values[k], PROFILE.beside
-            lower, upper = values[0] / PROFILE.ratio, values[-1] * PROFILE.ratio
-            least = self.heights[best] - PROFILE.fall
+            best, beside = values[k], LOOP.profile.beside
+            lower, upper = values[0] / LOOP.profile.ratio, values[-1] * LOOP.profile.ratio
+            least = self.heights[best] - LOOP.profile.fall
             steep = [value for value in values[max(0, k - 1) : k + 2] if self.heights[value] < least]
-            if len(values) >= PROFILE.most:
+            if len(values) >= LOOP.profile.most:
                 break
             if k < beside and values[0] not in steep and lower >= self.low:
                 self.extend(lower, values[0])
@@ -179,13 +167,18 @@ def _leave_local_minima(rollouts: Rollouts, near: LinearErrors, typical: Array) 
     names = [term.get_full_name(find_hints(type(term)).multimodal) for term in near.point.terms]
     while True:
         is_moved = np.isin([*near.point.named_values], names)  # a fit may free another parameter, or bind one
-        starts = [near.point.with_values(np.where(is_moved, leap, 1.0) * near.point.values) for leap in PROFILE.leaps]
+        starts = [
+            near.point.with_values(np.where(is_moved, leap, 1.0) * near.point.values) for leap in LOOP.profile.leaps
+        ]
         others = [
-            fit_rollouts(rollouts, start, typical, nonlinear=True, share=0.0, secants=LOOP.secants[-1:])
+            fit_rollouts(rollouts, start, typical, nonlinear=True, share=0.0, secants=LOOP.fit.secants[-1:])
             for start in starts
         ]
         best = max(others, key=lambda one: compute_log_likelihood(rollouts, one.error))
-        if compute_log_likelihood(rollouts, best.error) < compute_log_likelihood(rollouts, near.error) + PROFILE.gain:
+        if (
+            compute_log_likelihood(rollouts, best.error)
+            < compute_log_likelihood(rollouts, near.error) + LOOP.profile.gain
+        ):
             return near
         near = best
 
@@ -193,7 +186,7 @@ def _leave_local_minima(rollouts: Rollouts, near: LinearErrors, typical: Array) 
 def _compute_widening(rollouts: Rollouts, near: LinearErrors, place: int) -> float:
     """Return the factor by which errors that are correlated within blocks widen the variance of a parameter."""
     slopes, error = near.weights[:, None] * near.slopes, near.weights * near.error
-    correlated = compute_robust_covariance(slopes, error, rollouts.clusters)[place, place]
+    correlated = compute_robust_covariance(slopes, error, rollouts.positions.clusters)[place, place]
     size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)  # units of parameters differ by orders of magnitude
     row = np.linalg.pinv(slopes / size, rcond=1e-6)[place] / size[place] * error
     return float(max(1.0, correlated / max(row @ row, 1e-300)))

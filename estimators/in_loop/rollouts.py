@@ -6,33 +6,18 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-import scipy
 
-from estimators.decisions.criterion import ResidualStructure
-from estimators.in_loop.counts import (
-    FINEST,
-    compute_creep_torque,
-    find_encoder_step,
-    find_least_change,
-    make_quantisation_noise,
-)
+from estimators.in_loop.compared_positions import ComparedPositions, choose_grain
+from estimators.in_loop.counts import compute_creep_torque, find_encoder_step, make_quantisation_noise
+from estimators.in_loop.noise import MotionNoise, mistime_recordings
 from estimators.in_loop.servo_inputs import make_servos
-from estimators.signals.differentiation import estimate_encoder_noise
+from estimators.in_loop.settings import LOOP
 from estimators.weak_form.point import Point
 from estimators.weak_form.windows import WHOLE, Part
-from pendulum_env._typing import Array, Index, Mask
+from pendulum_env._typing import Array
 from pendulum_env.physics import has_link
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import LONGEST_DELAY
 from pendulum_env.servo.loop import Servos, simulate_servos
-
-GRAIN = 0.02  # [s] between compared positions, about
-STEPS, FINE = 11, 20  # of the integrator in this time, during a search and for the final fit
-SAME_RATE = 0.01  # relative difference of the rates of logs that are compared at their samples
-SLACK = 0.01  # share of a step of the integrator that may be missing, by rounding
-CONTACT = 2  # factor of the number of steps with a link: its contact is stiffer than the joint
-JITTER = 0.03  # error of a clock in samples
-SMOOTH = 1e-12  # [rad], step of an encoder without visible counts: one compiled step simulates it and counts
 
 
 @dataclass(frozen=True)
@@ -41,44 +26,41 @@ class Rollouts:
 
     Attributes:
         recordings: of servos.
-        steps: of the integrator in the time `GRAIN`.
+        steps: of the integrator in the time `LOOP.simulation.grain`.
         shares: begin and end of the compared part of each recording; the whole recording is simulated.
-        grain: time between compared positions [s]; None takes samples of the log, about `GRAIN` apart. Held goals bend
-            the motion, so positions between samples are not known.
+        grain: time between compared positions [s]; None chooses it by the logs, see `choose_grain`.
         has_counts: whether positions are compared in counts of the encoder, if the log shows them; None: if the
             controllers read counts.
     """
 
     recordings: tuple[Recording, ...]
-    steps: int = STEPS
+    steps: int = LOOP.simulation.steps
     shares: Part = WHOLE
     grain: float | None = None
     has_counts: bool | None = None
 
     @cached_property
-    def _grain(self) -> float:
-        """Return the time between compared positions [s]: `GRAIN` if the rates of the logs differ."""
-        if self.grain is not None:
-            return self.grain
-        periods = [1.0 / recording.rate for recording in self.recordings]
-        period = float(np.median(periods))
-        is_same = max(periods) <= (1.0 + SAME_RATE) * min(periods)
-        return period * max(1, round(GRAIN / period)) if is_same else GRAIN
+    def positions(self) -> ComparedPositions:
+        """Measured positions to compare with."""
+        return ComparedPositions(self.recordings, self.shares, self.grain or choose_grain(self.recordings))
+
+    @cached_property
+    def noise(self) -> MotionNoise:
+        """Errors of these positions that no model causes."""
+        return MotionNoise(self.recordings, float(np.std(self.positions.measured)))
 
     @cached_property
     def _steps_per_grain(self) -> int:
-        return max(1, int(np.ceil(self.steps * self._grain / GRAIN - SLACK)))
-
-    @cached_property
-    def _segments(self) -> list[tuple[int, Recording]]:
-        return [(k, part) for k, recording in enumerate(self.recordings) for part in recording.segments]
+        setting = LOOP.simulation
+        return max(1, int(np.ceil(self.steps * self.positions.grain / setting.grain - setting.slack)))
 
     @cached_property
     def servos(self) -> Servos:
         """Return all rollouts in a batch; shorter ones are padded with their last sample."""
-        step, count = self._grain / self._steps_per_grain, self._steps_per_grain * max(len(at) for at in self._times)
-        encoder_step = (self.encoder_step or SMOOTH) if self._reads_counts else None
-        return make_servos([part for _, part in self._segments], step, count, encoder_step)
+        step = self.positions.grain / self._steps_per_grain
+        count = self._steps_per_grain * max(len(times) for times in self.positions.times_from_start)
+        encoder_step = (self.encoder_step or LOOP.encoder.unseen) if self._reads_counts else None
+        return make_servos([part for _, part in self.positions.segments], step, count, encoder_step)
 
     @property
     def _reads_counts(self) -> bool:
@@ -99,77 +81,18 @@ class Rollouts:
     @cached_property
     def noise_of_counts(self) -> Array:
         """Return the noise of the encoder in each row (R,) [rad], which the comparison of counts lacks."""
-        return make_quantisation_noise(self.encoder_step or 0.0, len(self.position))
-
-    @cached_property
-    def _times(self) -> list[Array]:
-        """Return the times of compared positions, from the start of each rollout [s]."""
-        grain = self._grain
-        lengths = [(part.time[-1] - part.time[0]) / grain for _, part in self._segments]
-        return [grain * np.arange(1.0, int(length + 1e-6) + 1) for length in lengths]
-
-    @cached_property
-    def _compared(self) -> list[Mask]:
-        """Return masks of the times of each rollout within the compared share of its recording."""
-        masks = []
-        for times, (k, part) in zip(self._times, self._segments, strict=True):
-            whole = self.recordings[k]
-            share = (part.time[0] - whole.time[0] + times) / (whole.time[-1] - whole.time[0] + self._grain)
-            masks.append((share >= self.shares[0]) & (share < self.shares[1]))
-        return masks
-
-    @cached_property
-    def position(self) -> Array:
-        """Measured positions to compare with (R,) [rad], by a cubic spline; linear interpolation is too inaccurate."""
-        parts = zip(self._times, self._compared, self._segments, strict=True)
-        return np.concatenate(
-            [
-                scipy.interpolate.CubicSpline(part.time, part.position)(part.time[0] + times[mask])
-                for times, mask, (_, part) in parts
-            ]
-        )
-
-    @cached_property
-    def recording_of(self) -> Index:
-        """Return the index of the recording of each compared position (R,)."""
-        return np.repeat([k for k, _ in self._segments], [int(mask.sum()) for mask in self._compared])
-
-    @cached_property
-    def resolution(self) -> float:
-        """Return the standard deviation of the quantisation by the finest encoder [rad]."""
-        least = find_least_change(self.recordings)
-        return least / np.sqrt(12.0) if np.isfinite(least) else FINEST
+        return make_quantisation_noise(self.encoder_step or 0.0, len(self.positions.measured))
 
     @property
     def creep_torque(self) -> float:
         """Return the torque of `compute_creep_torque`; 0 if simulated controllers read counts."""
         reads_counts = self._reads_counts and self.encoder_step is not None
-        return 0.0 if reads_counts else compute_creep_torque(self.recordings, self.resolution)
-
-    @property
-    def encoder(self) -> dict[str, float]:
-        """Return the mean absolute error due to the encoder alone, by the name of the joint [rad]."""
-        noise = np.mean([estimate_encoder_noise(recording.position) for recording in self.recordings])
-        return {"": float(np.sqrt(2 / np.pi) * noise)}
+        return 0.0 if reads_counts else compute_creep_torque(self.recordings, self.noise.resolution)
 
     @cached_property
-    def mistimed(self) -> tuple[Self, Self]:
-        """Return the rollouts with delayed goals, and those with delayed controllers.
-
-        The delay is `JITTER` samples. A controller at the longest delay is advanced instead.
-        """
-
-        def delay_recording(recording: Recording, goal: float, drive: float) -> Recording:
-            assert recording.reference is not None and recording.drive is not None  # every rollout has both
-            reference = np.interp(recording.time - goal, recording.time, recording.reference)
-            delay = recording.drive.delay
-            delayed = replace(recording.drive, delay=delay + drive if delay + drive <= LONGEST_DELAY else delay - drive)
-            return replace(recording, reference=reference, drive=delayed)
-
-        jitter = [JITTER / recording.rate for recording in self.recordings]
-        goals = tuple(delay_recording(r, seconds, 0.0) for r, seconds in zip(self.recordings, jitter, strict=True))
-        drives = tuple(delay_recording(r, 0.0, seconds) for r, seconds in zip(self.recordings, jitter, strict=True))
-        return replace(self, recordings=goals), replace(self, recordings=drives)
+    def mistimed(self) -> list[Self]:
+        """Return the rollouts with delayed goals, and those with delayed controllers."""
+        return [replace(self, recordings=delayed) for delayed in mistime_recordings(self.recordings)]
 
     def compute_position_errors(self, points: Sequence[Point]) -> Array:
         """Return simulated minus measured positions (R, V) of V models with terms of equal classes [rad].
@@ -180,7 +103,7 @@ class Rollouts:
         if self.encoder_step is not None:
             origin = self.servos.position
             paths = origin + self.encoder_step * np.rint((paths - origin) / self.encoder_step)
-        return self.compare_paths(paths)
+        return self.positions.compare_paths(paths)
 
     def simulate_paths(self, points: Sequence[Point]) -> Array:
         """Return the positions (N + 1, V, B) of V models with terms of equal classes, a grain apart [rad]."""
@@ -201,55 +124,4 @@ class Rollouts:
     @cached_property
     def _in_contact(self) -> Self:
         """Return the rollouts with the shorter steps of the integrator for a contact."""
-        return replace(self, steps=CONTACT * self.steps)
-
-    def compare_paths(self, paths: Array) -> Array:
-        """Return simulated positions (N + 1, V, B), a grain apart from the start, minus measured ones (R, V) [rad].
-
-        Errors are clipped to 2 rad; a simulation that diverged has this error.
-        """
-        simulated = np.concatenate(
-            [paths[1 : len(mask) + 1, :, lane][mask] for lane, mask in enumerate(self._compared)]
-        )
-        farthest = 2.0  # [rad], largest error
-        return np.clip(np.nan_to_num(simulated, nan=np.inf) - self.position[:, None], -farthest, farthest)
-
-    @cached_property
-    def time(self) -> Array:
-        """Times of the compared positions, from the start of each recording (R,) [s]."""
-        parts = zip(self._times, self._compared, self._segments, strict=True)
-        return np.concatenate(
-            [part.time[0] + times[mask] - self.recordings[k].time[0] for times, mask, (k, part) in parts]
-        )
-
-    @cached_property
-    def clusters(self) -> Index:
-        """Block of time of each row (R,), for standard errors."""
-        return self.blocks(1.5)[0]  # [s], over which errors of a rollout are correlated
-
-    def blocks(self, length: float) -> tuple[Index, Index, Index]:
-        """Return the block of `length` seconds and the recording of each row (R,); the recording of each block (S,)."""
-        pairs = np.column_stack([self.recording_of, (self.time / length).astype(np.intp)])
-        blocks, block = np.unique(pairs, axis=0, return_inverse=True)
-        return block.ravel(), self.recording_of, blocks[:, 0]
-
-    def measure_structure(self, residual: Array) -> ResidualStructure:
-        """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.
-
-        Correlated neighbours do not indicate a missing effect: a servo that sticks at another position than its model
-        is off for seconds. The geometric mean limits the weight of one recording.
-        """
-        squares = np.bincount(self.recording_of, residual**2) / np.bincount(self.recording_of)
-        rms = float(np.exp(0.5 * np.mean(np.log(np.maximum(squares, 1e-300)))))
-        return ResidualStructure(rms, 0.0, rms)
-
-    @cached_property
-    def precision(self) -> float:
-        """Return the error of the simulation itself [rad]."""
-        return 1e-4 * float(np.std(self.position))  # share of the motion
-
-    @cached_property
-    def noise(self) -> float:
-        """Return the error due to encoder and clock alone, the geometric mean over recordings [rad]."""
-        late = [JITTER * np.std(np.gradient(r.position, r.time)) / r.rate for r in self.recordings]
-        return max(self.precision, float(np.exp(np.mean(np.log(np.hypot(self.resolution, late))))))
+        return replace(self, steps=LOOP.simulation.link_factor * self.steps)

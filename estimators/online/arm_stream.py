@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from estimators.online.settings import ONLINE
 from estimators.online.stream import Clock, Stream, StreamEquations
 from estimators.schemes.balance import adapt_to_arms, apply_scheme, compute_balances
 from estimators.schemes.six import GUARD_TIME, Scheme
@@ -13,9 +14,6 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.arms.joints import Links, find_links
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
-
-CHUNK = 0.05  # [s] of samples that are converted together; the cost is nearly independent of their number
-MEMORY = 0.1  # [s] before a chunk for the transient of filters: exp(-20) of it remains at 200 rad/s
 
 
 class ArmStream:
@@ -40,7 +38,7 @@ class ArmStream:
         self._clock = Clock(1.0 / period)
         # samples after the current one that decide whether it is clear of stick
         self._lookahead = smoothing.reach + max(smoothing.reach + 1, round(GUARD_TIME / period)) + 2
-        self._chunk, self._transient = max(1, round(CHUNK / period)), round(MEMORY / period)
+        self._chunk, self._transient = max(1, round(ONLINE.arm.chunk / period)), round(ONLINE.arm.transient / period)
         self._capacity = self._chunk + 2 * self._lookahead + self._transient
         self.delay = self._lookahead + self._chunk
         self._restart()

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from estimators.online.arm_stream import make_stream
 from estimators.online.rows import HELD, INSTANT, POSITION, TIME, TORQUE, VELOCITY
+from estimators.online.settings import ONLINE
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.schemes.six import scheme
 from estimators.signals.differentiation import STILL, estimate_scatter
@@ -29,14 +30,8 @@ from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.term import return_one, return_zero
 
-BIN = 0.01  # [s], averaging time: long against encoder noise, short against effects
-BLOCK = 20  # bins in a block of gains
-PERTURBATION = 1e-3  # [N m], for derivatives by the torque
 SERIES = [TIME, POSITION, VELOCITY, TORQUE]  # of a bin
 MARGIN = 3  # instants of a bin without a row: two before the first and one after the last
-HISTORY = 20  # bins of torque before a bin, for late torques
-SLICE = 0.002  # [s], longest slice of the torque
-NOISE_SAMPLES = 256  # number of samples from which the noise is estimated
 
 
 class Bin(NamedTuple):
@@ -47,7 +42,7 @@ class Bin(NamedTuple):
         series: time, position, velocity and torque at n + 3 instants (4, n + 3).
         phi: mean row of the terms (P,).
         y: mean torque minus the torque of terms without parameters [N m].
-        slices: mean torque in slices of `HISTORY` bins before the bin, and of the bin (K,) [N m].
+        slices: mean torque in slices of `ONLINE.bins.history` bins before the bin, and of the bin (K,) [N m].
         torque_noise, acceleration_noise: standard deviation by noise of mean torque and acceleration [N m], [rad/s^2];
             NaN while it is unknown.
     """
@@ -99,14 +94,14 @@ class PlantBins:
     @cached_property
     def slice_length(self) -> int:
         """Number of samples in a slice, a divisor of those in a bin."""
-        longest = max(1, round(SLICE / self.period))
+        longest = max(1, round(ONLINE.bins.slice / self.period))
         return max(k for k in range(1, longest + 1) if self.n_samples % k == 0)
 
     @cached_property
     def slice_covariance(self) -> Array:
         """Covariance of the slices by unit white noise of the torque (K, K)."""
         _, held = self.smoothing.make_torque_kernels()
-        size, count = self.slice_length, (HISTORY + 1) * self.n_samples // self.slice_length
+        size, count = self.slice_length, (ONLINE.bins.history + 1) * self.n_samples // self.slice_length
         kernel = np.convolve(held, np.ones(size) / size)
         covariance = np.convolve(kernel, kernel[::-1])[len(kernel) - 1 :: size]
         distance = np.abs(np.arange(count)[:, None] - np.arange(count))
@@ -123,7 +118,8 @@ class PlantBins:
     def compute_late_weights(self, delay: ArrayLike, lag: ArrayLike) -> Array:
         """Compute weights of slices for the mean torque of a bin after a delay and a lag [s] (V or 1, K)."""
         count = len(self.slice_covariance) + 1
-        edges: Array = self.slice_length * self.period * np.arange(count, dtype=float) - HISTORY * self.duration
+        begin = -ONLINE.bins.history * self.duration
+        edges: Array = self.slice_length * self.period * np.arange(count, dtype=float) + begin
         delay, lag = np.reshape(delay, (-1, 1)), np.maximum(np.reshape(lag, (-1, 1)), 1e-9)
 
         def integrate_step(time: Array) -> Array:
@@ -157,16 +153,16 @@ class Binner:
 
     def __init__(self, rate: float, terms: Sequence[Term], smoothing: Smoothing, batch: int = 1) -> None:
         """Create a binner of the rows of terms for B plants at a sampling rate [Hz]."""
-        n_samples = max(1, round(BIN * rate))
+        n_samples = max(1, round(ONLINE.bins.length * rate))
         self._stream = make_stream(terms, [scheme("hamiltonian")], smoothing, 1.0 / rate, batch)
         joints, columns = tuple(self._stream.joints), sum(len(term.columns) for term in terms)
         self.plant = PlantBins(joints, 1.0 / rate, n_samples, smoothing)
-        n_past = max(HISTORY * n_samples + 1, MARGIN)
+        n_past = max(ONLINE.bins.history * n_samples + 1, MARGIN)
         shapes = (n_samples + n_past, INSTANT, batch), (batch, columns + 1), (batch,)
         # of each joint: its last instants, the sum of its equations, and the number of usable ones
         self._parts = [tuple(np.zeros(shape) for shape in shapes) for _ in joints]
         self._step = len(joints) * [0]
-        self._raw = np.zeros((NOISE_SAMPLES, 2, batch * len(joints)))
+        self._raw = np.zeros((ONLINE.noise.samples, 2, batch * len(joints)))
         self._n_raw, self._noise = 0, np.full((batch * len(joints), 2), np.nan)
 
     def reset(self, which: Mask) -> None:
@@ -181,10 +177,10 @@ class Binner:
         A bin of n samples is left out if an equation is not usable, or if the instants or torques before it are
         missing.
         """
-        raw = self._raw[self._n_raw % NOISE_SAMPLES]
+        raw = self._raw[self._n_raw % ONLINE.noise.samples]
         raw[0], raw[1] = position, torque
         self._n_raw += 1
-        if self._n_raw % NOISE_SAMPLES == 0:
+        if self._n_raw % ONLINE.noise.samples == 0:
             self._update_noise()
         n_samples = self.plant.n_samples
         for sample in self._stream.take(time, position, torque):
@@ -196,13 +192,13 @@ class Binner:
             self._step[j] = step = step + 1
             if step % n_samples:
                 continue
-            has_past = sample.place > (HISTORY + 1) * n_samples
+            has_past = sample.place > (ONLINE.bins.history + 1) * n_samples
             is_complete, mean = (n_usable == n_samples) & has_past, total / n_samples
             total[:], n_usable[:] = 0.0, 0
             if is_complete.any():
                 past = instants[(step + np.arange(len(instants))) % len(instants)]
                 series = past[-n_samples - MARGIN :, SERIES]  # (n + 3, 4, B)
-                held = past[-(HISTORY + 1) * n_samples - 1 : -1, HELD]  # without that of the next instant
+                held = past[-(ONLINE.bins.history + 1) * n_samples - 1 : -1, HELD]  # without that of the next instant
                 slices = held.reshape(-1, self.plant.slice_length, held.shape[1]).mean(axis=1)
                 for b in np.flatnonzero(is_complete).tolist():
                     equation = mean[b, :-1], float(mean[b, -1])
@@ -213,7 +209,7 @@ class Binner:
         """Estimate the noise of each plant or joint from its last samples, if it moved during most of them."""
         for (position, torque), noise in zip(self._raw.transpose(2, 1, 0), self._noise, strict=True):
             in_motion = np.convolve(np.abs(np.diff(position)) > STILL, np.ones(4), "valid") > 0  # by fourth difference
-            if np.isfinite(position + torque).all() and 2 * np.count_nonzero(in_motion) > NOISE_SAMPLES:
+            if np.isfinite(position + torque).all() and 2 * np.count_nonzero(in_motion) > ONLINE.noise.samples:
                 scatter = estimate_scatter(torque), estimate_scatter(position, in_motion)
                 noise[:] = np.multiply(scatter, self.plant.noise_gains)
 
@@ -342,7 +338,8 @@ class Bins:
         value = self._average_impulse(column, x)
         if not of_torque:
             return value, 0.0
-        return value, (self._average_impulse(column, replace(x, torque=x.torque + PERTURBATION)) - value) / PERTURBATION
+        step = ONLINE.bins.torque_step
+        return value, (self._average_impulse(column, replace(x, torque=x.torque + step)) - value) / step
 
     def _average_impulse(self, column: Column, x: Samples) -> Array:
         """Average the impulse view of a column (`schemes.six`) over the bins (R, V)."""

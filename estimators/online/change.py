@@ -9,12 +9,9 @@ import numpy as np
 from scipy.special import ndtr, stdtrit
 
 from estimators.decisions.score import compute_log_student
+from estimators.online.settings import ONLINE
 from estimators.regression.recursive import PRIOR
 from pendulum_env._typing import Array, Index
-
-# chosen on simulated plants by `benchmarks.online_diagnosis`
-Z_SCORE = 4.0  # least change in standard errors, for many blocks
-N_SPLITS = 24  # trial times of a change
 
 
 @dataclass(frozen=True)
@@ -32,27 +29,27 @@ class ParameterFit:
     freedom: float = np.inf
 
 
-def fit_rows(phi: Array, y: Array, block: int) -> ParameterFit:
-    """Fit rows y = phi' theta with errors that are correlated within blocks.
+def fit_rows(phi: Array, y: Array, chunk: int) -> ParameterFit:
+    """Fit rows y = phi' theta with errors that are correlated within chunks.
 
-    The covariance is infinite if blocks do not outnumber parameters.
+    The covariance is infinite if chunks do not outnumber parameters.
 
     Args:
         phi: (R, P).
         y: (R,).
-        block: number of rows in a block.
+        chunk: number of rows in a chunk.
     """
     theta, bread = _solve_least_squares(phi, y)
     error = y - phi @ theta
-    scores = np.add.reduceat(phi * error[:, None], np.arange(0, len(error), block))
-    blocks, count = len(scores), len(theta)
-    if blocks <= count:
+    scores = np.add.reduceat(phi * error[:, None], np.arange(0, len(error), chunk))
+    chunks, count = len(scores), len(theta)
+    if chunks <= count:
         return ParameterFit(theta, np.full((count, count), np.inf), 0.0)
-    robust = bread @ (scores.T @ scores) @ bread * (blocks / (blocks - count))
+    robust = bread @ (scores.T @ scores) @ bread * (chunks / (chunks - count))
     white = bread * float(np.mean(error**2))
     # scores of directions without excitation are too small: no variance is below that of white errors
     scale = np.sqrt(np.maximum(np.diag(white) / np.maximum(np.diag(robust), 1e-300), 1.0))
-    return ParameterFit(theta, robust * np.outer(scale, scale), float(blocks - count))
+    return ParameterFit(theta, robust * np.outer(scale, scale), float(chunks - count))
 
 
 @dataclass
@@ -78,14 +75,14 @@ class ParameterChange:
         """Return whether rows suffice for a comparison, and exceed those of the last one."""
         return rows >= max(self.min_rows, self._n_compared + 1)
 
-    def compare(self, phi: Array, y: Array, block: int) -> None:
+    def compare(self, phi: Array, y: Array, chunk: int) -> None:
         """Compare the former parameters with a fit to the rows since the change; arguments as of `fit_rows`."""
-        self._n_compared, after = len(y), fit_rows(phi, y, block)
+        self._n_compared, after = len(y), fit_rows(phi, y, chunk)
         delta = after.theta - self.before.theta
         std = np.sqrt(np.maximum(np.diag(self.before.covariance + after.covariance), 1e-300))
         order = np.argsort(-np.abs(delta) / std)
-        # Student's t: a standard error from few blocks is inaccurate
-        limit = -stdtrit(max(1.0, min(self.before.freedom, after.freedom)), ndtr(-Z_SCORE))
+        # Student's t: a standard error from few chunks is inaccurate
+        limit = -stdtrit(max(1.0, min(self.before.freedom, after.freedom)), ndtr(-ONLINE.limits.change_z_score))
         significant = [j for j in order if abs(delta[j]) > limit * std[j]]
         self.changed = {self.names[j]: (float(delta[j]), float(std[j])) for j in significant}
 
@@ -93,7 +90,7 @@ class ParameterChange:
 def find_change(phi: Array, y: Array, first: int, last: int) -> int:
     """Find the row after which another fit predicts best, between a first and a last row.
 
-    `first` rows have the former parameters. The best of `N_SPLITS` equally spaced rows is refined to a single row.
+    `first` rows have the former parameters. The best of some equally spaced rows is refined to a single row.
 
     Args:
         phi: rows in the order of time (R, P).
@@ -111,8 +108,8 @@ def find_change(phi: Array, y: Array, first: int, last: int) -> int:
             gains.append(before[k] + _log_densities(error, error).sum())
         return int(splits[int(np.argmax(gains))])
 
-    k = find_best(np.unique(np.linspace(first, last, N_SPLITS).astype(np.intp)))
-    step = -(-(last - first) // (N_SPLITS - 1))
+    k = find_best(np.unique(np.linspace(first, last, ONLINE.models.splits).astype(np.intp)))
+    step = -(-(last - first) // (ONLINE.models.splits - 1))
     return find_best(np.arange(max(first, k - step), min(last, k + step) + 1, dtype=np.intp))
 
 

@@ -32,24 +32,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.decisions.score import compute_log_student, weigh_squares
+from estimators.decisions.score import MAX_ITERATIONS, compute_log_student, weigh_squares
 from estimators.online.binning import Bins, ModelRows, PlantBins, is_late
 from estimators.online.recursion import SquareRootLeastSquares
+from estimators.online.settings import ONLINE
 from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE, Equations
 from estimators.regression.recursive import PRIOR, compute_history
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Term
-
-# chosen on simulated plants by `benchmarks.online_diagnosis`
-SCALE_MEMORY = 3000  # bins, memory of the error scale
-MIN_WEIGHT = -12.0  # least log weight relative to the best variant
-MIN_MEMORY_WEIGHT = -4.0  # the same of models with forgetting
-N_SCALE_ITERATIONS = 20  # iterations of the error scale
-N_TANGENTS = 4  # iterations of a fit with columns that depend on the torque
-STEP = 1e-3  # relative step of a delay or lag, for derivatives
-MAX_LATE = 8  # largest number of variants of a late torque
-MAX_VARIANTS = 12  # largest number of variants with continuous nonlinear parameters
 
 
 def _stack_variants(variants: Sequence[Term]) -> Term:
@@ -85,8 +76,9 @@ class LateTorque(NamedTuple):
         """Build the weights of a term with stacked nonlinear parameters."""
         delay, lag = (np.ravel(value) for value in np.broadcast_arrays(term.delay, term.lead))
         weights = plant.compute_late_weights(delay, lag)
-        more = plant.compute_late_weights(delay * (1.0 + STEP), lag * (1.0 + STEP))
-        slope = (more - weights) / (STEP * (delay + lag))[:, None]
+        step = ONLINE.models.late_step
+        more = plant.compute_late_weights(delay * (1.0 + step), lag * (1.0 + step))
+        slope = (more - weights) / (step * (delay + lag))[:, None]
         return cls(delay + lag, weights, weights - plant.compute_late_weights(0.0, 0.0), slope, term.at)
 
     def compute_noise_share(self, covariance: Array) -> Array:
@@ -150,7 +142,8 @@ class CompetingModels:
             self._lower[models, : len(family_columns)] = [column.least for column in family_columns]
             self._upper[models, : len(family_columns)] = [column.most for column in family_columns]
         self._forgets = np.arange(len(self._family)) >= len(self._family) - len(memories)  # models (V,)
-        self._min_weight = np.where(self._family < self._n_named, MIN_WEIGHT, MIN_MEMORY_WEIGHT)
+        setting = ONLINE.models
+        self._min_weight = np.where(self._family < self._n_named, setting.least_weight, setting.least_memory_weight)
         self._noise_share = np.repeat([[1.0], [0.0], [0.0]], len(self._family), axis=1)  # see `_compute_absorbed_noise`
         self._late: dict[int, LateTorque] = {}  # by family
         for family, stacked in enumerate(self._stacked):
@@ -160,7 +153,7 @@ class CompetingModels:
                 self._lower[self.models[family], 0] = -0.5 * late.values
                 self._upper[self.models[family], 0] = late.values
         self._fit_models(bins)
-        self.weight[self._forgets] = MIN_MEMORY_WEIGHT
+        self.weight[self._forgets] = ONLINE.models.least_memory_weight
 
     def _evaluate_effect_rows(self, family: int, bins: Bins, base: ModelRows) -> ModelRows:
         """Evaluate the columns that a family adds to the running model, padded to K columns."""
@@ -185,7 +178,7 @@ class CompetingModels:
         for family, models in enumerate(self.models):
             family_rows = self._evaluate_effect_rows(family, bins, base)
             residual, delta = np.repeat(self.residual[:, None], family_rows.y.shape[1], axis=1), self.moment[models]
-            for _ in range(N_TANGENTS if family_rows.slope.any() else 1):
+            for _ in range(ONLINE.models.tangents if family_rows.slope.any() else 1):
                 columns, y = family_rows.linearise(delta, residual)
                 self.y_on_base[models] = y.T @ base.phi @ P
                 self.columns_on_base[models] = np.einsum("rvk,rp->vkp", columns, base.phi, optimize=True) @ P
@@ -201,7 +194,7 @@ class CompetingModels:
                 residual, _ = _predict(theta, base, family_rows)
                 delta = theta[:, parameters:]
             square = np.maximum((residual**2).mean(axis=0), 1e-12)
-            for _ in range(N_SCALE_ITERATIONS):
+            for _ in range(MAX_ITERATIONS):
                 squares = residual**2 + self._compute_absorbed_noise(
                     theta, bins.torque_noise[:, None], square, models
                 )  # (R, V)
@@ -293,7 +286,7 @@ class CompetingModels:
         density = np.where(error_slope < LEAST_SLOPE, np.minimum(density, density[0]), density)
         densities = self._mix_variants(density)
         self._count += 1
-        scale_memory = np.append(min(self._count, SCALE_MEMORY), self._memories)[of_memory]
+        scale_memory = np.append(min(self._count, ONLINE.models.scale_memory), self._memories)[of_memory]
         step = weigh_squares(squares / variance_ratio, self.square) - self.square
         self.square = np.maximum(self.square + step / scale_memory, 1e-12)
         for recursion in self._recursions:
@@ -419,7 +412,7 @@ def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
     """
     depends_on_torque = rows.slope.any(axis=0)
     theta, error = np.zeros(rows.phi.shape[1]), np.zeros(len(rows.y))
-    for k in range(N_TANGENTS if depends_on_torque.any() else 1):
+    for k in range(ONLINE.models.tangents if depends_on_torque.any() else 1):
         phi, y = rows.linearise(theta, error) if k else (rows.phi * ~depends_on_torque, rows.y)
         (theta,), (root,) = compute_history(Equations(phi, y), np.ones(len(y), dtype=bool), np.array([len(y) - 1]))[1:]
         error, _ = rows.predict(theta)
@@ -427,8 +420,8 @@ def _fit_running(rows: ModelRows) -> tuple[ModelRows, Array, Array]:
 
 
 def thin_variants(variants: Sequence[Term]) -> list[Term]:
-    """Reduce a grid of variants to `MAX_VARIANTS`; grids with only integer parameters stay complete."""
-    most = MAX_LATE if is_late(variants[0]) else MAX_VARIANTS
+    """Reduce a grid of variants to `ONLINE.models.variants`; grids with only integer parameters stay complete."""
+    most = ONLINE.models.late_variants if is_late(variants[0]) else ONLINE.models.variants
     if len(variants) <= most or all(parameter.integer for parameter in variants[0].nonlinear_parameters):
         return list(variants)
     return [variants[k] for k in np.unique(np.linspace(0, len(variants) - 1, most).round().astype(int))]

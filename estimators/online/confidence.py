@@ -15,17 +15,11 @@ from collections.abc import Callable
 import numpy as np
 
 from estimators.online.recursion import RecursionState, expand_triangle
+from estimators.online.settings import ONLINE
 from estimators.schemes.identifiability import ONE_SIZE_RESIDUAL
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics.compiled import Machine, SymbolicStep
 from pendulum_env.physics.symbols import make_symbols
-
-# chosen by the coverage of intervals on simulated plants
-CLUSTER_TIME = 0.2  # [s], shortest duration, longer than the memory of filters
-MAX_CLUSTERS = 64  # at this number, neighbours are merged
-MIN_EXTRA_CLUSTERS = 10  # clusters beyond the number of parameters that a covariance needs
-MAX_MEMORY_SHARE = 0.1  # longest duration relative to the memory of forgetting
-GUESS_VARIANCE = 60.0  # variance relative to white errors before the clusters suffice
 
 
 class ClusterCovariance:
@@ -39,9 +33,9 @@ class ClusterCovariance:
         `direction` is the index of the parameter whose torque is the sign of the velocity; None without such a test.
         """
         self._forgetting, self._direction = forgetting, direction
-        self._max_length = MAX_MEMORY_SHARE / (1.0 - forgetting) if forgetting < 1 else np.inf
-        self._min_length = max(2, round(min(CLUSTER_TIME / period, self._max_length)))
-        self._clusters = np.zeros((MAX_CLUSTERS, *batch, parameters, parameters + 1))  # A and b
+        self._max_length = ONLINE.covariance.memory_share / (1.0 - forgetting) if forgetting < 1 else np.inf
+        self._min_length = max(2, round(min(ONLINE.bins.chunk_time / period, self._max_length)))
+        self._clusters = np.zeros((ONLINE.covariance.most, *batch, parameters, parameters + 1))  # A and b
         self._machine = Machine(_add_products, (parameters + 1,), *batch[::-1])
         self._scores = np.zeros((*batch, parameters, parameters))
         self._n_clusters = np.zeros(batch, dtype=int)  # clusters with equations
@@ -73,7 +67,7 @@ class ClusterCovariance:
         """Close the current cluster, and compute the scores of all clusters at the current estimates.
 
         A cluster without equations is dropped; others lower the weight of the earlier clusters by forgetting. At
-        `MAX_CLUSTERS`, neighbours are merged, or the oldest is dropped.
+        the largest number, neighbours are merged, or the oldest is dropped.
         """
         self._n_rows, now = 0, self._machine.states
         n_used = now["count"].T.copy()
@@ -86,12 +80,12 @@ class ClusterCovariance:
         self._n_closed += 1
         has_equations = n_used > 0
         self._machine.reset(np.ones(1, dtype=bool))
-        if self._n_closed == MAX_CLUSTERS and 2 * self._length <= self._max_length:
-            half = MAX_CLUSTERS // 2
+        if self._n_closed == ONLINE.covariance.most and 2 * self._length <= self._max_length:
+            half = ONLINE.covariance.most // 2
             self._clusters[:half] = self._clusters[0::2] + self._clusters[1::2]
             self._clusters[half:] = 0.0
             self._n_closed, self._length = half, 2 * self._length
-        elif self._n_closed == MAX_CLUSTERS:
+        elif self._n_closed == ONLINE.covariance.most:
             self._clusters[:-1, has_equations] = self._clusters[1:, has_equations]  # no forgetting at rest
             self._n_closed -= 1
         A, b = np.split(self._clusters[: self._n_closed], [-1], axis=-1)
@@ -120,8 +114,8 @@ def _add_products(size: int) -> SymbolicStep:
 def _compute_covariance(state: RecursionState, scores: Array, n_clusters: Index, direction: int | None) -> Array:
     """Compute the covariance of estimates (B, S, P, P).
 
-    It comes from the scores if clusters outnumber parameters by `MIN_EXTRA_CLUSTERS`, else from white errors. It is
-    infinite if the torque depends on the direction of motion alone.
+    It comes from the scores if clusters outnumber parameters by far, else from white errors. It is infinite if the
+    torque depends on the direction of motion alone.
 
     Args:
         state: state of the recursion.
@@ -132,12 +126,12 @@ def _compute_covariance(state: RecursionState, scores: Array, n_clusters: Index,
     P, parameters = state.P, state.P.shape[-1]
     freedom = state.count - parameters
     # before the first equations, the covariance is P(0)
-    noise = np.where(freedom > 0, state.squares / np.maximum(freedom, 1.0), 1.0 / GUESS_VARIANCE)
-    guess = GUESS_VARIANCE * noise[..., None, None] * P
+    noise = np.where(freedom > 0, state.squares / np.maximum(freedom, 1.0), 1.0 / ONLINE.covariance.guess)
+    guess = ONLINE.covariance.guess * noise[..., None, None] * P
     correction = (n_clusters - 1) / np.maximum(n_clusters, 1)
     # the second part is the variance of theta(0)
     robust = correction[..., None, None] * (P @ scores @ P) + (noise / state.prior)[..., None, None] * (P @ P)
-    is_robust = n_clusters >= parameters + MIN_EXTRA_CLUSTERS
+    is_robust = n_clusters >= parameters + ONLINE.covariance.extra
     covariance = np.where(is_robust[..., None, None], robust, guess)
     if direction is not None:
         follows = _follows_direction(state, direction)

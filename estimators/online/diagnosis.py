@@ -17,12 +17,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.decisions.criterion import Criterion
-from estimators.decisions.score import Bootstrap
+from estimators.decisions.score import BLOCK, Bootstrap
 from estimators.findings import Obstacle
-from estimators.online.binning import BLOCK, Bin, Binner, PlantBins
+from estimators.online.binning import Bin, Binner, PlantBins
 from estimators.online.change import ParameterChange, ParameterFit, find_change, fit_rows
 from estimators.online.evidence import ReferenceDistribution, compute_threshold
 from estimators.online.model_comparison import ModelComparison
+from estimators.online.settings import ONLINE
 from estimators.online.stream import check_rate
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
@@ -30,14 +31,6 @@ from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects, list_loads
-
-# chosen on simulated plants by `benchmarks.online_diagnosis`
-MIN_EVIDENCE = 3.0  # nat of forgetting, above which an alarm may be a change
-PREDICTION_TIME = 1.0  # [s] of motion that new models predict before the comparison with former models
-REPORT_TIME = 2.0  # [s] of motion between a change and its report
-COMPARISON_TIME = 5.0  # [s] of motion before parameters are compared with given ones
-UNEXPLAINED_TIME = 5.0  # [s] of motion, since the first fit or a suspected change, before an error is unexplained
-THRESHOLD_SHARE = 0.5  # share of the threshold that an effect must reach after a change
 
 
 @dataclass(frozen=True)
@@ -138,6 +131,7 @@ class Diagnoser:
         smoothing: Smoothing | None = None,
         given: ParameterFit | None = None,
         alarms_per_hour: float = 1.0,
+        criterion: Criterion | None = None,
     ) -> None:
         """Create the diagnosis of a model.
 
@@ -150,6 +144,7 @@ class Diagnoser:
             given: parameters of the model. Parameters of the plant that differ significantly are reported as changed,
                 until an effect is added or undone, or parameters change.
             alarms_per_hour: accepted mean number of false alarms per hour of motion.
+            criterion: thresholds of the decisions, as of `diagnose`.
 
         Raises:
             ValueError: if a number is out of its range, or a term of the model depends on the past.
@@ -167,9 +162,10 @@ class Diagnoser:
         self.rate, self.batch = rate, batch
         self._binner = Binner(rate, links, smoothing or Smoothing.from_encoder(COUNTS, rate), batch)
         plant = self._binner.plant
-        self.threshold = compute_threshold(alarms_per_hour, BLOCK * plant.length)
+        self.threshold = compute_threshold(alarms_per_hour, ONLINE.bins.chunk * plant.length)
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
-        self.each = tuple(EffectMonitor(terms, library, plant, blank, given) for _ in range(batch))
+        arguments = terms, library, plant, blank, criterion or Criterion(), given
+        self.each = tuple(EffectMonitor(*arguments) for _ in range(batch))
 
     @property
     def diagnoses(self) -> tuple[OnlineDiagnosis, ...]:
@@ -205,12 +201,13 @@ class EffectMonitor:
         library: Mapping[str, type[Term]],
         plant: PlantBins,
         blank: OnlineDiagnosis,
+        criterion: Criterion,
         given: ParameterFit | None = None,
     ) -> None:
         """Create the monitor with its first diagnosis, and parameters to compare the plant with."""
         self._base, self._library, self._plant, self._blank = tuple(terms), library, plant, blank
-        self._given = given
-        self._block = BLOCK * len(plant.joints)  # bins of all joints in a block
+        self._criterion, self._given = criterion, given
+        self._chunk = ONLINE.bins.chunk * len(plant.joints)  # bins of all joints in a chunk
         self.reset()
 
     @property
@@ -222,9 +219,9 @@ class EffectMonitor:
         """Remove all data and added effects; given parameters are compared again."""
         self._past = [self._base]
         self._begin_comparison()
-        self._recent: deque[Bin] = deque(maxlen=2 * self._comparison.n_fit)
+        self._recent: deque[Bin] = deque(maxlen=2 * self._comparison.fit_bins.n_most)
         if self._given is not None:
-            self._change = self._make_change(self._given, COMPARISON_TIME)
+            self._change = self._make_change(self._given, ONLINE.limits.time)
 
     def _begin_comparison(self, bins: Sequence[Bin] = ()) -> None:
         """Begin a comparison of models with kept bins; the comparison with given parameters ends."""
@@ -264,7 +261,7 @@ class EffectMonitor:
         if term is None:
             raise ValueError(f"{effect} has not been tried yet: wait until the diagnosis no longer calibrates")
         self._past.append((*self.terms, term))
-        self._begin_comparison(self._comparison.fit_bins)
+        self._begin_comparison(self._comparison.fit_bins.bins)
         return term
 
     def undo(self) -> None:
@@ -278,39 +275,40 @@ class EffectMonitor:
         if len(self._past) == 1:
             raise ValueError("the model has no added effect: call add first")
         self._past.pop()
-        self._begin_comparison(self._comparison.fit_bins)
+        self._begin_comparison(self._comparison.fit_bins.bins)
 
     # ---------------------------------------------------------------------------------------------------------- a bin
 
     def take(self, bin_: Bin) -> None:
         """Add a bin of motion."""
         self._recent.append(bin_)
-        has_block_ended = self._comparison.take(bin_)
+        has_chunk_ended = self._comparison.take(bin_)
         if self._comparison.has_begun_to_move(bin_.joint):
             change = self._change
-            self._begin_comparison(self._comparison.fit_bins)
+            self._begin_comparison(self._comparison.fit_bins.bins)
             self._change = change
-        elif has_block_ended:
+        elif has_chunk_ended:
             self._check_alarm()
 
     def _check_alarm(self) -> None:
-        """Check the evidence after a block: replace the models after a change, and update the diagnosis.
+        """Check the evidence after a chunk: replace the models after a change, and update the diagnosis.
 
         The diagnosis is updated once per second of motion, and immediately when the evidence reaches the threshold.
         """
-        comparison, threshold = self._comparison, self._blank.threshold
-        change_evidence, evidence = float(comparison.e_process.log_wealth[-1]), comparison.e_process.log_mean_wealth
+        gains, threshold = self._comparison.gains, self._blank.threshold
+        change_evidence, evidence = float(gains.e_process.log_wealth[-1]), gains.e_process.log_mean_wealth
         is_known = self.diagnosis.kind == "missing"
         # a missing effect always gives evidence: forgetting alone must then reach the threshold
-        least = threshold + np.log(len(comparison.e_process.log_wealth)) if is_known else MIN_EVIDENCE
+        limit = ONLINE.limits.change_evidence
+        least = threshold + np.log(len(gains.e_process.log_wealth)) if is_known else limit
         if evidence >= threshold and change_evidence >= least:
             if (change := self._locate_change()) is None:
                 return  # too early to compare a change
             if self._accept_change(change):
                 self._update_diagnosis()
                 return
-            comparison.e_process.restart(-1)
-        if comparison.is_stretch or (comparison.e_process.log_mean_wealth >= threshold and not is_known):
+            gains.e_process.restart(-1)
+        if gains.has_block_ended or (gains.e_process.log_mean_wealth >= threshold and not is_known):
             self._update_diagnosis()
 
     def _locate_change(self) -> int | None:
@@ -319,30 +317,31 @@ class EffectMonitor:
         Returns:
             Its index; None while the bins since then are too few for a fit and a prediction.
         """
-        recent, plant, n_since_rise = list(self._recent), self._plant, self._comparison.n_since_change
-        n_calibration = self._comparison.n_calibration
-        needed = n_calibration + plant.count_bins(PREDICTION_TIME)
+        recent, chunk = list(self._recent), ONLINE.bins.chunk
+        n_since_rise, n_calibration = chunk * self._comparison.gains.n_since_rise, self._comparison.fit_bins.n_needed
+        needed = n_calibration + self._plant.count_bins(BLOCK)
         if n_since_rise < needed:
             return None
         last = len(recent) - needed
         first = min(max(n_calibration, len(recent) - n_since_rise - n_calibration), last)
-        row = find_change(*self._comparison.linearise_rows(recent), first, last + BLOCK)
+        row = find_change(*self._comparison.linearise_rows(recent), first, last + chunk)
         return min(row, last) if row <= last or n_since_rise >= 2 * needed else None
 
     def _accept_change(self, change: int) -> bool:
         """Replace the models by those fitted since a change, if these predict the bins since then better."""
         recent = list(self._recent)
-        comparison = self._make_comparison(reference=self._comparison.reference)
-        predicted = len(recent) - change - self._comparison.n_calibration
-        bins_since = recent[change + predicted % BLOCK :]  # whole blocks
+        former = self._comparison
+        comparison = self._make_comparison(reference=former.gains.reference)
+        predicted = len(recent) - change - former.fit_bins.n_needed
+        bins_since = recent[change + predicted % ONLINE.bins.chunk :]  # whole chunks
         for bin_ in bins_since:
             comparison.take(bin_)
-        blocks = len(comparison.blocks)
-        gain = comparison.compute_best_density(blocks) - self._comparison.compute_best_density(blocks)
+        chunks = len(comparison.gains.chunks)
+        gain = comparison.gains.compute_best_density(chunks) - former.gains.compute_best_density(chunks)
         if gain < self._blank.threshold:
             return False
-        before = fit_rows(*self._comparison.linearise_rows(recent[:change]), self._block)
-        self._change = self._make_change(before, REPORT_TIME, recent[change].time)
+        before = fit_rows(*former.linearise_rows(recent[:change]), self._chunk)
+        self._change = self._make_change(before, ONLINE.limits.report_time, recent[change].time)
         self._comparison = comparison
         self._recent = deque(bins_since, maxlen=self._recent.maxlen)
         return True
@@ -350,7 +349,7 @@ class EffectMonitor:
     # ------------------------------------------------------------------------------------------------------- diagnosis
 
     def _update_diagnosis(self) -> None:
-        """Replace the diagnosis; effects are ranked after two blocks."""
+        """Replace the diagnosis; effects are ranked after two chunks."""
         comparison = self._comparison
         leaders = comparison.leaders
         verdict = replace(
@@ -359,11 +358,11 @@ class EffectMonitor:
             theta=self._name_parameters(*leaders[0]),
             motion=comparison.n_predicted * self._plant.length,
             error=comparison.error,
-            floor=comparison.floor,
+            floor=comparison.compute_floor(self._criterion.accuracy),
             added=self._added,
             not_run={**self._blank.not_run, **comparison.not_run},
         )
-        self.diagnosis = verdict if len(comparison.blocks) < 2 else self._rank_effects(verdict, leaders[1:])
+        self.diagnosis = verdict if len(comparison.gains.chunks) < 2 else self._rank_effects(verdict, leaders[1:])
 
     def _rank_effects(
         self, verdict: OnlineDiagnosis, leaders: Sequence[tuple[tuple[Term, ...], Array]]
@@ -372,8 +371,8 @@ class EffectMonitor:
 
         While an effect is missing, no changes of parameters are reported.
         """
-        comparison, change = self._comparison, self._change
-        blocks, e_process = comparison.stretches[:, :-1], comparison.e_process
+        comparison, change, criterion = self._comparison, self._change, self._criterion
+        blocks, e_process = comparison.gains.blocks[:, :-1], comparison.gains.e_process
         bootstrap = Bootstrap(np.zeros(len(blocks), dtype=np.intp), np.random.default_rng(0))
         no_effect, *probabilities = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(probabilities))))
@@ -385,19 +384,20 @@ class EffectMonitor:
             numbers = probability, gain.total, gain.error, gain.p_value, log_wealth
             ranking.append(RankingEntry(term.id, *numbers, residual, term, self._name_parameters((term,), theta)))
         ranking.sort(key=lambda entry: (-round(entry.probability, 3), -entry.gain))
-        is_changing = bool(e_process.log_wealth[-1] >= MIN_EVIDENCE)
+        is_changing = bool(e_process.log_wealth[-1] >= ONLINE.limits.change_evidence)
         is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect(is_changing)
         if is_missing:
-            is_unexplained = ranking[0].residual > Criterion().misfit * verdict.floor
+            is_unexplained = ranking[0].residual > criterion.misfit * verdict.floor
         else:  # a suspected change, which raises the error, is accepted or rejected within this time
-            n_bins = comparison.n_since_change if is_changing else comparison.n_predicted
-            is_unexplained = n_bins >= self._plant.count_bins(UNEXPLAINED_TIME)
-            is_unexplained &= verdict.error > Criterion().misfit * verdict.floor
+            n_since_rise = ONLINE.bins.chunk * comparison.gains.n_since_rise
+            n_bins = n_since_rise if is_changing else comparison.n_predicted
+            is_unexplained = n_bins >= self._plant.count_bins(ONLINE.limits.time)
+            is_unexplained &= verdict.error > criterion.misfit * verdict.floor
         is_missing &= not is_unexplained
         group = [ranking[0].effect] if is_missing else []
-        group += [entry.effect for entry in ranking if is_missing and entry.probability > Criterion.tie_probability]
-        if change is not None and not is_changing and change.is_due(len(comparison.fit_bins)):
-            change.compare(*comparison.linearise_rows(comparison.fit_bins), self._block)
+        group += [entry.effect for entry in ranking if is_missing and entry.probability > criterion.tie_probability]
+        if change is not None and not is_changing and change.is_due(len(comparison.fit_bins.bins)):
+            change.compare(*comparison.linearise_rows(comparison.fit_bins.bins), self._chunk)
         changed: Mapping[str, tuple[float, float]] = {} if is_missing or change is None else change.changed
         return replace(
             verdict,
@@ -416,13 +416,13 @@ class EffectMonitor:
         While another change is suspected, the whole threshold applies, because effects imitate a change. A suspicion
         since the first second of predictions does not count as another change.
         """
-        comparison, plant = self._comparison, self._plant
+        gains, fit_bins = self._comparison.gains, self._comparison.fit_bins
         after_change = self._change is not None and self._change.since is not None
-        after_change &= len(comparison.fit_bins) < comparison.n_fit
-        n_before = comparison.n_predicted - comparison.n_since_change
-        after_change &= not (is_changing and n_before >= plant.count_bins(PREDICTION_TIME))
-        share = THRESHOLD_SHARE if after_change else 1.0
-        return comparison.effect_evidence >= share * self._blank.threshold
+        after_change &= len(fit_bins.bins) < fit_bins.n_most
+        n_before = self._comparison.n_predicted - ONLINE.bins.chunk * gains.n_since_rise
+        after_change &= not (is_changing and n_before >= self._plant.count_bins(BLOCK))
+        share = ONLINE.limits.share_after_change if after_change else 1.0
+        return gains.effect_evidence >= share * self._blank.threshold
 
     def _name_parameters(self, added: tuple[Term, ...], theta: Array) -> dict[str, float]:
         """Return parameters of the running model and of added terms by name."""

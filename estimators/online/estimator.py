@@ -11,6 +11,7 @@ from estimators.online.estimates import Estimates
 from estimators.online.joint_state import JointFilters, JointState
 from estimators.online.noise_bias import NoiseBias
 from estimators.online.recursion import RECURSIONS, SQUARE_ROOT
+from estimators.online.settings import ONLINE
 from estimators.online.stream import check_rate
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
@@ -20,10 +21,6 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term
-
-MOVING_SAMPLES = 256  # number of samples in motion of one joint, after which the noise is estimated
-MOVING_SHARE = 0.25  # least number of samples in motion of another joint, relative to `MOVING_SAMPLES`
-BUFFER_SIZE = 2048  # largest number of samples, including rest
 
 
 class SampleBuffer:
@@ -35,22 +32,22 @@ class SampleBuffer:
 
     def __init__(self) -> None:
         """Create an empty buffer."""
-        self.samples: deque[tuple[Array, Array, Array]] = deque(maxlen=BUFFER_SIZE)
+        self.samples: deque[tuple[Array, Array, Array]] = deque(maxlen=ONLINE.noise.longest)
         self._n_moving: Array = np.zeros(1)  # number of samples in motion (N,)
 
     def take(self, time: Array, position: Array, torque: Array) -> float | None:
         """Add a sample: time, position and torque of N pendulums, or of an arm.
 
         Returns:
-            The largest standard deviation of the position noise [rad]; None before `MOVING_SAMPLES` samples in motion.
+            The largest standard deviation of the position noise [rad]; None before the motion suffices.
         """
         if self.samples:
             self._n_moving = self._n_moving + (np.abs(position - self.samples[-1][1]) > STILL).ravel()
         self.samples.append((time.copy(), position.copy(), torque.copy()))
-        if np.max(self._n_moving) < MOVING_SAMPLES:
+        if np.max(self._n_moving) < ONLINE.noise.samples:
             return None
         series = np.array([np.ravel(positions) for _, positions, _ in self.samples]).T  # (N, K)
-        moving = series[self._n_moving >= MOVING_SHARE * MOVING_SAMPLES]
+        moving = series[self._n_moving >= ONLINE.noise.moving_share * ONLINE.noise.samples]
         return max(estimate_encoder_noise(positions[np.isfinite(positions)]) for positions in moving)
 
 

@@ -26,21 +26,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.online.estimates import Estimates
+from estimators.online.settings import ONLINE
 from estimators.signals.motion import SLOWEST
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term, simulate
 from pendulum_env.physics.simulation import StepPrograms, TorqueBalance, compile_step
 from pendulum_env.physics.term import Memory, return_zero
-
-# chosen on simulated plants by `benchmarks.joint_state`
-INERTIA_STD = 0.1  # relative standard error of the inertia at which the filter starts
-MOTION_TIME = 1.0  # [s] of motion in the regression before the filter starts
-ADDED_STD = 0.1  # relative, added to the standard error of each parameter at the start
-VELOCITY_STD = 5.0  # [rad/s], standard deviation of the initial velocity
-TORQUE_STD = 0.1  # [N m], initial standard deviation of the torque about the measured one
-LEARNING_TIME = 0.5  # [s], time constant of the log of the torque noise
-OUTLIER_LIMIT = 3.0  # standard deviations, to which innovations are clipped in the estimate of the noise
-MIN_POSITION_NOISE = 1e-7  # [rad], least position noise: integration errors are as large
 
 
 @dataclass(frozen=True)
@@ -104,12 +95,13 @@ class JointFilters:
             The filter; None while the pendulum has moved too briefly, or its inertia is too uncertain.
         """
         theta, covariance = regression.theta[b, -1], regression.covariance[b, -1]
-        if self._inertia is None or regression.index[b] * self._period < MOTION_TIME:
+        if self._inertia is None or regression.index[b] * self._period < ONLINE.joint_state.motion_time:
             return None
-        if not 0 < np.sqrt(covariance[self._inertia, self._inertia]) < INERTIA_STD * theta[self._inertia]:
+        std, inertia = np.sqrt(covariance[self._inertia, self._inertia]), theta[self._inertia]
+        if not 0 < std < ONLINE.joint_state.inertia_std * inertia:
             return None
-        noise = max(self.position_noise, MIN_POSITION_NOISE)
-        return self._make_filter(noise, theta, covariance + np.diag((ADDED_STD * theta) ** 2))
+        noise = max(self.position_noise, ONLINE.joint_state.least_noise)
+        return self._make_filter(noise, theta, covariance + np.diag((ONLINE.joint_state.added_std * theta) ** 2))
 
     def insert_estimates(self, estimates: Estimates) -> Estimates:
         """Return estimates with those of started filters in the place of the last regression.
@@ -136,7 +128,7 @@ class _Filter:
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # loads scipy.stats, which is slow
 
         self._terms, self._period = terms, period
-        self.log_variance = 2 * np.log(TORQUE_STD)  # of the torque noise
+        self.log_variance = 2 * np.log(ONLINE.joint_state.torque_std)  # of the torque noise
         n_commands = 2 + int(sum(term.delay for term in terms) / period)  # commands that act within a period
         self._commands = deque(n_commands * [0.0], maxlen=n_commands)
         self._memory: Mapping[str, Memory] | None = None
@@ -169,7 +161,7 @@ class _Filter:
         self._commands.append(torque)
         if self.is_lost:
             ukf.x[:2], ukf.P[:2], ukf.P[:, :2] = (position, 0.0), 0.0, 0.0
-            ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], VELOCITY_STD**2
+            ukf.P[0, 0], ukf.P[1, 1] = ukf.R[0, 0], ONLINE.joint_state.velocity_std**2
             self.is_lost, self._memory = False, None
             return 0.0
         is_moving = abs(ukf.x[1]) > SLOWEST
@@ -187,9 +179,9 @@ class _Filter:
         `gain` is the Kalman gain of the position, between 0 and 1. It weights the innovation by the share of the torque
         noise in its variance.
         """
-        bounded = min(max(innovation, -OUTLIER_LIMIT), OUTLIER_LIMIT)
+        bounded = min(max(innovation, -ONLINE.joint_state.outlier), ONLINE.joint_state.outlier)
         gradient = gain * (bounded**2 - 1.0 + 2.0 * bounded * self._filtered_innovation)
-        self.log_variance += self._period / LEARNING_TIME * gradient
+        self.log_variance += self._period / ONLINE.joint_state.learning_time * gradient
         decay = 1.0 - gain
         self._filtered_innovation = decay * self._filtered_innovation + np.sqrt(max(1.0 - decay**2, 0.0)) * bounded
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.rollouts import GRAIN, Rollouts
+from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven
+from estimators.in_loop.settings import LOOP
 from estimators.signals.motion import get_load_in_newton_metres
 from estimators.simulation.free_running import simulate_all
 from estimators.weak_form.point import Point
@@ -59,22 +60,24 @@ def _check_free_runs(model: Model, exported: Exported, recordings: Sequence[Reco
 def _check_in_loop(model: Model, request: Request, recordings: Sequence[Recording]) -> CheckResult:
     """Compare whole recordings of servos, each simulated with its recorded drive.
 
-    Raises ExportError if a recording has no goal, or `GRAIN` is not a multiple of the step.
+    Raises ExportError if a recording has no goal, or the grain is not a multiple of the step.
     """
     if not are_driven(recordings):
         raise ExportError(f"{recordings[0].name}: has no goal: a servo is checked in the loop alone")
-    steps = round(GRAIN / request.step)
-    if abs(steps * request.step - GRAIN) > 1e-9:
-        raise ExportError(f"positions are compared every {GRAIN:g} s: --step should be a whole part of it, as 0.001")
+    grain = LOOP.simulation.grain
+    steps = round(grain / request.step)
+    if abs(steps * request.step - grain) > 1e-9:
+        raise ExportError(f"positions are compared every {grain:g} s: --step should be a whole part of it, as 0.001")
     # MuJoCo's controller reads the exact position
-    rollouts = Rollouts(tuple(recordings), steps, grain=GRAIN).without_counts
+    rollouts = Rollouts(tuple(recordings), steps, grain=grain).without_counts
     simulated = rollouts.compute_position_errors([Point(model.terms, model.theta)])
-    theirs = rollouts.compare_paths(simulate_servos(model, request, rollouts.servos, steps))
+    theirs = rollouts.positions.compare_paths(simulate_servos(model, request, rollouts.servos, steps))
     errors = {
         "this project's simulation": _compute_mean_size(simulated),
         "MuJoCo with what is exported": _compute_mean_size(theirs),
     }
-    motion = _compute_mean_size(rollouts.position - rollouts.position.mean())
+    measured = rollouts.positions.measured
+    motion = _compute_mean_size(measured - measured.mean())
     return CheckResult("In the loop, whole recordings from their goals alone, mean error", errors, motion)
 
 

@@ -21,10 +21,13 @@ from estimators.diagnosis.servo_refit import make_data
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop import complete_drives, decide_conventions
-from estimators.in_loop.fit import compute_log_likelihood, fit_rollouts, linearise_errors
+from estimators.in_loop.fit import fit_rollouts
+from estimators.in_loop.likelihood import compute_log_likelihood
+from estimators.in_loop.linearisation import linearise_errors
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.rollouts import FINE, Rollouts
+from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven
+from estimators.in_loop.settings import LOOP
 from estimators.selection.search import SearchResult
 from estimators.weak_form.point import Point
 from pendulum_env.physics import BASE, Estimate, Model, effects
@@ -442,7 +445,7 @@ def test_fit_finds_friction_beside_drag_though_the_output_is_mostly_at_its_limit
         drive = ServoDrive(output="torque", kp=kp, limit=limit, rate=1000.0, goal="held")
         recordings.append(Recording(time, position, np.ones(len(time)), reference=goals, drive=drive, name=f"{kp}"))
     start = Point(BASE, true * [1.0, 0.95, 0.95, 2.0])
-    found = fit_rollouts(Rollouts(tuple(recordings), FINE), start, TYPICAL[:4], share=0.0)
+    found = fit_rollouts(Rollouts(tuple(recordings), LOOP.simulation.fine_steps), start, TYPICAL[:4], share=0.0)
     assert found.point.theta == pytest.approx(true, rel=0.03)
 
 
@@ -681,9 +684,9 @@ def test_positions_of_a_slow_log_are_compared_with_its_motion_and_not_with_chord
     time = np.arange(240) / 30.0
     motion = 0.8 * np.sin(5.0 * time)
     (own,) = (replace(plain[0], time=time, position=motion, torque=0 * time, reference=motion),)
-    rollouts = Rollouts((own,))
+    positions = Rollouts((own,)).positions
     inner = slice(4, -4)
-    assert np.abs(rollouts.position - 0.8 * np.sin(5.0 * rollouts.time))[inner].max() < 2e-4
+    assert np.abs(positions.measured - 0.8 * np.sin(5.0 * positions.time))[inner].max() < 2e-4
 
 
 @pytest.mark.parametrize(("log_rate", "controller_rate"), [(30.0, 2000.0), (83.0, 250.0), (200.0, 2000.0)])
@@ -707,7 +710,7 @@ def test_steps_of_the_integrator_are_neither_those_of_the_log_nor_of_the_control
         drive = ServoDrive(output="torque", kp=kp, rate=controller_rate, goal="held")
         known = {"reference": goal, "drive": drive, "name": f"{kp}"}
         recordings.append(Recording(np.arange(len(path)) / log_rate, position, kp * (goal - position), **known))
-    rollouts = Rollouts(tuple(recordings), FINE)
+    rollouts = Rollouts(tuple(recordings), LOOP.simulation.fine_steps)
     found = fit_rollouts(rollouts, Point(TILTED, np.array([0.01, 0.9, 1.0, 0.1, 0.0])), TYPICAL, share=0.0)
     assert np.mean(np.abs(found.error)) < 1.5 * count / 4  # that of rounding
     assert found.point.theta[:4] == pytest.approx([inertia, TRUE["gravity"], viscous, TRUE["coulomb"]], rel=0.03)

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.fit import linearise_errors
+from estimators.in_loop.linearisation import linearise_errors
 from estimators.in_loop.profile import fit_parabola
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
@@ -49,7 +49,7 @@ def test_gap_comes_back_within_its_profile_interval(case):
     rows = RolloutRows(Rollouts(recordings), RegressionData.from_recordings(recordings).torque)
     x = rows.torque.data.samples
     found = rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3])
-    profile = rows.fit_by_profile(found.terms)
+    profile = rows.fits.fit_by_profile(found.terms)
     assert profile is not None
     gap, std = profile.point.values[profile.place], np.sqrt(profile.variance)
     assert abs(gap - case["gap"]) < 3 * std < (0.3 if case["rate"] > 50 else 0.75) * case["gap"]
@@ -69,7 +69,7 @@ def test_slopes_by_the_inertia_beside_a_play_are_those_of_a_motor_that_has_inert
 def test_terms_without_local_minima_have_no_profile():
     recordings = record_play(**CASES[0])
     rows = RolloutRows(Rollouts(recordings), RegressionData.from_recordings(recordings).torque)
-    assert rows.fit_by_profile(BASE) is None
+    assert rows.fits.fit_by_profile(BASE) is None
 
 
 def test_parabola_has_the_variance_of_a_likelihood_and_scatter_adds_to_it():
@@ -138,7 +138,7 @@ def test_friction_of_the_link_is_told_from_friction_of_the_motor_and_leaves_the_
     recordings = record_link_friction(0.12, 0.09, viscous, encoder)
     rows = RolloutRows(Rollouts(recordings), RegressionData.from_recordings(recordings).torque)
     x = rows.torque.data.samples
-    profile = rows.fit_by_profile(rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3]).terms)
+    profile = rows.fits.fit_by_profile(rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3]).terms)
     assert profile is not None
     values, std = profile.point.named_values, np.sqrt(profile.variance)
     assert abs(values["backlash.gap"] - 8.73e-3) < 3 * std < 2.6e-3

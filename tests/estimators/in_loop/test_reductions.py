@@ -7,7 +7,7 @@ import pytest
 
 from estimators import diagnose
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.fit import compute_log_likelihood
+from estimators.in_loop.likelihood import compute_log_likelihood
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.weak_form.point import Point
@@ -57,11 +57,11 @@ def test_an_elastic_joint_starts_from_the_fit_of_a_play_in_its_place():
     play = Backlash(1e-4, math.sqrt(STIFFNESS / LINK), DAMPING / LINK, WEIGHT / LINK)
     theta = np.array([MOTOR + LINK, WEIGHT, VISCOUS, COULOMB, LINK])
     for terms in (BASE, (*BASE, DeadTime(0.005))):  # an effect without linear parameters is no link
-        rows.linearise_at_fit(terms)
-    rows.set_start(Point.from_parameters((*BASE, play), theta))
-    linears = [rows.linearise_at_fit((*BASE, link)) for link in (play, *play.reductions)]
+        rows.fits.linearise(terms)
+    rows.fits.set_start(Point.from_parameters((*BASE, play), theta))
+    linears = [rows.fits.linearise((*BASE, link)) for link in (play, *play.reductions)]
     heights = [compute_log_likelihood(rows.rollouts, linear.error) for linear in linears]
-    assert heights[1] > heights[0] - 10 > compute_log_likelihood(rows.rollouts, rows.linearise_at_fit(BASE).error)
+    assert heights[1] > heights[0] - 10 > compute_log_likelihood(rows.rollouts, rows.fits.linearise(BASE).error)
     assert linears[1].point.named_values["joint_flexibility"] == pytest.approx(LINK, rel=0.05)
 
 

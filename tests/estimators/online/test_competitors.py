@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from estimators.online.binning import HISTORY, Bins, ModelRows, PlantBins
+from estimators.online.binning import Bins, ModelRows, PlantBins
 from estimators.online.competitors import CompetingModels, solve_each_within_bounds
+from estimators.online.settings import ONLINE
 from estimators.regression.recursive import PRIOR
 from estimators.signals.measurements import Smoothing
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
 
 PLANT = PlantBins(("",), 1e-3, 10, Smoothing(2))
-SLICES = (HISTORY + 1) * 5  # of 2 ms
+SLICES = (ONLINE.bins.history + 1) * 5  # of 2 ms
 
 
 def make_bins(series: np.ndarray, y: np.ndarray, slices: np.ndarray | None = None) -> Bins:

@@ -13,10 +13,12 @@ from gymnasium.vector import VectorWrapper
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.online_diagnosis import CHANGE, diagnose_run, simulate_changes
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Obstacle
 from estimators.online import Diagnoser, OnlineDiagnosis
-from estimators.online.binning import HISTORY, Bin, PlantBins
+from estimators.online.binning import Bin, PlantBins
 from estimators.online.diagnosis import EffectMonitor
+from estimators.online.settings import ONLINE
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
 from pendulum_env.arms.joints import FRICTION, get_coupling, place_effect, place_term
@@ -301,7 +303,7 @@ def bins_of_two_joints(first, last):
         speed = way * (2.0 + np.sin((5.0 + 2.0 * joint) * t))
         load = 0.3 * speed + 0.5 * way + 0.1 * joint * speed * np.abs(speed)
         series = np.array([t, np.cos(t), speed, load])
-        torque, slices = float(load[2:-1].mean()) + 0.01 * rng.normal(), np.zeros(5 * (HISTORY + 1))
+        torque, slices = float(load[2:-1].mean()) + 0.01 * rng.normal(), np.zeros(5 * (ONLINE.bins.history + 1))
         yield Bin(joint, series, np.zeros(0), torque, slices)
 
 
@@ -309,9 +311,8 @@ def test_a_joint_that_moves_later_is_diagnosed_from_then_on():
     joints = "first", "second"
     terms = [place_term(term, joint) for joint in joints for term in FRICTION]
     library = {f"quadratic_drag@{joint}": place_effect(effects()["quadratic_drag"], joint) for joint in joints}
-    monitor = EffectMonitor(
-        terms, library, PlantBins(joints, 1e-3, 10, Smoothing(2)), OnlineDiagnosis("calibrating", threshold=10.0)
-    )
+    plant, blank = PlantBins(joints, 1e-3, 10, Smoothing(2)), OnlineDiagnosis("calibrating", threshold=10.0)
+    monitor = EffectMonitor(terms, library, plant, blank, Criterion())
     for one in bins_of_two_joints(1, 590):
         monitor.take(one)
     said = monitor.diagnosis
