@@ -59,7 +59,8 @@ def _find_part_of_turn(evaluator: ModelEvaluator, base: Model, model: Model, rea
 
 def _find_unknown_scale(evaluator: ModelEvaluator, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
     """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
-    share, id = compute_driven_share(evaluator.train.data, evaluator.train.data.torque()), LoadDependentFriction.id
+    data, id = evaluator.train.data, LoadDependentFriction.id
+    share = compute_driven_share(data, data.torque.recorded)
     if share <= MAX_DRIVEN_SHARE or id in list_ids(terms) or id not in evaluator.library:
         return []
     hidden = known or find_detectable_effects(evaluator, terms, {id: evaluator.library[id]})

@@ -16,6 +16,7 @@ from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.moves import remove_term
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table, remove_table
+from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import SIGNIFICANT, Term, is_hidden
 from pendulum_env.physics.terms import find_untested_ends
 
@@ -71,7 +72,7 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
     final = (*final, result.table) if result.table is not None else final
     term = next(term for term in final if term.id == after.added)
     others = remove_term(final, term)
-    is_met = term.has_impacts and evaluator.train.layout.predicts_torque and evaluator.train.data.contacts > 0
+    is_met = term.has_impacts and evaluator.train.layout.predicts_torque and count_contacts(evaluator.train.data) > 0
     odds = {term.id: 1.0} if is_hidden(term) or is_met else compute_alternatives(evaluator, final, term)
     share = 1.0 if evaluator.residuals.is_noise(final) else max(0.0, evaluator.explained_share(final, others))
     rivals = {rival[-1].id: rival for rival in screen_replacements(evaluator, final, term)} if len(odds) > 1 else {}
@@ -202,7 +203,7 @@ def make_excitation_gate(evaluator: ModelEvaluator, longer: Terms) -> Gate:
     train, rows, least = evaluator.train, evaluator.train.locate_rows(term.at), evaluator.criterion.least_excitation
     residual, recorded = train.residual(tuple(others))[rows], train.equations(others).y[rows]
     if not recorded.any():  # a free swing
-        recorded = train.data.applied_torque()[rows]
+        recorded = train.data.torque.applied[rows]
     noise, torque = (float(np.sqrt(np.mean(series**2))) for series in (residual, recorded))
     share = compute_unique_share(train, others, term)
     value = torque * share * len(residual) ** 0.5 / max(SIGNIFICANT * noise, 1e-300)

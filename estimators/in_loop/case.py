@@ -20,8 +20,8 @@ from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.selection.search import search
+from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.recording import Recording
 
 

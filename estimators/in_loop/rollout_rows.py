@@ -215,9 +215,10 @@ class RolloutRows:
         """
         if self.guide is not None:
             return self.guide._compute_typical_sizes(term)
-        rms = np.sqrt(np.mean(self.torque.data.torque() ** 2))
+        rms = np.sqrt(np.mean(self.torque.data.torque.recorded**2))
         column_rms = np.sqrt(np.mean(self.torque.data.columns([term])[0][0] ** 2, axis=0))
-        (x,) = self.torque.data.trace([term])  # windows omit slow motion, in which friction may be largest
+        columns = self.torque.data.window_columns
+        (x,) = columns.trace([term])  # windows omit slow motion, in which friction may be largest
         peaks = [np.max(np.abs(column.force(x) + column.dry(x) * np.sign(x.velocity))) for column in term.columns]
         return np.asarray(LOOP.typical * rms / np.maximum(np.maximum(column_rms, peaks), 1e-9))
 

@@ -12,6 +12,7 @@ from estimators.decisions.gate import Gate
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.weak_form.nonlinear import list_continuous_parameters, list_released_variants, set_values
+from estimators.weak_form.torque_windows import find_largest_sizes
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
 
 SAME = 1e-6  # relative difference of equal torques by rounding
@@ -120,7 +121,7 @@ def find_undetermined_parameter(evaluator: ModelEvaluator, step: Step) -> str | 
     if not evaluator.train.layout.predicts_torque:
         return None
     term = step.model.terms[-1]
-    sizes = evaluator.train.data.find_largest_sizes(term).tolist()
+    sizes = find_largest_sizes(evaluator.train.data, term).tolist()
     for column, largest in zip(term.columns, sizes, strict=True):
         estimate = step.model.estimates[column.name]
         if not estimate.is_significant and max(abs(estimate.value), estimate.std) > largest:

@@ -18,6 +18,7 @@ from estimators.selection.candidates import (
 from estimators.selection.dry_friction import screen_dry_friction
 from estimators.selection.evaluator import ModelEvaluator
 from estimators.simulation import multiple_shooting
+from estimators.weak_form.contacts import count_contacts
 from estimators.weak_form.nonlinear import list_reset_variants, set_values
 from estimators.weak_form.point import Point
 from pendulum_env.physics import SIGNIFICANT, NonlinearParameter, Table, Term, find_link, has_link, has_stop, list_ids
@@ -78,7 +79,9 @@ def add_effect(state: SearchState) -> SearchState | None:
     confirmed: list[Terms] = []
     screened = screen_effects(evaluator, terms)
     candidates = sorted(screened + release_parameters(evaluator, terms), key=evaluator.screening_score)
-    needs_stop = not has_stop(terms) and evaluator.train.layout.predicts_torque and evaluator.train.data.contacts > 0
+    needs_stop = (
+        not has_stop(terms) and evaluator.train.layout.predicts_torque and count_contacts(evaluator.train.data) > 0
+    )
     if needs_stop:  # only a stop explains the torque at contacts
         candidates = list(filter(has_stop, candidates))
     for longer in candidates[: evaluator.criterion.max_tried]:
