@@ -15,8 +15,8 @@ import numpy as np
 
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.columns import is_torque_dependent
+from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env._typing import Array
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import BASE, Model, Term

@@ -14,6 +14,7 @@ from estimators.in_loop.motion import simulate_in_loop
 from estimators.regression.least_squares import IdentificationError
 from estimators.simulation.free_running import Segments, simulate_errors
 from estimators.weak_form import links
+from estimators.weak_form.blocks import list_recordings
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import Windows
@@ -119,19 +120,17 @@ def _predict(model: Model, data_part: RegressionData, predictions: Sequence[Pred
     """
     data_part = data_part.with_link_states(model)
     data = data_part.data
-    runs = [number if w.run is None else w.run for number, w in enumerate(data.windows)]
+    runs = list_recordings(data.windows)
     for run, prediction in enumerate(predictions):
         windows = [w for k, w in zip(runs, data.windows, strict=True) if k == run]
-        if all(w.is_clear.any() for w in windows):
+        if all(w.stick.is_clear.any() for w in windows):
             link_states = {id: [states[run]] for id, states in data.link_states.items()}
             dense = _make_windows_at_samples(model, windows, link_states)
             _write_torque(
-                prediction, dense.windows, dense.applied_torque(), TorqueRows(dense).residual(model.terms, model.theta)
+                prediction, dense.windows, dense.torque.applied, TorqueRows(dense).residual(model.terms, model.theta)
             )
     ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
-    coarse = (
-        np.split(values, ends) for values in (data.applied_torque(), data_part.residual(model.terms, model.theta))
-    )
+    coarse = (np.split(values, ends) for values in (data.torque.applied, data_part.residual(model.terms, model.theta)))
     for run, w, torque, residual in zip(runs, data.windows, *coarse, strict=True):
         prediction = predictions[run]
         _write_torque(prediction, [w], torque, residual)

@@ -9,6 +9,7 @@ import numpy as np
 from estimators.data.fits import fit_terms
 from estimators.data.split import split_recordings
 from estimators.signals.residual import AXES, SYMBOLS, Profile, compute_profiles
+from estimators.weak_form.floors import compute_noise_floor
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, Coulomb, Inertia, Term, Viscous, effects
@@ -43,7 +44,7 @@ def compute_residuals(recording: Recording, terms: Sequence[Term] = BASE, units:
     """Fit a model to a recording; return its residual over angle (within a turn), velocity, torque and time."""
     prepared, _ = split_recordings([recording], [recording])
     model, fit = fit_terms(prepared, terms)
-    noise = prepared.data.noise(model.estimates["inertia"].value)
+    noise = compute_noise_floor(prepared.data.windows, model.estimates["inertia"].value)
     return compute_profiles(prepared.samples, fit.residual, noise, tuple(AXES), units)
 
 

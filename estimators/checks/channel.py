@@ -28,6 +28,7 @@ from estimators.decisions.score import BLOCK, Blocks, cross_validate_density
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
 from estimators.signals.channel import LONGEST, REACH, Channel
+from estimators.weak_form.floors import compute_numerical_error
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array
@@ -117,7 +118,7 @@ class ChannelFits(ChannelRows):
     def is_negligible(self, delay: float) -> bool:
         """Return whether a delay [s] is a small share of a sample and does not reduce the error significantly."""
         # errors of smoothing and integration
-        exactness = self.rows.data.compute_numerical_error() * float(np.linalg.norm(self.rows.data.weights))
+        exactness = compute_numerical_error(self.rows.data.windows) * float(np.linalg.norm(self.rows.data.weights))
         before, after = (np.hypot(self.compute_misfit(self.make_law(time)), exactness) for time in (0.0, delay))
         return bool(abs(delay) < CHANNEL.negligible * self.period and after > (1 - Criterion.error_margin) * before)
 

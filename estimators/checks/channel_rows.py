@@ -13,9 +13,10 @@ from estimators.regression.least_squares import project_out
 from estimators.signals.channel import REACH, Channel
 from estimators.weak_form.columns import is_torque_dependent
 from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.preparation import prepare_windows, smooth_laws
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import TorqueWindows, prepare_windows, smooth_laws
-from estimators.weak_form.windows import scale_by_jumps
+from estimators.weak_form.torque_windows import TorqueWindows
+from estimators.weak_form.window_noise import scale_by_jumps
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import BASE, Column, Term
@@ -72,7 +73,8 @@ def make_channel_rows(
         else:
             parts.append((rows, data.columns([term])[0][0]))
     for friction in (OWN_FRICTION, *list_load_friction(data)) if body.can_simulate else ():
-        parts.append((slice(None), data.averages.column(friction, data.averages.samples)[:, None]))
+        averages = data.window_columns.averages
+        parts.append((slice(None), averages.column(friction, averages.samples)[:, None]))
     return TorqueRows(data), place_columns(len(data.weights), parts), of_torque
 
 
@@ -140,7 +142,7 @@ class ChannelRows:
 
     def with_motor_friction(self) -> Self:
         """Return the rows with friction by the recorded torque of the motor, and its derivative by that torque."""
-        averages = self.rows.data.averages
+        averages = self.rows.data.window_columns.averages
         laws = MOTOR_FRICTION[1], FRICTION_SLOPE
         return self.with_columns(*(averages.column(law, averages.samples)[:, None] for law in laws))
 
@@ -152,7 +154,8 @@ class ChannelRows:
         """
         fitted_rows, data, torque = self, self.rows.data, self.compute_torque(self.start)
         for _ in range(CHANNEL.torque_iterations if laws else 0):
-            fitted = (torque - fitted_rows.compute_residual(torque)) / data.weights + data.torque() - data.net_torque()
+            fitted = (torque - fitted_rows.compute_residual(torque)) / data.weights
+            fitted = fitted + data.torque.recorded - data.torque.net
             x = replace(data.samples, torque=fitted)
             series = ((rows, np.asarray(law.force(x) + law.dry(x) * np.sign(x.velocity))) for rows, law in laws)
             columns = [(rows, column[rows, None]) for rows, column in series]
@@ -164,7 +167,7 @@ class ChannelRows:
         scales = []
         for w in self.rows.data.windows:
             moved = make_moved_torque(w.recording, np.array([0.0, 1.0, 0.0]), True)
-            scale = scale_by_jumps(replace(w.recording, moved=moved), w.kernel, w.torque_noise)
+            scale = scale_by_jumps(replace(w.recording, moved=moved), w.kernel, w.noise.torque)
             scales.append(np.ones(len(w.centers)) if scale is None else scale[w.centers])
         factor = np.concatenate(scales)
         data = replace(self.rows.data, weights=self.rows.data.weights * factor)

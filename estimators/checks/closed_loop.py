@@ -20,6 +20,7 @@ from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.memoize import memoized
 from estimators.regression.least_squares import Equations, solve, solve_least_squares
+from estimators.weak_form.floors import compute_precision
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
@@ -94,7 +95,8 @@ def is_consistent(
     if size**2 <= (1 - Criterion.explained_share) * untimed_size**2 and not find_feedback(recordings):
         return True
     inertia = data.base_inertia
-    floor = max(data.precision(), min(w.noise(inertia) for w in data.windows))  # weights are relative to the least
+    least = min(w.noise.compute_std(inertia) for w in data.windows)  # weights are relative to the least
+    floor = max(compute_precision(data.windows), least)
     freedom = max(1, len(residual) - parameters)
     return bool(size <= Criterion.misfit * floor * freedom**0.5)
 

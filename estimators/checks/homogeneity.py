@@ -17,8 +17,9 @@ import scipy
 
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import Equations, invert_covariance, solve
+from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows
+from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
 from pendulum_env.recording.channel import NEWTON_METRE
@@ -235,10 +236,10 @@ def _select_differing(
 def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     """Find the recordings that the terms do not explain; none if fewer recordings are explained.
 
-    A residual between `AGREEMENT.explained` and `WEAK_FORM.unexplained` noise floors is neither explained nor not.
+    A residual between `AGREEMENT.explained` and `RESOLUTION.unexplained` noise floors is neither explained nor not.
     """
     others = tuple(fit.name for fit in fits if fit.is_explained)
-    poor = [fit for fit in fits if fit.noise_ratio > WEAK_FORM.unexplained]
+    poor = [fit for fit in fits if fit.noise_ratio > RESOLUTION.unexplained]
     if len(others) < len(poor):
         return ()
     misfits = []
@@ -300,7 +301,7 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
                     ),
                     bool(inertia + np.max(w.samples.load.inertia) < -z_limit * error),
                     fit.rms,
-                    float(np.sqrt(np.mean(tangent.scale[rows] ** 2))) * w.noise(abs(inertia)),
+                    float(np.sqrt(np.mean(tangent.scale[rows] ** 2))) * w.noise.compute_std(abs(inertia)),
                     z_limit,
                     bool(w.recording.known_inertia),
                     w.recording.units,

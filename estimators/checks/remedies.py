@@ -7,7 +7,7 @@ import numpy as np
 from estimators.checks.signs import compute_significant_sign, find_driving_friction, is_significantly_negative
 from estimators.findings import Finding, Kind, Quantity, Remedy
 from estimators.regression.least_squares import Equations, IdentificationError, solve
-from estimators.weak_form.torque_windows import prepare_windows
+from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.notes import NoteKind
@@ -97,7 +97,8 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
         return False
     base = {term.id for term in BASE}  # an added effect may imitate twice the load
     equations = data.equations([term for term in model.terms if term.id in base])
-    phi = np.column_stack([equations.phi, data.averages.column(LOAD_TORQUE, data.averages.samples)])
+    averages = data.window_columns.averages
+    phi = np.column_stack([equations.phi, averages.column(LOAD_TORQUE, averages.samples)])
     fit = solve(Equations(phi, equations.y), data.weights, data.blocks(TURNED_BLOCK)[0])
     excess = -1.0 - float(fit.theta[-1])  # l^2 / (l^2 + s^2) if the sensor has the opposite sign
     return fit.condition < DEPENDENT and excess > max(TURNED_SHARE, TURNED_ERRORS * float(fit.std[-1]))

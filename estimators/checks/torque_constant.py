@@ -91,7 +91,8 @@ def _add_load_columns(fits: ChannelFits, data: TorqueWindows) -> ChannelFits:
 
     Friction of the motor torque is added unless nearly all motion is driven or braked. `data` has the known loads.
     """
-    averages, is_driven = data.averages, compute_driven_share(data, data.torque()) > MAX_DRIVEN_SHARE
+    averages = data.window_columns.averages
+    is_driven = compute_driven_share(data, data.torque.recorded) > MAX_DRIVEN_SHARE
     columns = np.column_stack([averages.column(law, averages.samples) for law in (LOAD, *list_load_friction(data))])
     loaded = replace(fits, phi=np.column_stack([columns * data.weights[:, None], fits.phi]))
     return loaded if is_driven or is_brake(data) else loaded.with_motor_friction()
@@ -107,7 +108,7 @@ def find_gain_doubts(model: Model, constant: TorqueConstant, data: TorqueWindows
 
     Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the drive does not log amperes.
     """
-    findings, share = [], compute_driven_share(data, data.torque())
+    findings, share = [], compute_driven_share(data, data.torque.recorded)
     if share > MAX_DRIVEN_SHARE or is_brake(data):
         kind = Kind.LOAD_BRAKES if is_brake(data) else Kind.GEAR_LOSS_UNKNOWN
         known = Quantity(constant.value, constant.std, constant.unit)

@@ -10,6 +10,7 @@ from estimators.decisions.criterion import Criterion
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.least_squares import Fit, project_out, solve_least_squares
 from estimators.weak_form.columns import list_law_bounds, mark_bounds
+from estimators.weak_form.floors import compute_noise_floor
 from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
 from estimators.weak_form.rows import Terms
 from pendulum_env._typing import Array, Mask
@@ -65,7 +66,7 @@ def find_inertia_of_noise(data: RegressionData, terms: Terms) -> Estimate | None
         return None
     inertia = replace(inertia, value=compute_inertia(model, data.samples))
     before = data.data.base_inertia
-    floor, old_floor = (data.data.noise(value) for value in (inertia.value, before))
+    floor, old_floor = (compute_noise_floor(data.data.windows, value) for value in (inertia.value, before))
     is_same = abs(inertia.value - before) <= SIGNIFICANT * inertia.std
     return None if is_same or abs(floor - old_floor) <= Criterion.error_margin * old_floor else inertia
 

@@ -7,6 +7,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.signals.residual import SYMBOLS, Region, find_regions, make_region_everywhere
+from estimators.weak_form.torque_windows import compute_negligible_residual
 from pendulum_env._typing import Array
 from pendulum_env.recording.channel import NEWTON_METRE
 
@@ -25,7 +26,7 @@ def find_regions_at(
 
     Regions with a negligible mean are left out. `floor` is the noise floor [N m], by default that of the data.
     """
-    of_joint, least = residual[data.locate_rows(at)], data.data.compute_negligible_residual(at)
+    of_joint, least = residual[data.locate_rows(at)], compute_negligible_residual(data.data, at)
     floor = data.floors[at] if floor is None else floor
     regions = find_regions(data.data.part(at).samples, of_joint, floor, axes, most, data.units(at))
     return [replace(region, at=at) for region in regions if abs(region.residual) > least]
@@ -43,7 +44,7 @@ def find_failures(
     for joint, error in data.joint_errors(residual).items():
         floor = (floors or data.floors)[joint]
         at_joint = find_regions_at(data, residual, joint, most=most, floor=floor)
-        if not at_joint and error > Criterion.misfit * max(floor, data.data.compute_negligible_residual(joint)):
+        if not at_joint and error > Criterion.misfit * max(floor, compute_negligible_residual(data.data, joint)):
             units, samples = data.units(joint), data.data.part(joint).samples
             numbers = {"residual": Quantity(error, unit=units.unit(NEWTON_METRE)), "times": Quantity(error / floor)}
             at_joint = [make_region_everywhere(Finding(Kind.NOWHERE, numbers), samples, error, floor, joint, units)]

@@ -20,17 +20,18 @@ from estimators.simulation.free_running import (
     select_segments,
 )
 from estimators.simulation.multiple_shooting import estimate_link_state, simulate_link_motion
+from estimators.weak_form.contacts import ContactTest
 from estimators.weak_form.links import prepare_arm
+from estimators.weak_form.preparation import prepare_windows
+from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.rows import RowLayout, RowMaker, Terms
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import TorqueWindows, join_windows, prepare_windows
+from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from pendulum_env._typing import Array
 from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import BASE, Model, Samples, Term, find_link, has_link, list_loads
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
-
-MAX_GROWTH = 10.0  # growth of an error of the initial position within a segment from which its motion is unstable
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +57,15 @@ class RegressionData:
         half_widths: Sequence[float] | None = None,
         part: tuple[float, float] = (0.0, 1.0),
         inertia: float | None = None,
+        block: float = RESOLUTION.block,
     ) -> RegressionData:
         """Cut recordings of a pendulum into windows and segments.
 
         The half width of the windows of each recording [s] is chosen by noise if not given. `part` are begin and end of
-        the range with windows, as shares of each recording. A known `inertia` [kg m^2] scales encoder noise.
+        the range with windows, as shares of each recording. A known `inertia` [kg m^2] scales encoder noise. A
+        `block` of folds and score lasts so long [s].
         """
-        data = prepare_windows(recordings, half_widths, part, inertia=inertia)
+        data = prepare_windows(recordings, half_widths, part, inertia=inertia, block=block)
         return cls(data, tuple(choose_segments(w) for w in data.windows))
 
     def with_horizon(self, seconds: float, covers: bool = False) -> RegressionData:
@@ -81,21 +84,24 @@ class RegressionData:
         If no others exist, or a model without known inertia cannot simulate, the segments stay.
         """
         candidates = self.segments if model.has_known_inertia else ()
-        steady = [compute_growth(segments, model.terms, model.theta) < MAX_GROWTH for segments in candidates]
+        steady = [compute_growth(segments, model.terms, model.theta) < RESOLUTION.growth for segments in candidates]
         pairs = zip(candidates, steady, strict=True)
         steady_segments = tuple(select_segments(*pair) for pair in pairs if pair[1].any())
         unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
         return replace(self, segments=steady_segments) if steady_segments else self, unstable
 
     @classmethod
-    def from_arm(cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term]) -> RegressionData:
+    def from_arm(
+        cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term], block: float = RESOLUTION.block
+    ) -> RegressionData:
         """Cut recordings of an arm into windows for some terms, the links first; raises errors of `prepare_arm`."""
-        return cls(prepare_arm(recordings, terms), base=arm_base(find_body(terms)))
+        return cls(prepare_arm(recordings, terms, block=block), base=arm_base(find_body(terms)))
 
     @classmethod
     def join(cls, parts: Sequence[RegressionData]) -> RegressionData:
         """Join the data of several recordings of a pendulum, with the states of the same links."""
-        data = join_windows([window for part in parts for window in part.data.windows])
+        windows = [window for part in parts for window in part.data.windows]
+        data = join_windows(windows, block=parts[0].data.block)
         link_states = {id: [x for part in parts for x in part.data.link_states[id]] for id in parts[0].data.link_states}
         segments = tuple(segment for part in parts for segment in part.segments)
         return cls(replace(data, link_states=link_states), segments)
@@ -152,7 +158,7 @@ class RegressionData:
         for (term, column), value in zip(columns, theta.tolist(), strict=True):
             if term.kind == "time-varying" and self.layout.predicts_torque and term.at in inertia:
                 part, before = self.data.part(term.at), inertia[term.at]
-                noise = np.repeat([w.acceleration_noise for w in part.windows], [len(w.centers) for w in part.windows])
+                noise = np.repeat([w.noise.acceleration for w in part.windows], [len(w.centers) for w in part.windows])
                 after = np.clip(before + value * column.mass(part.samples), 0.0, before)
                 variance[self.locate_rows(term.at)] += (before**2 - after**2) * noise**2
         return variance
@@ -212,13 +218,13 @@ class RegressionData:
         return replace(self, data=replace(self.data, link_states={term.id: link_states}), segments=tuple(segments))
 
     def with_contacts(self, model: Model) -> RegressionData:
-        """Return the data with contacts, see `TorqueWindows.with_contacts`; of a model with a link, with its states."""
+        """Return the data with contacts, see `ContactTest`; of a model with a link, with its states."""
         if has_link(model.terms):
             return self.with_link_states(model)
         count, inertia = len(model.theta), abs(model.estimates["inertia"].value)
         covariance = model.assumed_covariance[:count, :count]
-        known = model.terms, model.theta, covariance, inertia
-        return replace(self, data=self.data.with_contacts(*known, self.data.find_free_range(*known)))
+        test = ContactTest(model.terms, model.theta, covariance, inertia)
+        return replace(self, data=test.add_contacts(self.data, test.find_free_range(self.data)))
 
     def joint_errors(self, residual: Array) -> dict[str, float]:
         """Return the root mean square of a residual (R,) at each joint."""
@@ -235,12 +241,12 @@ class RegressionData:
             return self.layout.errors(residual)
         torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
         torque = torque if len({*body.is_prismatic}) == 1 else np.nan
-        joints, sizes = self.joint_errors(residual), self.joint_errors(self.data.torque())
+        joints, sizes = self.joint_errors(residual), self.joint_errors(self.data.torque.recorded)
         shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
         if self.segments and model.has_known_inertia:
             position = compute_position_rms(self.segments, model.terms, model.theta)
             fit = _compute_fit_percent(position, compute_deviation(self.segments))
-        torque_fit = _compute_fit_percent(torque, float(np.std(self.data.applied_torque())))
+        torque_fit = _compute_fit_percent(torque, float(np.std(self.data.torque.applied)))
         return Errors(torque, position, torque_fit, fit, joints, shares)
 
 

@@ -13,7 +13,8 @@ from estimators.decisions.criterion import Criterion
 from estimators.decisions.score import HELD_OUT
 from estimators.regression.least_squares import IdentificationError
 from estimators.simulation.free_running import choose_segments
-from estimators.weak_form.torque_windows import choose_half_width, prepare_windows
+from estimators.weak_form.contacts import ContactTest, count_contacts, list_contact_instants
+from estimators.weak_form.preparation import choose_half_width, prepare_windows
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, has_link
@@ -112,7 +113,7 @@ def _split_into_parts(
 
 
 def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -> Parts:
-    """Return fitted and held-out data with contacts with a stop, see `TorqueWindows.with_contacts`.
+    """Return fitted and held-out data with contacts with a stop, see `ContactTest`.
 
     The same `data` are returned with fewer than `repeated` contacts, which may be accidents, and for terms with a link,
     which has impacts. A stop is found in fitted data, and confirmed in held-out data. If less than half of the contacts
@@ -122,15 +123,15 @@ def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -
         return data
     find_contacts = make_contact_finder(data, terms)
     with_windows = find_contacts(data[0]), find_contacts(data[1])
-    counts = [part.data.contacts for part in with_windows]
+    counts = [count_contacts(part.data) for part in with_windows]
     is_uneven = counts[0] < MOTION * sum(counts) or counts[1] == 0
     if is_uneven and sum(counts) >= repeated and data[0].recordings == data[1].recordings:
-        contacts = np.concatenate([instants for part in with_windows for instants in part.data.contact_instants])
+        contacts = np.concatenate([instants for part in with_windows for instants in list_contact_instants(part.data)])
         motion = np.concatenate([w.centers / len(w.recording) for part in data for w in part.data.windows])
         split = split_at_contacts(motion, contacts)
         if split is not None:
             with_windows = find_contacts(_cut_again(data[0], split[0])), find_contacts(_cut_again(data[1], split[1]))
-            counts = [part.data.contacts for part in with_windows]
+            counts = [count_contacts(part.data) for part in with_windows]
     return with_windows if counts[0] >= 1 and sum(counts) >= repeated else data
 
 
@@ -138,10 +139,10 @@ def make_contact_finder(data: Parts, terms: Sequence[Term]) -> Callable[[Regress
     """Return a function that adds windows in contact with a stop to data, by a fit of terms without a link."""
     fit = fit_terms(data[0], terms)[1]
     count = len(fit.theta)
-    fit_arguments = terms, fit.theta, fit.covariance[:count, :count], data[0].data.base_inertia
-    lows, highs = zip(*(part.data.find_free_range(*fit_arguments) for part in data), strict=True)
+    test = ContactTest(terms, fit.theta, fit.covariance[:count, :count], data[0].data.base_inertia)
+    lows, highs = zip(*(test.find_free_range(part.data) for part in data), strict=True)
     free = min(lows), max(highs)
-    return lambda part: replace(part, data=part.data.with_contacts(*fit_arguments, free))
+    return lambda part: replace(part, data=test.add_contacts(part.data, free))
 
 
 def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | None:
@@ -166,5 +167,7 @@ def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | Non
 def _cut_again(data: RegressionData, part: Part) -> RegressionData:
     """Return data of another part of the recordings, with windows of the same lengths."""
     widths = [len(w.kernel) // 2 / w.recording.rate for w in data.data.windows]
-    windows = prepare_windows(data.recordings, widths, part, fewest=0, inertia=data.data.windows[0].inertia)
+    windows = prepare_windows(
+        data.recordings, widths, part, fewest=0, inertia=data.data.windows[0].inertia, block=data.data.block
+    )
     return RegressionData(windows, tuple(choose_segments(w) for w in windows.windows))

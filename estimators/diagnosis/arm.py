@@ -16,7 +16,7 @@ from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_links
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult, search
-from estimators.weak_form.windows import concatenate_samples
+from estimators.weak_form.averages import concatenate_samples
 from pendulum_env.arms.joints import find_body, find_links, place_effects
 from pendulum_env.physics import TABLES, list_ids
 from pendulum_env.recording import Recording

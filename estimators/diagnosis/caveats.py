@@ -61,10 +61,8 @@ def _find_part_of_turn(evidence: Evidence, base: Model, model: Model, reach: flo
 
 def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
     """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
-    share, id = (
-        compute_driven_share(evidence.train.data, evidence.train.data.torque()),
-        LoadDependentFriction.id,
-    )
+    data, id = evidence.train.data, LoadDependentFriction.id
+    share = compute_driven_share(data, data.torque.recorded)
     if share <= MAX_DRIVEN_SHARE or id in list_ids(terms) or id not in evidence.library:
         return []
     hidden = known or find_detectable_effects(evidence, terms, {id: evidence.library[id]})

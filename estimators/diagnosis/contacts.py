@@ -13,9 +13,11 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.selection.evidence import Evidence
 from estimators.selection.motion_score import is_misfit
 from estimators.simulation.free_running import Segments, select_segments
+from estimators.weak_form.contacts import bound_friction, compute_deviations, count_contacts
 from estimators.weak_form.links import join_recording
-from estimators.weak_form.torque_windows import WEAK_FORM, bound_friction, compute_deviations, join_windows
-from estimators.weak_form.windows import Windows
+from estimators.weak_form.resolution import RESOLUTION
+from estimators.weak_form.torque_windows import join_windows
+from estimators.weak_form.windows import Windows, mark_contacts
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, has_link, has_stop
 from pendulum_env.units import JointUnits
@@ -26,18 +28,18 @@ Place = tuple[float, float, float, str]  # of a contact: size of its torque [N m
 def find_contacts(evidence: Evidence, final: Terms, model: Model) -> list[Finding]:
     """Return a finding on contacts that a model without a stop leaves, with the place of the largest, or an empty list.
 
-    A contact is a torque at a reversal or at rest that exceeds dry friction, see `TorqueWindows.with_contacts`. The
+    A contact is a torque at a reversal or at rest that exceeds dry friction, see `ContactTest`. The
     list is empty if the model leaves structure where the joint moves.
     """
-    has_contacts = has_stop(final) or evidence.train.data.contacts
+    has_contacts = has_stop(final) or count_contacts(evidence.train.data)
     if has_link(final) or has_contacts or not all(evidence.residuals.is_noise_by_part(final)):
         return []
     places, parts = list[Place](), _add_contacts(evidence, model)
     for part in parts:
         residual = part.residual(model.terms, model.theta) / part.data.scale
-        is_contact = np.concatenate([np.isin(w.centers, w.unclear) for w in part.data.windows])
+        is_contact = np.concatenate([mark_contacts(w) for w in part.data.windows])
         places += _list_places(part, residual, is_contact)
-    return _make_findings(places, sum(part.data.contacts for part in parts), model.units())
+    return _make_findings(places, sum(count_contacts(part.data) for part in parts), model.units())
 
 
 def find_arm_contacts(evidence: Evidence, model: Model, joints: Iterable[str]) -> list[Finding]:
@@ -53,16 +55,18 @@ def find_arm_contacts(evidence: Evidence, model: Model, joints: Iterable[str]) -
         for run, residual, limit in measured:
             rows, (w,) = run.locate_rows(joint), (windows for windows in run.data.windows if windows.at == joint)
             angle = run.samples.position[rows]
-            is_free = ~np.isin(w.centers, w.resting) & (np.abs(residual) <= limit)[rows]
+            is_free = ~np.isin(w.centers, w.stick.resting) & (np.abs(residual) <= limit)[rows]
             low, high = min(low, angle[is_free].min(initial=np.inf)), max(high, angle[is_free].max(initial=-np.inf))
         for run, residual, limit in measured:
             rows, (w,) = run.locate_rows(joint), (windows for windows in run.data.windows if windows.at == joint)
             angle, is_contact = run.samples.position[rows], np.zeros(len(residual), dtype=bool)
             is_outwards = np.where(residual[rows] > 0, angle > high, angle < low)
-            is_contact[rows] = np.isin(w.centers, w.resting) & is_outwards & (np.abs(residual) > limit)[rows]
+            is_contact[rows] = np.isin(w.centers, w.stick.resting) & is_outwards & (np.abs(residual) > limit)[rows]
             places += _list_places(run, residual, is_contact)
             touching.append(replace(w, centers=w.centers[is_contact[rows]]))
-        findings += _make_findings(places, join_windows(touching).contacts if places else 0, model.units(joint), joint)
+        findings += _make_findings(
+            places, count_contacts(join_windows(touching)) if places else 0, model.units(joint), joint
+        )
     return findings
 
 
@@ -81,7 +85,7 @@ def is_misfit_between_contacts(evidence: Evidence, step: Step) -> bool:
     ):
         return evidence.motion.is_misfit(step)
     parts = evidence.fits.parts if stops else _add_contacts(evidence, model)
-    if sum(part.data.contacts for part in parts) < REPEATED:
+    if sum(count_contacts(part.data) for part in parts) < REPEATED:
         return True
     pairs = zip(evidence.train.segments, parts[0].data.windows, strict=True)
     segments = tuple(select_segments(segment, _is_clear(segment, w)) for segment, w in pairs)
@@ -108,7 +112,7 @@ def _add_contacts(evidence: Evidence, model: Model) -> Parts:
 
 def _is_clear(segments: Segments, w: Windows) -> Mask:
     """Return whether each segment (B,) overlaps no window in contact."""
-    contacts, m = w.centers[np.isin(w.centers, w.unclear)], len(w.kernel) // 2
+    contacts, m = w.centers[mark_contacts(w)], len(w.kernel) // 2
     first, last = segments.first[:, None] - m, segments.first[:, None] + len(segments.torque) + m
     return ~np.asarray(((contacts >= first) & (contacts <= last)).any(axis=1))
 
@@ -116,10 +120,8 @@ def _is_clear(segments: Segments, w: Windows) -> Mask:
 def _split_with_rests(part: RegressionData, model: Model) -> list[RegressionData]:
     """Return the windows of each recording of an arm, clear of stick or at rest; without those that lack a joint."""
     runs = dict.fromkeys(w.run for w in part.data.windows)
-    entries = (
-        [replace(w, centers=np.union1d(w.centers, w.resting), scale=None) for w in part.data.windows if w.run == run]
-        for run in runs
-    )
+    with_rests = [replace(w, centers=np.union1d(w.centers, w.stick.resting), scale=None) for w in part.data.windows]
+    entries = ([w for w in with_rests if w.run == run] for run in runs)
     return [
         RegressionData(join_recording(joints, model.terms), base=part.base)
         for joints in entries
@@ -138,8 +140,8 @@ def _measure_residual(data: RegressionData, model: Model) -> tuple[Array, Array]
         in_joint = owner == w.at
         at_joint = [term for term in terms if term.at == w.at]
         friction = bound_friction(w, at_joint, theta[in_joint], covariance[np.ix_(in_joint, in_joint)])
-        limits.append(2 * friction + WEAK_FORM.significant * w.noise(inertias[w.at]))
-    return data.residual(terms, theta), np.concatenate(limits) + WEAK_FORM.significant * deviations
+        limits.append(2 * friction + RESOLUTION.significant * w.noise.compute_std(inertias[w.at]))
+    return data.residual(terms, theta), np.concatenate(limits) + RESOLUTION.significant * deviations
 
 
 def _list_places(data: RegressionData, residual: Array, which: Mask) -> list[Place]:

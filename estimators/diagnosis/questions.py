@@ -16,7 +16,7 @@ from estimators.regression.least_squares import Equations, solve_least_squares, 
 from estimators.selection.candidates import find_best_variant
 from estimators.selection.evidence import Evidence
 from estimators.signals.residual import makes_whole_turns
-from estimators.weak_form.torque_windows import TorqueWindows
+from estimators.weak_form.torque_windows import TorqueWindows, find_largest_sizes
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, list_ids
 from pendulum_env.plant import get_typical_values, paper_plant
@@ -151,7 +151,7 @@ def find_detectable_effects(
         size, (term, _) = find_detectable_size(evidence, terms, kind), make_typical_effect(kind)
         if size is not None:
             column = term.columns[0]
-            is_possible = size <= data.find_largest_sizes(term)[0] and column.is_allowed(size)
+            is_possible = size <= find_largest_sizes(data, term)[0] and column.is_allowed(size)
             effects.append(Detectable(kind.id, size if is_possible else None, units.unit(column.unit)))
     stop = Detectable("hard_stop", unit=units.unit("rad"), between=evidence.train.get_range())
     return tuple(effects) if makes_whole_turns(evidence.train.samples.position) else (*effects, stop)

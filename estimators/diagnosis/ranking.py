@@ -17,6 +17,7 @@ from estimators.selection.policies import ADD, CONFIRM, DETERMINE_LAG, EXCITE, F
 from estimators.selection.search import SearchResult
 from estimators.selection.state import remove_term
 from estimators.selection.tables import explain_table, remove_table
+from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import Term, is_hidden
 from pendulum_env.physics.terms import find_untested_ends
 
@@ -72,7 +73,7 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
     final = (*final, result.table) if result.table is not None else final
     term = next(term for term in final if term.id == after.added)
     others = remove_term(final, term)
-    is_met = term.has_impacts and evidence.train.layout.predicts_torque and evidence.train.data.contacts > 0
+    is_met = term.has_impacts and evidence.train.layout.predicts_torque and count_contacts(evidence.train.data) > 0
     odds = {term.id: 1.0} if is_hidden(term) or is_met else compute_alternatives(evidence, final, term)
     share = 1.0 if evidence.residuals.is_noise(final) else max(0.0, evidence.shares.compute(final, others))
     rivals = {rival[-1].id: rival for rival in screen_replacements(evidence, final, term)} if len(odds) > 1 else {}

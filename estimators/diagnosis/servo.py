@@ -34,8 +34,8 @@ from estimators.in_loop.servos import are_driven, choose_parts, make_base
 from estimators.in_loop.settings import LOOP
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import search
+from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.recording import Recording
 
 

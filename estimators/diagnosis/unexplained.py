@@ -15,6 +15,7 @@ from estimators.selection.search import SearchResult
 from estimators.selection.tables import explain_table
 from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, make_region_everywhere
+from estimators.weak_form.torque_windows import compute_negligible_residual
 from pendulum_env.physics import Term
 
 
@@ -89,7 +90,7 @@ def find_joint_residuals(evidence: Evidence, terms: Terms) -> tuple[dict[str, fl
     parts = zip(evidence.fits.parts, residuals, ((), evidence.holdout.names), strict=True)
     for (part, residual, names), structures in zip(parts, evidence.residuals.structures(terms), strict=True):
         for joint, structure in structures.items():
-            floor = max(evidence.residuals.noise_floor(part, joint), part.data.compute_negligible_residual(joint))
+            floor = max(evidence.residuals.noise_floor(part, joint), compute_negligible_residual(part.data, joint))
             if joint not in sizes and not criterion.is_noise(structure, floor):
                 sizes[joint] = structure.correlated_rms if structure.z_score > criterion.z_score else structure.rms
                 places = find_regions_at(part, residual, joint, most=1)

@@ -13,9 +13,9 @@ from estimators.in_loop.likelihood import compute_log_densities
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.settings import LOOP
+from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.rows import Terms
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import prepare_windows
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term

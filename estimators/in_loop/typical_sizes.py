@@ -31,8 +31,10 @@ class TypicalSizes:
     @memoized
     def compute_sizes(self, term: Term) -> Array:
         """Return the size of each linear parameter of a term (P,)."""
-        rms = np.sqrt(np.mean(self.torque.data.torque() ** 2))
+        rms = np.sqrt(np.mean(self.torque.data.torque.recorded**2))
         column_rms = np.sqrt(np.mean(self.torque.data.columns([term])[0][0] ** 2, axis=0))
-        (x,) = self.torque.data.trace([term])  # windows omit slow motion, in which friction may be largest
+        (x,) = self.torque.data.window_columns.trace(
+            [term]
+        )  # windows omit slow motion, in which friction may be largest
         peaks = [np.max(np.abs(column.force(x) + column.dry(x) * np.sign(x.velocity))) for column in term.columns]
         return np.asarray(LOOP.fit.typical * rms / np.maximum(np.maximum(column_rms, peaks), 1e-9))

@@ -21,7 +21,9 @@ from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.process_noise import find_process_noise
-from estimators.weak_form.torque_windows import WEAK_FORM, TorqueWindows, prepare_windows
+from estimators.weak_form.preparation import prepare_windows
+from estimators.weak_form.resolution import RESOLUTION
+from estimators.weak_form.torque_windows import TorqueWindows, compute_negligible_residual
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
 
@@ -82,7 +84,7 @@ def _check_completeness(
 ) -> tuple[list[Finding], Results]:
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
-    A residual above `WEAK_FORM.unexplained` noise floors, of an arm a correlated residual (`Criterion.is_noise`), or a
+    A residual above `RESOLUTION.unexplained` noise floors, of an arm a correlated residual (`Criterion.is_noise`), or a
     difference of two schemes above `DISAGREEMENT` standard errors gives a finding. Each missing effect shifts all
     estimates, so all are then marked as biased. Torque noise of a pendulum that is not logged is a finding of its own,
     and shifts none.
@@ -95,9 +97,9 @@ def _check_completeness(
     findings, data, units = list[Finding](), regression_data.data, next(iter(results.values())).model.units()
     for at, floor in regression_data.floors.items():
         structure = layout.structure(at, residual[regression_data.locate_rows(at)], inertias[at])
-        negligible = data.compute_negligible_residual(at)  # zero of a pendulum
+        negligible = compute_negligible_residual(data, at)  # zero of a pendulum
         is_correlated = bool(negligible) and not criterion.is_noise(structure, max(floor, negligible))
-        if is_correlated or structure.rms > WEAK_FORM.unexplained * max(floor, negligible):
+        if is_correlated or structure.rms > RESOLUTION.unexplained * max(floor, negligible):
             noise = None if negligible else find_process_noise(data, residual, inertias[at], criterion)
             if noise is None:
                 ratios[at] = structure.rms / max(floor, 1e-300)

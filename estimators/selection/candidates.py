@@ -15,6 +15,7 @@ from estimators.selection.evidence import Evidence
 from estimators.selection.policies import ADD, KEEP_BASE, REFINE, SWAP
 from estimators.weak_form.nonlinear import list_continuous_parameters, list_released_variants, set_values
 from estimators.weak_form.rows import ScoredTerms
+from estimators.weak_form.torque_windows import find_largest_sizes
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
 
 SAME = 1e-6  # relative difference of equal torques by rounding
@@ -119,7 +120,7 @@ def find_undetermined_parameter(evidence: Evidence, step: Step) -> str | None:
     if not evidence.train.layout.predicts_torque:
         return None
     term = step.model.terms[-1]
-    sizes = evidence.train.data.find_largest_sizes(term).tolist()
+    sizes = find_largest_sizes(evidence.train.data, term).tolist()
     for column, largest in zip(term.columns, sizes, strict=True):
         estimate = step.model.estimates[column.name]
         if not estimate.is_significant and max(abs(estimate.value), estimate.std) > largest:

@@ -77,7 +77,7 @@ class Densities:
         if without is not None:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
             for of_part, part in zip(absorbed, parts, strict=True):
-                noise = [w.rate_noise(inertia) for w in part.data.part(without.at).windows]
+                noise = [w.noise.compute_rate_std(inertia) for w in part.data.part(without.at).windows]
                 of_part.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
         fits, inertias = self.fits.train.maker.fit_folds(terms), self.residuals.inertia
         removed = [part.compute_removed_noise(fits.terms, fits.theta, inertias) for part in parts]

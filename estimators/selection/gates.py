@@ -309,7 +309,7 @@ def require_excitation(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     rows, least = train.locate_rows(term.at), evidence.criterion.least_excitation
     residual, recorded = train.residual(tuple(others))[rows], train.equations(others).y[rows]
     if not recorded.any():  # a free swing
-        recorded = train.data.applied_torque()[rows]
+        recorded = train.data.torque.applied[rows]
     noise, torque = (float(np.sqrt(np.mean(series**2))) for series in (residual, recorded))
     share = compute_unique_share(train, others, term)
     value = torque * share * len(residual) ** 0.5 / max(SIGNIFICANT * noise, 1e-300)

@@ -11,7 +11,7 @@ from scipy.special import chdtrc, ndtri
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.weak_form.torque_windows import TorqueWindows
-from estimators.weak_form.windows import Windows
+from estimators.weak_form.windows import Windows, mark_contacts
 from pendulum_env._typing import Array, Index
 from pendulum_env.units import JointUnits
 
@@ -53,7 +53,7 @@ def find_process_noise(
         inertia: inertia of the joint [kg m^2], which gives the noise of the sensors.
         criterion: limits of white noise.
     """
-    is_clear = [~np.isin(w.centers, w.unclear) for w in data.windows]
+    is_clear = [~mark_contacts(w) for w in data.windows]
     ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
     of_recordings = [part[rows] for part, rows in zip(np.split(residual, ends), is_clear, strict=True)]
     clear = [replace(w, centers=w.centers[rows]) for w, rows in zip(data.windows, is_clear, strict=True)]
@@ -78,8 +78,8 @@ def find_process_noise(
     p_values = compute_white_p_values(np.concatenate(relative), place, last)
     if 4 * min(*p_values, of_neighbours) <= criterion.white_p_value:
         return None
-    raised = tuple(replace(w, torque_noise=n.torque_noise) for w, n in zip(data.windows, noisier, strict=True))
-    variances = [n.raw_torque_noise**2 - w.raw_torque_noise**2 for w, n in zip(clear, noisier, strict=True)]
+    raised = tuple(w.with_torque_noise(n.noise.torque) for w, n in zip(data.windows, noisier, strict=True))
+    variances = [n.noise.raw_torque**2 - w.noise.raw_torque**2 for w, n in zip(clear, noisier, strict=True)]
     hidden = bound_hidden_effect(np.concatenate(torques), place, criterion.white_p_value)
     return ProcessNoise(replace(data, windows=raised), float(np.sqrt(max(variances))), hidden)
 
@@ -122,12 +122,13 @@ def _compare_neighbours(w: Windows, residual: Array, inertia: float) -> Array:
     The mean is the correlation by noise times the power of each pair, so that an error of the power does not matter.
     """
     neighbours = np.flatnonzero(np.diff(w.centers) == len(w.kernel) // 2)
-    first, second, variance = residual[neighbours], residual[neighbours + 1], max(w.noise(inertia) ** 2, 1e-300)
-    expected = 0.5 * (first**2 + second**2) * w.shared_noise(inertia) / variance
+    first, second = residual[neighbours], residual[neighbours + 1]
+    variance = max(w.noise.compute_std(inertia) ** 2, 1e-300)
+    expected = 0.5 * (first**2 + second**2) * w.noise.compute_shared_covariance(inertia) / variance
     return np.asarray((first * second - expected) / variance)
 
 
 def _raise_noise(w: Windows, residual: Array, inertia: float) -> Windows:
     """Return windows with torque noise raised so that all noise has at least the power of a residual (R,) [N m]."""
-    excess = max(float(np.sum(residual**2)) / max(len(residual), 1) - w.noise(inertia) ** 2, 0.0)
-    return replace(w, torque_noise=float(np.hypot(w.torque_noise, np.sqrt(excess))))
+    excess = max(float(np.sum(residual**2)) / max(len(residual), 1) - w.noise.compute_std(inertia) ** 2, 0.0)
+    return w.with_torque_noise(float(np.hypot(w.noise.torque, np.sqrt(excess))))

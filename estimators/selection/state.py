@@ -8,6 +8,7 @@ from estimators.decisions.decision import Policy
 from estimators.decisions.errors import Terms
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.evidence import Evidence, Hypothesis
+from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import Table, Term, has_stop
 
 
@@ -46,7 +47,7 @@ class SearchState:
     def needs_stop(self) -> bool:
         """True if only a stop explains the torque at contacts that the data have, and the model has none."""
         train = self.evidence.train
-        return not has_stop(self.terms) and train.layout.predicts_torque and train.data.contacts > 0
+        return not has_stop(self.terms) and train.layout.predicts_torque and count_contacts(train.data) > 0
 
     def has_room(self, count: int) -> bool:
         """Return whether the model may have some more effects."""

@@ -15,7 +15,8 @@ import scipy
 
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.point import Point
-from estimators.weak_form.windows import Windows, trace_all
+from estimators.weak_form.traces import trace_all
+from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import KnownLoad, Samples, Term, Trajectory, simulate
 from pendulum_env.physics.simulation import LONGEST_STEP, compile_step, count_substeps, delay_torque

@@ -18,6 +18,7 @@ import numpy as np
 
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation.free_running import Segments
+from estimators.weak_form.traces import trace_all
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.physics.simulation import TorqueBalance
@@ -53,7 +54,7 @@ class Innovations:
         interval = grain / recording.rate
         transition, inertia, reverses = _linearise_motion(segments, index, terms, theta, interval)
         # torque noise is independent between periods: its mean over the interval acts on the velocity
-        velocity_variance = (segments.windows.raw_torque_noise * interval / inertia[1:]) ** 2 / grain
+        velocity_variance = (segments.windows.noise.raw_torque * interval / inertia[1:]) ** 2 / grain
         velocity_variance *= np.where(reverses, REVERSAL_FACTOR, 1.0)
         position_ratio = interval**2 * (1 / 3 - 1 / (12 * grain**2))  # held over each period, not white in between
         process = velocity_variance[:, :, None, None] * np.array([[position_ratio, interval / 2], [interval / 2, 1.0]])
@@ -92,7 +93,7 @@ def _linearise_motion(
     memory = {
         id: tuple(np.asarray(series)[index] for series in states)
         for term in terms
-        for id, states in segments.windows.trace([term])[0].memory.items()
+        for id, states in trace_all([segments.windows], [term])[0][0].memory.items()
     }
     time, position, velocity, torque = (
         np.asarray(values)[index] for values in (measured.time, measured.position, measured.velocity, measured.torque)

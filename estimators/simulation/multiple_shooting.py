@@ -28,6 +28,7 @@ from estimators.simulation.free_running import (
 from estimators.simulation.output_error import MIN_SIZE, choose_grain, make_model_with_covariance, weigh_segments
 from estimators.weak_form.nonlinear import set_values
 from estimators.weak_form.point import Point
+from estimators.weak_form.traces import trace_all
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, ArrayLike, Index
 from pendulum_env.physics import Model, Samples, Term, Trajectory, find_link
@@ -202,7 +203,7 @@ def _refine_some(
 def simulate_link_motion(windows: Windows, model: Model) -> Samples:
     """Simulate the motion of motor and link in adjacent segments, and return the samples of the recording."""
     point, term = Point.from_model(model), find_link(model.terms)
-    x = windows.trace([term])[0]
+    x = trace_all([windows], [term])[0][0]
     shooting, _ = initialise_states(start_shooting(windows, point, list_adjacent_segments(windows)), point)
     memories: list[Memory] = []
     path = shooting.simulate([point], shooting.states[None], lambda state: memories.append(state.memory[term.id]))

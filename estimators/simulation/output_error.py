@@ -24,7 +24,7 @@ from estimators.simulation.innovations import Innovations
 from estimators.weak_form.columns import mark_bounds
 from estimators.weak_form.nonlinear import list_nonlinear_names
 from estimators.weak_form.point import Point
-from estimators.weak_form.windows import compute_jump_errors
+from estimators.weak_form.window_noise import compute_jump_errors
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model
 
@@ -174,7 +174,7 @@ def compute_noise(segments: Sequence[Segments], point: Point, has_free_states: b
     for segment, path in [*zip(segments, simulate_all(segments, [point]), strict=True)] * DRAWS:
         noisy = replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0])
         if not has_free_states:
-            change = segment.windows.velocity_noise * rng.standard_normal(segment.velocity.shape)
+            change = segment.windows.noise.velocity * rng.standard_normal(segment.velocity.shape)
             noisy = replace(noisy, velocity=segment.velocity + change)
         perturbed.append(noisy)
     if has_free_states:
@@ -188,7 +188,7 @@ def compute_noise(segments: Sequence[Segments], point: Point, has_free_states: b
 def redraw_torque(segment: Segments, rng: np.random.Generator) -> Array:
     """Add white noise and the errors of jumps to the held torque (N, B) [N m]."""
     index = segment.first + np.arange(len(segment.torque))[:, None]
-    std = np.hypot(segment.windows.raw_torque_noise, compute_jump_errors(segment.windows.recording)[index])
+    std = np.hypot(segment.windows.noise.raw_torque, compute_jump_errors(segment.windows.recording)[index])
     return np.asarray(segment.torque + std * rng.standard_normal(segment.torque.shape))
 
 

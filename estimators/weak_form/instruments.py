@@ -18,14 +18,13 @@ import numpy as np
 
 from estimators.regression.least_squares import IdentificationError, solve_within_bounds
 from estimators.weak_form.columns import list_bounds, mark_bounds
+from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
 from pendulum_env.settings import format_setting
-
-MAX_CONDITION = 1e8  # condition number above which a fit is refused
 
 
 def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
@@ -73,7 +72,7 @@ def fit_by_reference(data: TorqueWindows, terms: Sequence[Term]) -> Model:
 def _invert_product(z: Array, phi: Array) -> Array:
     """Return the inverse of the product Z' phi (P, P) of instruments and regressor, (R, P) each."""
     size = [np.maximum(np.linalg.norm(x, axis=0), 1e-300) for x in (z, phi)]
-    if np.linalg.cond(z.T @ phi / np.outer(*size)) > MAX_CONDITION:
+    if np.linalg.cond(z.T @ phi / np.outer(*size)) > RESOLUTION.condition:
         raise IdentificationError("the reference moves too little to tell these parameters: follow a livelier one")
     return np.asarray(np.linalg.inv(z.T @ phi))
 

@@ -13,16 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
-from estimators.weak_form.torque_windows import (
-    PayloadColumns,
-    TermColumns,
-    TorqueWindows,
-    choose_half_width,
-    join_windows,
-    limit_noise,
-    smooth_laws,
-)
-from estimators.weak_form.windows import WindowAverages, Windows, cut
+from estimators.weak_form.averages import WindowAverages
+from estimators.weak_form.preparation import choose_half_width, limit_noise, smooth_laws
+from estimators.weak_form.resolution import RESOLUTION
+from estimators.weak_form.torque_windows import PayloadColumns, TermColumns, TorqueWindows, join_windows
+from estimators.weak_form.window_columns import WindowColumns, WindowTorque
+from estimators.weak_form.windows import Windows, cut
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import Coupling, Links, find_links
@@ -30,14 +26,16 @@ from pendulum_env.arms.recording import get_payload
 from pendulum_env.physics import Term, list_loads
 from pendulum_env.recording import Recording
 
-MIN_WINDOWS = 20  # least number of windows of each joint
-N_POSITIONS = 50  # approximate number of samples of each recording over which a joint's inertia is averaged
-
 
 def prepare_arm(
-    recordings: Sequence[Recording], terms: Sequence[type[Term] | Term], margin: float = 0.0
+    recordings: Sequence[Recording],
+    terms: Sequence[type[Term] | Term],
+    margin: float = 0.0,
+    block: float = RESOLUTION.block,
 ) -> TorqueWindows:
     """Cut recordings of an arm into windows, with the columns of its links and couplings; `margin` is that of `cut`.
+
+    A `block` of the score lasts so long [s].
 
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
@@ -52,7 +50,7 @@ def prepare_arm(
         for width in [max(choose_half_width(joint) for joint in recording.joints)]
     ]
     for k, name in enumerate(body.joints):
-        if sum(len(joints[k].centers) for joints in entries) < MIN_WINDOWS:
+        if sum(len(joints[k].centers) for joints in entries) < RESOLUTION.fewest_of_joint:
             names = ", ".join(recording.name for recording in recordings)
             raise IdentificationError(
                 f"{names}: joint '{name}' is rarely clear of stick and reversals: record longer, faster or wider motion"
@@ -62,7 +60,7 @@ def prepare_arm(
         [_calibrate_windows(joints, k, part) for k in range(len(joints))]
         for joints, part in zip(entries, parts, strict=True)
     ]
-    return _join_joints(calibrated, parts, terms)
+    return replace(_join_joints(calibrated, parts, terms), block=block)
 
 
 def join_recording(entries: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:
@@ -132,7 +130,7 @@ def _compute_shared_columns(w: Windows, entries: Sequence[Windows], term: Term) 
     position, velocity, acceleration = (series @ factor_of_joint for series in _stack_motion(entries))
     w = replace(w, samples=replace(w.samples, position=position, velocity=velocity), acceleration=acceleration)
     rates = np.column_stack([w.rates.column(column, w.samples) for column in term.columns])
-    return factors[w.at] * w.columns([term])[0][0], factors[w.at] * rates
+    return factors[w.at] * WindowColumns([w]).columns([term])[0][0], factors[w.at] * rates
 
 
 def _stack_motion(entries: Sequence[Windows]) -> tuple[Array, Array, Array]:
@@ -165,7 +163,7 @@ def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _LinkColumn
     def average(rows: WindowAverages, k: int) -> Array:
         return np.asarray(rows.wider @ smooth[:, k] + rows.narrow @ inertial[:, k])
 
-    places = q[:: max(1, len(q) // N_POSITIONS)]
+    places = q[:: max(1, len(q) // RESOLUTION.places)]
     masses = [body.momentum(places, np.broadcast_to(unit, places.shape)) for unit in np.eye(len(entries))]
     return _LinkColumns(
         [average(w.averages, k) for k, w in enumerate(entries)],
@@ -181,9 +179,9 @@ def _calibrate_windows(entries: Sequence[Windows], k: int, columns: _LinkColumns
     """
     w = entries[k]
     laws = [law for law in smooth_laws(w) if law.id not in ("inertia", "gravity")]
-    phi = np.column_stack([columns.linear[k], *(w.columns([law])[0][0] for law in laws)])
-    theta = solve_least_squares(phi, w.net_torque())[: columns.masses.shape[1]]
+    phi = np.column_stack([columns.linear[k], *(WindowColumns([w]).columns([law])[0][0] for law in laws)])
+    theta = solve_least_squares(phi, WindowTorque([w]).net)[: columns.masses.shape[1]]
     mass = np.sqrt(np.mean(np.einsum("p,spj->sj", theta, columns.masses[:, :, k]) ** 2, axis=0))  # |M_kj| (n,)
-    noise = float(np.linalg.norm(mass * [windows.acceleration_noise for windows in entries]))
-    w = replace(w, acceleration_noise=noise / max(float(mass[k]), 1e-300))
+    noise = float(np.linalg.norm(mass * [windows.noise.acceleration for windows in entries]))
+    w = replace(w, noise=replace(w.noise, acceleration=noise / max(float(mass[k]), 1e-300)))
     return limit_noise(w, phi, lambda _: float(mass[k]))

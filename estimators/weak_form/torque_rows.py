@@ -25,6 +25,13 @@ from estimators.regression.fold_grams import (
 from estimators.regression.least_squares import weigh_recordings
 from estimators.search_hints import find_hints, is_possible
 from estimators.weak_form.columns import has_known_parameter, is_torque_dependent, list_bounds
+from estimators.weak_form.floors import (
+    compute_absorbed_noise,
+    compute_noise_floor,
+    compute_numerical_error,
+    compute_precision,
+    measure_structure,
+)
 from estimators.weak_form.nonlinear import (
     ResidualFunction,
     compute_nonlinear_slopes,
@@ -35,28 +42,13 @@ from estimators.weak_form.nonlinear import (
     search_by_cross_entropy,
 )
 from estimators.weak_form.point import Point
+from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.rows import FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, Term
 
-CACHE_SIZE = 4  # number of sets of terms with cached equations
-PERTURBATION = 1e-6  # of the torque for derivatives, share of the largest torque
-PERTURBATIONS = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0])  # the same for nonlinear laws
-
-
-@dataclass(frozen=True)
-class VariantSettings:
-    """Extent of the search for the best variant of an effect."""
-
-    exact: int = 3  # number of the best torque-dependent variants that are fitted exactly
-    longest: float = 100.0  # largest time constant [recorded times]
-    reach: float = 0.03  # half width of the scan for an instant, share of the recorded time
-    gain: float = 2e-6  # least relative decrease of the squared error of torque-dependent terms in an iteration
-    follows: int = 3  # iterations that set a nonlinear parameter to the linear parameter that it follows
-
-
-VARIANTS = VariantSettings()
+VARIANTS = RESOLUTION.variants
 
 
 @dataclass(eq=False)
@@ -71,20 +63,22 @@ class TorqueRows:
     def layout(self) -> RowLayout:
         """Joints, blocks and noise of the rows."""
         data = self.data
-        precision = {at: data.part(at).precision() for at in data.joints}
+        precision = {at: compute_precision(data.part(at).windows) for at in data.joints}
         return RowLayout(
             joints={at: data.locate_rows(at) for at in data.joints},
             clusters=data.clusters,
             precision=precision,
             blocks=data.blocks,
-            noise=lambda at, inertia: data.part(at).noise(inertia),
-            structure=lambda at, residual, inertia: data.part(at).measure_structure(residual, inertia),
+            noise=lambda at, inertia: compute_noise_floor(data.part(at).windows, inertia),
+            structure=lambda at, residual, inertia: measure_structure(
+                data.part(at).windows, residual, inertia, data.block
+            ),
         )
 
     @cached_property
     def _torque(self) -> Array:
         """Left-hand side of all rows (R,) [N m]."""
-        return self.data.net_torque()
+        return self.data.torque.net
 
     @memoized
     def _make_joint_rows(self, joint: str) -> TorqueRows:
@@ -108,10 +102,10 @@ class TorqueRows:
         """Return the windowed columns of each variant of one effect, on the rows of its joint; not memoised."""
         if (of_joint := self.select_joint(variants[0].at)) is not self:
             return of_joint.make_columns(variants)
-        columns, effect, torque = self.data.columns(variants), variants[0], self.data.torque()
+        columns, effect, torque = self.data.columns(variants), variants[0], self.data.torque.recorded
         if not is_torque_dependent(effect):
             return [Columns(linear, fixed, np.zeros_like(linear)) for linear, fixed in columns]
-        step = PERTURBATION * self._largest_torque * self.data.scale
+        step = VARIANTS.perturbation * self._largest_torque * self.data.scale
         pairs = zip(columns, self._perturbed_windows.columns(variants), strict=True)
         parts = [
             Columns(linear, fixed, (moved_linear - linear) / step[:, None], (moved_fixed - fixed) / step)
@@ -132,10 +126,10 @@ class TorqueRows:
             return rows._add_fixed_change(term, part)
         if not term.fixed or term.has_state():
             return part
-        fixed = self.data.averages.perturb_fixed_columns(term, self._perturbations)
+        fixed = self.data.window_columns.averages.perturb_fixed_columns(term, self._perturbations)
         fixed = np.nan_to_num(fixed, nan=0.0, posinf=0.0, neginf=0.0)
         slopes = 1.0 - np.diff(fixed, axis=1) / np.diff(self.perturbations, axis=1)
-        torque = self.data.torque()
+        torque = self.data.torque.recorded
         torque_share = float(np.linalg.norm(torque - part.fixed)) / max(float(np.linalg.norm(torque)), 1e-300)
         return part._replace(fixed_change=self.perturbations - self._compute_response(slopes, min(torque_share, 1.0)))
 
@@ -150,7 +144,7 @@ class TorqueRows:
         share = self._motion_share[:, None]
         steps = np.sqrt((1.0 - share) * slopes**2 + share * torque_share**2) * np.diff(self.perturbations, axis=1)
         response = np.cumsum(np.column_stack([np.zeros(len(steps)), steps]), axis=1)
-        return response - response[:, [len(PERTURBATIONS)]]
+        return response - response[:, [len(VARIANTS.perturbations)]]
 
     @cached_property
     def _motion_share(self) -> Array:
@@ -161,24 +155,26 @@ class TorqueRows:
         inertia = max(float(data.base_fit.theta[0] - SIGNIFICANT * data.base_fit.std[0]), 0.0)
         if inertia == 0.0:
             return np.zeros(len(data.weights))
-        of_torque = np.array([w.torque_noise for w in data.windows])
-        of_both = np.array([np.hypot(w.noise(inertia), data.precision()) for w in data.windows])
+        of_torque = np.array([w.noise.torque for w in data.windows])
+        precision = compute_precision(data.windows)
+        of_both = np.array([np.hypot(w.noise.compute_std(inertia), precision) for w in data.windows])
         return np.maximum(0.0, 1.0 - (of_torque / np.maximum(of_both, 1e-300)) ** 2)[data.recording_of_window]
 
     @property
     def _largest_torque(self) -> float:
         """Largest absolute windowed torque [N m], above zero."""
-        return max(float(np.abs(self.data.torque()).max()), 1e-12)
+        return max(float(np.abs(self.data.torque.recorded).max()), 1e-12)
 
     @cached_property
     def _perturbed_windows(self) -> TorqueWindows:
         """Windows with a small offset of the torque, for derivatives."""
-        return self.data.with_torque(offset=PERTURBATION * self._largest_torque)
+        return self.data.with_torque(offset=VARIANTS.perturbation * self._largest_torque)
 
     @property
     def _perturbations(self) -> Array:
         """Increasing perturbations of the torque (J,) [N m], zero in the middle, for nonlinear laws."""
-        return self._largest_torque * np.concatenate([-PERTURBATIONS[::-1], [0.0], PERTURBATIONS])
+        steps = np.array(VARIANTS.perturbations)
+        return self._largest_torque * np.concatenate([-steps[::-1], [0.0], steps])
 
     @cached_property
     def perturbations(self) -> Array:
@@ -194,11 +190,11 @@ class TorqueRows:
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
         """Return the rows of some terms, weighted by residual and noise, or `by_noise` alone.
 
-        The rows of the last `CACHE_SIZE` sets of terms are memoised.
+        The rows of the last `VARIANTS.cached` sets of terms are memoised.
         """
         key = tuple(terms)
         if key not in self._recent:
-            if len(self._recent) >= CACHE_SIZE:
+            if len(self._recent) >= VARIANTS.cached:
                 self._recent.pop(next(iter(self._recent)))
             self._recent[key] = self.assemble(terms, self.list_term_columns(terms), self.data.weights)
         balance = self._recent[key]
@@ -229,7 +225,7 @@ class TorqueRows:
             unfiltered[place] -= 0.0 if term.lead else part.fixed
             lead[place] += term.lead
         rates = place_columns(len(weights), list(zip(rows, map(self._rates, terms), strict=True)))
-        y = unfiltered - lead * self.data.load_rates
+        y = unfiltered - lead * self.data.torque.load_rates
         return replace(
             balance, unfiltered=replace(balance, phi=balance.phi + lead[:, None] * rates, y=y, torque_share=1.0)
         )
@@ -273,7 +269,7 @@ class TorqueRows:
             return linear_fit[1]
         balance, owner = self.equations(terms, by_noise=True), self.data.recording_of_window
         squares = np.bincount(owner, balance.error(self._solve_by_noise(terms)) ** 2).astype(float)
-        return weigh_recordings(squares, np.bincount(owner), self.data.compute_numerical_error())
+        return weigh_recordings(squares, np.bincount(owner), compute_numerical_error(self.data.windows))
 
     @memoized
     def _solve_by_noise(self, terms: Terms) -> Array:
@@ -332,7 +328,9 @@ class TorqueRows:
             if (step := solve_all_folds(grams, weights, *bounds)) is None:
                 return None
             counts = np.bincount(owner, minlength=len(weights))
-            weights = weigh_recordings(compute_entry_squares(grams, step), counts, self.data.compute_numerical_error())
+            weights = weigh_recordings(
+                compute_entry_squares(grams, step), counts, compute_numerical_error(self.data.windows)
+            )
         grams, start, *bounds = linearise(False)
         if (steps := solve_each_fold(grams, weights, *bounds)) is None:
             return None
@@ -399,7 +397,7 @@ class TorqueRows:
     @memoized
     def _average_absorbed_noise(self, term: Term) -> float:
         """Return the variance of torque noise that a term removes from the rows of its joint [(N m)^2]."""
-        return self.data.part(term.at).compute_absorbed_noise(term)
+        return compute_absorbed_noise(self.data.part(term.at).windows, term)
 
     def nonlinear_jacobian(self, terms: Terms, theta: Array) -> tuple[Array, list[str]]:
         """Return derivatives (R, S) of the modelled torque by continuous nonlinear parameters, and their full names.

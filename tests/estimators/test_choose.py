@@ -68,7 +68,7 @@ def test_add_takes_limits_too(days):
 def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
     prepared = RegressionData.from_recordings([run()])
     errors = prepared.errors(paper_plant({"gravity": 1.0}))
-    assert errors.torque_fit == pytest.approx(100 * (1 - errors.torque_rms / np.std(prepared.data.torque())))
+    assert errors.torque_fit == pytest.approx(100 * (1 - errors.torque_rms / np.std(prepared.data.torque.recorded)))
     assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / compute_deviation(prepared.segments)))
 
 

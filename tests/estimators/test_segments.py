@@ -10,6 +10,8 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.simulation.free_running import choose_segments
 from estimators.simulation.multiple_shooting import list_adjacent_segments
+from estimators.weak_form.traces import trace_all
+from estimators.weak_form.window_columns import WindowColumns, WindowTorque
 from estimators.weak_form.windows import cut
 from pendulum_env.physics import BASE
 from pendulum_env.physics.actuation import ActuatorLag
@@ -48,9 +50,10 @@ def test_windows_that_do_not_touch_a_gap_are_those_of_the_whole_recording(whole,
     shared, of_full, of_parts = np.intersect1d(*centers, return_indices=True)
     assert len(shared) > 100
     for term in BASE:
-        ((left, _),), ((right, _),) = full.columns([term]), parts.columns([term])
+        ((left, _),), ((right, _),) = (WindowColumns([w]).columns([term]) for w in (full, parts))
         assert right[of_parts] == pytest.approx(left[of_full], rel=1e-9, abs=1e-9)
-    assert parts.torque()[of_parts] == pytest.approx(full.torque()[of_full], rel=1e-12)
+    left, right = (WindowTorque([w]).recorded for w in (full, parts))
+    assert right[of_parts] == pytest.approx(left[of_full], rel=1e-12)
 
 
 def test_no_window_and_no_simulated_stretch_reaches_across_a_gap(gapped):
@@ -72,11 +75,11 @@ def test_no_window_and_no_simulated_stretch_reaches_across_a_gap(gapped):
 @pytest.mark.parametrize("term", [ActuatorLag(0.02), Presliding(0.05)])
 def test_memory_starts_anew_in_each_segment(gapped, term):
     windows = cut(gapped, 0.012)
-    (state,) = windows.trace([term])[0].memory[term.id]
+    (state,) = trace_all([windows], [term])[0][0].memory[term.id]
     for begin, end in pairwise((*gapped.starts, len(gapped))):
         if end - begin > 60:
             alone = cut(gapped.slice(begin, end), 0.012)
-            (own,) = alone.trace([term])[0].memory[term.id]
+            (own,) = trace_all([alone], [term])[0][0].memory[term.id]
             assert state[begin:end] == pytest.approx(own, abs=0.05 * np.abs(own).max())
 
 

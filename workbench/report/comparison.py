@@ -25,7 +25,7 @@ def make_comparison(case: ReportData) -> Section:
     residuals = case.compute_residuals(1)
     ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
-    torque = np.split(prepared.data.applied_torque(), ends)
+    torque = np.split(prepared.data.torque.applied, ends)
     noise = case.diagnosis.noise_floor
     usable = [k for k, w in enumerate(prepared.data.windows) if len(w.centers) > 1]
     order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[:COMPARED]

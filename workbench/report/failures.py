@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.data.regions import find_regions_at
 from estimators.signals.residual import REGIONS, SYMBOLS, WITHIN, Profile, Region, compute_profiles
-from estimators.weak_form.torque_windows import NEGLIGIBLE
+from estimators.weak_form.resolution import RESOLUTION
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import format_percent
 from pendulum_env.units import JointUnits, to_shown_unit
@@ -48,7 +48,8 @@ def make_failures(case: ReportData) -> Section:
             for profiles in zip(*maps, strict=True)
         ]
         strips.append(Part(joint, [tuple(figures), *list_regions(curves, regions)]))
-    threshold = f" by more than {format_percent(NEGLIGIBLE)} of the joint's torque" * (not body.can_simulate)
+    negligible = format_percent(RESOLUTION.width.negligible)
+    threshold = f" by more than {negligible} of the joint's torque" * (not body.can_simulate)
     remark = "; amplitudes over frequency have their own" * body.can_simulate
     scales = (
         "The residual torque, averaged over bins of each quantity, on the data that were fitted. The grey band is "

@@ -11,6 +11,7 @@ from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Kind
+from estimators.weak_form.floors import compute_noise_floor
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, simulate
 from pendulum_env.recording import Recording, read_recording
@@ -67,5 +68,5 @@ def test_a_small_part_of_a_residual_with_structure_is_no_delay(share, floors, co
     data = RegressionData.from_recordings([recording]).data
     noise = np.random.default_rng(0).standard_normal(len(data.weights))
     inertia = fit_terms(RegressionData.from_recordings([recording]), BASE)[0].theta[0]
-    residual = floors * data.noise(inertia) * noise
+    residual = floors * compute_noise_floor(data.windows, inertia) * noise
     assert is_consistent([recording], data, residual, residual / np.sqrt(1 - share), 10) == consistent

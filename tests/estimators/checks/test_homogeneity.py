@@ -16,7 +16,7 @@ from estimators.checks.homogeneity import (
     pool_fits,
 )
 from estimators.findings import Kind
-from estimators.weak_form.torque_windows import prepare_windows
+from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests import slow

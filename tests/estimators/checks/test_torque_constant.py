@@ -16,7 +16,7 @@ from estimators.findings import Kind
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
-from estimators.weak_form.torque_windows import prepare_windows
+from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, Estimate, KnownLoad, Model, ModelError, effect
 from pendulum_env.physics import simulate as fly
 from pendulum_env.recording import Load, Recording

@@ -12,7 +12,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.identification import identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral
-from estimators.weak_form.torque_windows import prepare_windows
+from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.windows import cut
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation

@@ -80,7 +80,7 @@ def test_an_effect_is_excited_by_the_torque_over_the_least_that_three_standard_e
     """The coefficient of a constant torque is that torque."""
     (gate,) = evidence.decide((*RIGHT, OFFSET), RIGHT, EXCITE).gates
     offset = evidence.fits.fit_with_std((*RIGHT, OFFSET)).model.estimates["torque_offset"]
-    recorded_rms = float(np.sqrt(np.mean(evidence.train.data.applied_torque() ** 2)))
+    recorded_rms = float(np.sqrt(np.mean(evidence.train.data.torque.applied**2)))
     assert recorded_rms / gate.value == pytest.approx(3 * offset.std, rel=0.3)
     assert gate.passed == (gate.value > gate.limit == evidence.criterion.least_excitation)
 

@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
 from estimators.simulation.free_running import cut_segments, simulate_all
 from estimators.simulation.output_error import redraw_torque
-from estimators.weak_form.windows import trace_all
+from estimators.weak_form.traces import trace_all
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import MovedTorque
 from tests.cases import TRUTH, recorded
@@ -33,7 +33,7 @@ def test_recordings_fly_together_as_they_fly_alone():
 def test_torque_that_was_moved_in_time_changed_somewhere_within_a_sample():
     """The mean over a sample of a step at a time that is uniform over it has a twelfth of its square as variance."""
     (segment,) = prepared(250.0).segments
-    recording, noise = segment.windows.recording, segment.windows.raw_torque_noise
+    recording, noise = segment.windows.recording, segment.windows.noise.raw_torque
     torque = np.zeros(len(recording))
     torque[segment.first + np.arange(50, 100)[:, None]] = 2.0
     known = cut_segments(segment.windows.with_torque(torque, torque), segment.first, len(segment.torque))
@@ -51,5 +51,5 @@ def test_state_along_several_recordings_is_that_along_each():
     kind = effect("backlash")
     variants = [kind(gap=0.01), kind(gap=0.03, gravity=15.0)]
     for w, together in zip(windows, trace_all(windows, variants), strict=True):
-        for one, alone in zip(together, w.trace(variants), strict=True):
+        for one, alone in zip(together, trace_all([w], variants)[0], strict=True):
             np.testing.assert_allclose(one.memory["backlash"], alone.memory["backlash"], atol=1e-9)

@@ -12,7 +12,7 @@ from estimators.arguments import apply_limits
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.weak_form.instruments import fit_by_reference
-from estimators.weak_form.torque_windows import prepare_windows
+from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
 from tests.cases import TRUTH, recorded

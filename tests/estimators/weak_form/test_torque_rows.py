@@ -12,8 +12,8 @@ from estimators.regression.balance import Balance
 from estimators.search_hints import make_grid
 from estimators.selection.evidence import Evidence
 from estimators.weak_form.columns import is_torque_dependent
+from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.torque_rows import TorqueRows
-from estimators.weak_form.torque_windows import prepare_windows
 from pendulum_env.filters import filter_lag
 from pendulum_env.physics import BASE, Column, NonlinearParameter, Samples, Term, effects
 from pendulum_env.physics.friction import Stribeck
@@ -79,7 +79,7 @@ def unpredicted(balance: Balance, theta: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
 def test_a_law_that_only_makes_the_torque_smaller_explains_nothing_of_it(regression: TorqueRows, id: str, share: float):
     """Of a model whose motion takes no torque, all that was recorded is left, whatever becomes of it on the way."""
-    recorded = regression.data.torque()
+    recorded = regression.data.torque.recorded
     for term in make_grid(LAWS[id], regression.data.samples, recorded):
         balance = regression.equations((*BASE, term))
         theta = np.where(balance.of_torque, np.minimum(balance.most, share), 0.0)
@@ -97,12 +97,12 @@ def test_a_law_that_removes_nearly_all_torque_predicts_less_than_the_pendulum_wi
 
 def test_a_bent_torque_is_solved_for_what_was_recorded(regression: TorqueRows):
     """Half of a limit is the torque of artanh 1/2: as much of it as the law takes has been recorded, not less."""
-    limit = 2.0 * float(np.abs(regression.data.torque()).max())
+    limit = 2.0 * float(np.abs(regression.data.torque.recorded).max())
     term = effects()["torque_saturation"](limit)
     balance = regression.equations((*BASE, term))
     theta = regression.solve(BASE)
     need = regression.data.equations(BASE).phi @ theta
-    exact = regression.data.torque() - limit * np.arctanh(need / limit)
+    exact = regression.data.torque.recorded - limit * np.arctanh(need / limit)
     np.testing.assert_allclose(unpredicted(balance, theta), exact, atol=5e-3 * limit)
 
 
@@ -113,8 +113,8 @@ def test_torque_behind_a_lag_is_predicted_with_its_lead(regression: TorqueRows):
     theta = np.array([0.0, 2.0, 0.0, 0.0])
     (w,) = regression.data.windows
     rate = np.cos(w.samples.position) * w.samples.velocity
-    led = 2.0 * w.average(np.sin(w.samples.position) + 0.03 * rate)
-    np.testing.assert_allclose(unpredicted(balance, theta), regression.data.torque() - led, atol=5e-3)
+    led = 2.0 * (w.averages.narrow @ (np.sin(w.samples.position) + 0.03 * rate))
+    np.testing.assert_allclose(unpredicted(balance, theta), regression.data.torque.recorded - led, atol=5e-3)
 
 
 def test_a_lag_of_a_torque_that_is_none_leaves_what_the_joint_needs(regression: TorqueRows):
@@ -142,7 +142,7 @@ def test_a_filter_that_makes_the_torque_smaller_counts_by_what_was_recorded():
 def test_beside_a_linear_model_variants_compare_by_their_exact_errors(
     regression: TorqueRows, id: str, known: dict[str, tuple[float, float]]
 ):
-    variants = make_grid(effects()[id], regression.data.samples, regression.data.torque())[:6]
+    variants = make_grid(effects()[id], regression.data.samples, regression.data.torque.recorded)[:6]
     base = tuple(limit_term(term, known) for term in BASE)
     weights = regression.weights(base)
     for variant, error in zip(variants, regression.compare(base, variants), strict=True):

@@ -14,8 +14,13 @@ from estimators.data.split import add_contacts
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.channel import Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
-from estimators.weak_form.torque_windows import TorqueWindows, choose_half_width, join_windows, prepare_windows
-from estimators.weak_form.windows import WindowAverages, cut
+from estimators.weak_form.averages import WindowAverages
+from estimators.weak_form.contacts import count_contacts
+from estimators.weak_form.floors import compute_absorbed_noise, compute_noise_floor
+from estimators.weak_form.preparation import choose_half_width, prepare_windows
+from estimators.weak_form.torque_windows import TorqueWindows, join_windows
+from estimators.weak_form.window_columns import WindowTorque
+from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
 from pendulum_env.recording import Recording
@@ -47,8 +52,8 @@ def test_windows_never_touch_stick_or_a_reversal_and_a_turn_by_friction_is_no_kn
         assert run.sliding[window].all()
         assert abs(np.sign(run.velocity[window]).sum()) == 2 * reach + 3
         assert np.all(np.sign(windows.samples.velocity[window]) == np.sign(run.velocity[window]))
-    assert len(windows.turning) > 0
-    assert knocked(RegressionData.from_recordings([make_recording(run)])).contacts == 0
+    assert len(windows.stick.turning) > 0
+    assert count_contacts(knocked(RegressionData.from_recordings([make_recording(run)]))) == 0
 
 
 def drifting(rate: float, seconds: float, inertia: float, seed: int = 0) -> Recording:
@@ -99,7 +104,7 @@ def test_the_residual_of_the_true_model_is_the_noise_that_was_predicted(noisy_ru
     data = prepare_windows([make_recording(noisy_runs[name])])
     equations = data.equations(BASE)
     residual = equations.y - equations.phi @ TRUTH
-    assert np.sqrt(np.mean(residual**2)) == pytest.approx(data.noise(TRUTH[0]), rel=0.3)
+    assert np.sqrt(np.mean(residual**2)) == pytest.approx(compute_noise_floor(data.windows, TRUTH[0]), rel=0.3)
 
 
 def test_white_noise_is_measured_beside_a_smooth_signal_and_its_steps():
@@ -153,7 +158,7 @@ def test_averages_of_joined_recordings_are_those_of_each_however_dense_its_windo
     ):
         series = [np.sin(3 * w.recording.time) for w in parts]
         joined = WindowAverages.join([w.averages for w in parts])
-        apart = [w.average(own) for w, own in zip(parts, series, strict=True)]
+        apart = [w.averages.narrow @ own for w, own in zip(parts, series, strict=True)]
         np.testing.assert_allclose(joined.narrow @ np.concatenate(series), np.concatenate(apart), atol=1e-12)
 
 
@@ -192,9 +197,9 @@ def test_what_noise_makes_neighbouring_windows_share_is_no_structure(coarse):
     for run in recorded(Plant(coulomb=0.1), *experiments):
         prepared = RegressionData.from_recordings([run])
         model, fit = fit_terms(prepared, BASE)
-        shared.append(prepared.data.measure_structure(fit.residual, model.estimates["inertia"].value)[1])
-        without = prepared.data.measure_structure(
-            fit.residual + 3 * fit.rms * np.sin(0.05 * np.arange(len(fit.residual))), 0.09
+        shared.append(prepared.layout.structure("", fit.residual, model.estimates["inertia"].value)[1])
+        without = prepared.layout.structure(
+            "", fit.residual + 3 * fit.rms * np.sin(0.05 * np.arange(len(fit.residual))), 0.09
         )
         assert without[1] > 10  # what goes on from window to window is
     assert np.abs(np.mean(shared)) < 2 and np.max(np.abs(shared)) < 4.5
@@ -205,7 +210,7 @@ def test_a_residual_smaller_than_the_noise_of_its_windows_has_no_structure():
     (run,) = recorded(Plant(coulomb=0.1), Experiment(rate=500, seconds=10, position_noise=2e-4, counts=None))
     prepared = RegressionData.from_recordings([run])
     model, fit = fit_terms(prepared, BASE)
-    small = prepared.data.measure_structure(0.1 * fit.residual, model.estimates["inertia"].value)
+    small = prepared.layout.structure("", 0.1 * fit.residual, model.estimates["inertia"].value)
     assert abs(small.z_score) < 4.5
 
 
@@ -241,7 +246,7 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
     prepared = RegressionData.from_recordings([bouncing])
     (before,), (after,) = prepared.data.windows, (data := knocked(prepared)).windows
     added = bouncing.position[np.setdiff1d(after.centers, before.centers)]
-    assert data.contacts >= 3
+    assert count_contacts(data) >= 3
     reach = 0.3  # [rad], of half a window at 45 rad/s, less than a reversal in mid-range
     assert np.all((added < WALLS[0] + reach) | (added > WALLS[1] - reach))
 
@@ -256,13 +261,13 @@ def test_a_turn_that_no_friction_makes_is_kept_where_a_stop_is_met():
 )
 def test_a_turn_that_friction_of_another_law_makes_is_no_knock(hidden, terms):
     runs = recorded(Plant(effects=hidden), Experiment(rate=500, seconds=8, seed=3))
-    assert knocked(RegressionData.from_recordings(runs), (*BASE, *terms)).contacts == 0
+    assert count_contacts(knocked(RegressionData.from_recordings(runs), (*BASE, *terms))) == 0
 
 
 def test_a_delay_absorbs_no_noise_of_the_torque(coarse):
     windows = prepare_windows([make_recording(coarse)]).windows[0]
     for delay in (0.001, 0.0025, 0.01, 0.1):
-        assert 0.0 <= windows.compute_absorbed_noise(effect("dead_time")(delay)) < 0.1 * windows.raw_torque_noise**2
+        assert 0.0 <= compute_absorbed_noise([windows], effect("dead_time")(delay)) < 0.1 * windows.noise.raw_torque**2
 
 
 def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():
@@ -274,7 +279,7 @@ def test_noise_of_the_rate_of_a_torque_is_that_of_white_encoder_noise():
     )
     both = np.intersect1d(clean.centers, noisy.centers)
     of_each = (w.rates.narrow[np.isin(w.centers, both)] @ w.acceleration for w in (clean, noisy))
-    assert noisy.rate_noise(0.5) == pytest.approx(0.5 * np.std(np.subtract(*of_each)), rel=0.1)
+    assert noisy.noise.compute_rate_std(0.5) == pytest.approx(0.5 * np.std(np.subtract(*of_each)), rel=0.1)
 
 
 SAMPLED = Alignment(Channel(0.5 / 500.0, 0.0, True), 1e-4, 0.0, is_half_sample=True)
@@ -290,9 +295,9 @@ def test_sampled_torque_that_was_moved_by_half_a_sample_keeps_the_noise_of_its_l
     """Interpolation smooths the noise from sample to sample, by which a noise would look smaller."""
     noise = 0.1 * np.random.default_rng(0).standard_normal(20_000)
     (windows,) = prepare_windows([SAMPLED.apply(log_of_motion(noise))], [0.01]).windows
-    average = replace(windows, centers=np.arange(1000, 19_000)).torque()
+    average = WindowTorque([replace(windows, centers=np.arange(1000, 19_000))]).recorded
     raw = cut(SAMPLED.apply(log_of_motion(noise)), 0.01)
-    assert raw.torque_noise == pytest.approx(average.std(), rel=0.05)
+    assert raw.noise.torque == pytest.approx(average.std(), rel=0.05)
 
 
 def test_equations_of_sampled_torque_count_by_the_unknown_instant_of_its_jumps():
@@ -307,8 +312,8 @@ def test_equations_of_sampled_torque_count_by_the_unknown_instant_of_its_jumps()
     windows, true = cut(SAMPLED.apply(log_of_motion(log)), 0.01), cut(log_of_motion(held), 0.01)
     assert windows.scale is not None
     near = jumps[:-1] - round(500.0 * windows.recording.time[0])
-    moved = replace(windows, centers=near, scale=None).torque()
-    error = np.std(moved - replace(true, centers=jumps[:-1], scale=None).torque())
-    predicted = windows.torque_noise / windows.scale[near]
+    moved = WindowTorque([replace(windows, centers=near, scale=None)]).recorded
+    error = np.std(moved - WindowTorque([replace(true, centers=jumps[:-1], scale=None)]).recorded)
+    predicted = windows.noise.torque / windows.scale[near]
     assert error == pytest.approx(np.sqrt(np.mean(predicted**2)), rel=0.3)
     assert np.allclose(windows.scale[near + 48], 1.0) and true.scale is None

@@ -1,0 +1,167 @@
+"""Windows of recordings with lengths chosen by noise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+
+from estimators.regression.least_squares import IdentificationError, solve_least_squares
+from estimators.signals.motion import HALF_WIDTHS
+from estimators.weak_form.resolution import RESOLUTION
+from estimators.weak_form.torque_windows import TorqueWindows, join_windows
+from estimators.weak_form.window_columns import WindowColumns, WindowTorque
+from estimators.weak_form.windows import WHOLE, Part, Windows, cut
+from pendulum_env._typing import Array
+from pendulum_env.physics import BASE, Term
+from pendulum_env.physics.actuation import TorqueOffset
+from pendulum_env.physics.friction import PositionDependentFriction, QuadraticDrag, Stribeck, ViscousAsymmetry
+from pendulum_env.physics.potential import Cogging, GravityTilt
+from pendulum_env.recording import Recording
+from pendulum_env.recording.sampling import SAMPLING
+
+
+def prepare_windows(
+    recordings: Sequence[Recording],
+    half_widths: Sequence[float] | None = None,
+    part: Part = WHOLE,
+    margin: float = 0.0,
+    fewest: int = RESOLUTION.fewest,
+    inertia: float | None = None,
+    block: float = RESOLUTION.block,
+) -> TorqueWindows:
+    """Cut recordings into windows, with half widths [s] chosen by their noise unless given; see `cut`.
+
+    A known inertia [kg m^2] scales encoder noise; without it, that of the base model does. A `block` of the score lasts
+    so long [s].
+
+    Raises:
+        IdentificationError: if fewer windows than `fewest` are clear of stick.
+    """
+    widths = half_widths or [choose_half_width(recording, inertia) for recording in recordings]
+    windows = (cut(recording, width, part, margin) for recording, width in zip(recordings, widths, strict=True))
+    data = join_windows([replace(calibrate_noise(w), inertia=inertia) for w in windows], block=block)
+    if (usable := len(data.weights)) < fewest:
+        names = ", ".join(recording.name for recording in recordings)
+        raise IdentificationError(
+            f"{names}: only {usable} stretches of motion are clear of stick, at least {fewest} are needed: record "
+            "longer, faster or wider motion"
+        )
+    return data
+
+
+def choose_half_width(recording: Recording, known_inertia: float | None = None) -> float:
+    """Choose the shortest half width [s] with enough windows clear of stick and little encoder noise.
+
+    Encoder noise, scaled by the known inertia of the joint without load or else by that of the base model [kg m^2],
+    must be below torque noise or negligible. If no half width meets both, the longest with enough windows
+    is chosen, else the half width with the longest clear time. Short windows include samples near reversals, which show
+    friction. Encoder noise falls with length^`decay`.
+
+    In a free swing, the shortest windows in which encoder noise would be negligible may be much longer. Such windows
+    include reversals, see `cut`. They are taken if noise in the longest of the others is above `negligible`, and are at
+    most `longest_swing` long.
+    """
+    widths, cut_at = _list_half_widths(recording), cache(partial(cut, recording))
+    longest, settings = cut_at(widths[-1]), RESOLUTION.width
+    load_inertia = longest.noise.load_inertia
+    # [kg m^2], and factor on the torque noise by calibration
+    inertia, noise_factor = load_inertia + recording.known_inertia, 1.0
+    for w in map(cut_at, reversed(widths)):  # long windows have less noise
+        data = join_windows((w,))
+        if len(w.centers) >= settings.calibrating:
+            inertia = load_inertia + (known_inertia or data.base_inertia)
+            noise_factor = calibrate_noise(w).noise.torque / max(w.noise.torque, 1e-300)
+            break
+    negligible = (settings.negligible_swing if recording.known_inertia else settings.negligible) * longest.torque_scale
+
+    def measure_clear_time(width: float) -> float:
+        return len(cut_at(width).centers) * width  # [s], clear of stick
+
+    def is_feasible(width: float) -> bool:
+        count = len(cut_at(width).centers)
+        return count >= settings.enough or measure_clear_time(width) >= settings.clear * recording.duration
+
+    def is_quiet(width: float) -> bool:
+        noise = cut_at(width).noise
+        return inertia * noise.acceleration <= max(settings.quiet * noise_factor * noise.torque, negligible)
+
+    quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
+    noise = inertia * longest.noise.acceleration
+    if quiet is None and recording.known_inertia and noise > settings.negligible * longest.torque_scale:
+        half_width = min(
+            widths[-1] * (noise / negligible) ** (1 / settings.decay),
+            0.5 * settings.longest_swing * find_period(longest),
+        )
+        if half_width > HALF_WIDTHS[-1]:
+            return half_width
+    return quiet or next(filter(is_feasible, reversed(widths)), None) or max(widths, key=measure_clear_time)
+
+
+def find_period(w: Windows) -> float:
+    """Return the period of a swing [s], twice the median time between reversals; 0 with fewer than two reversals."""
+    instants = np.flatnonzero(w.moving)
+    reversals = instants[1:][np.diff(np.sign(w.samples.velocity[instants])) != 0]
+    return 2 * float(np.median(np.diff(reversals))) / w.recording.rate if len(reversals) > 1 else 0.0
+
+
+def _list_half_widths(recording: Recording) -> tuple[float, ...]:
+    """Return the `HALF_WIDTHS` [s] of at least two samples that fit into the recording; else two samples.
+
+    Raises:
+        IdentificationError: if the recording is too short.
+    """
+    shortest, duration = 2.0 / recording.rate, len(recording) / recording.rate
+    if duration < SAMPLING.shortest:
+        raise IdentificationError(
+            f"{recording.name}: lasts {duration:.3g} s, at least {SAMPLING.shortest:g} s are needed: record longer"
+        )
+    return tuple(h for h in HALF_WIDTHS if 0.99 * shortest <= h < 0.5 * duration) or (shortest,)
+
+
+def smooth_laws(w: Windows) -> tuple[Term, ...]:
+    """Return terms that together fit nearly any smooth torque; their residual is noise."""
+    settings = RESOLUTION.width
+    fast = max(float(np.percentile(np.abs(w.samples.velocity), settings.fast)), settings.slow)
+    return (
+        *BASE,
+        TorqueOffset(),
+        GravityTilt(),
+        ViscousAsymmetry(),
+        *(Stribeck(share * fast) for share in settings.shares),
+        QuadraticDrag(),
+        PositionDependentFriction(),
+        *(Cogging(order) for order in settings.orders),
+    )
+
+
+def calibrate_noise(w: Windows) -> Windows:
+    """Limit the noise estimate of windows to the residual of a fit of all smooth laws.
+
+    Torque that changes at each sample, as under fast control, counts as noise in the first estimate. The acceleration
+    follows this torque, so it leaves no residual.
+    """
+    columns = WindowColumns([w])
+    phi = np.column_stack([columns.columns([law])[0][0] for law in smooth_laws(w)])
+    if known := w.recording.known_inertia:
+        return limit_noise(w, phi[:, 1:], lambda theta: known, known * phi[:, 0])
+    return limit_noise(w, phi, lambda theta: float(theta[0]))
+
+
+def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
+    """Scale the noise estimates of windows down so that their floor is at most the residual of a linear fit.
+
+    The fit has columns `phi` (R, P) and a known torque (R,) [N m]. With fewer than 2 P rows the windows are unchanged.
+    `inertia` maps parameters (P,) to the inertia [kg m^2].
+    """
+    freedom = len(phi) - phi.shape[1]
+    if freedom < phi.shape[1]:
+        return w
+    y = WindowTorque([w]).net - known
+    theta = solve_least_squares(phi, y)
+    rms = float(np.linalg.norm(y - phi @ theta)) / np.sqrt(freedom)
+    factor = min(1.0, rms / max(w.noise.compute_std(abs(inertia(theta))), 1e-300))
+    noise = replace(w.noise, torque=factor * w.noise.torque, acceleration=factor * w.noise.acceleration)
+    return replace(w, noise=noise)
