@@ -72,7 +72,7 @@ class KnownEvidence(Evidence):
             layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True, clusters=np.arange(BLOCKS)),
             segments=(),
             motions={},
-            data=SimpleNamespace(link_states={}, contacts=0),
+            data=SimpleNamespace(link_states={}, windows=()),
             equations=lambda terms: SimpleNamespace(fit=lambda clusters: fit_exactly(terms)),
             maker=SimpleNamespace(
                 fit=lambda terms, exactly: Point(terms, np.empty(0)),
