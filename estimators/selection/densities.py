@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Terms
-from estimators.decisions.score import Bootstrap, Gain, cross_validate_density, predict_density
+from estimators.decisions.score import Bootstrap, cross_validate_density, predict_density
 from estimators.memoize import memoized
 from estimators.selection.fits import Fits
 from estimators.selection.residuals import Residuals, set_grid
@@ -106,32 +106,34 @@ class Densities:
             parts.append(cross_validate_density(equations, pieces, part.compute_absorbed_noise(terms_on_grid)))
         return np.concatenate(parts)
 
-    def compare(self, after: Terms, before: Terms, is_refitted: bool = False) -> tuple[Bootstrap, list[Array]]:
+    def compare(self, after: Terms, before: Terms) -> tuple[Bootstrap, list[Array]]:
         """Return random weights of the blocks by which two models are compared, and the densities of both there.
 
         If the models differ in a table by angle that covers the held-out angles, only held-out data count. Folds of the
-        training data may lack the angles of the part that they predict, and this part alone would decide. With
-        `is_refitted`, both densities are those of `compute_refitted`.
+        training data may lack the angles of the part that they predict, and this part alone would decide.
         """
-        densities = [(self.compute_refitted if is_refitted else self.compute)(terms) for terms in (after, before)]
         has_table = any(isinstance(term, Table) and term.axis == "position" for term in set(after) ^ set(before))
         if has_table and not any(map(self.residuals.are_refitted, (after, before))):
-            return self.bootstrap_of_holdout, [density[self.held_out] for density in densities]
-        return self.bootstrap, densities
+            return self.compare_held_out(after, before)
+        return self.bootstrap, self._compute_pair(after, before)
+
+    def compare_held_out(self, after: Terms, before: Terms) -> tuple[Bootstrap, list[Array]]:
+        """Return random weights of the held-out blocks, and the densities of two models there."""
+        return self._bootstrap_of_holdout, [density[self.held_out] for density in self._compute_pair(after, before)]
+
+    def _compute_pair(self, after: Terms, before: Terms) -> list[Array]:
+        """Return the densities of two models; both are refitted to each part of the data if one of them must be."""
+        is_refitted = any(map(self.residuals.are_refitted, (after, before)))
+        return [(self.compute_refitted if is_refitted else self.compute)(terms) for terms in (after, before)]
 
     @cached_property
-    def bootstrap_of_holdout(self) -> Bootstrap:
+    def _bootstrap_of_holdout(self) -> Bootstrap:
         """Random weights of the held-out blocks alone."""
         return Bootstrap(self.bootstrap.of_block[self.held_out], np.random.default_rng(0))
 
-    def compute_held_out_gain(self, after: Terms, before: Terms, penalty: float) -> Gain:
-        """Return the gain on held-out data alone."""
-        new, old = (self.compute(terms)[self.held_out] for terms in (after, before))
-        return self.bootstrap_of_holdout.gain(new, old, penalty)
-
-    def sum_held_out(self, terms: Terms, is_refitted: bool = False) -> float:
+    def sum_held_out(self, terms: Terms) -> float:
         """Return the log density of the held-out data [nat]."""
-        return float(np.sum((self.compute_refitted if is_refitted else self.compute)(terms)[self.held_out]))
+        return float(np.sum(self.compute(terms)[self.held_out]))
 
 
 def number_recordings(fits: Fits) -> Index:

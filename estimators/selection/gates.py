@@ -47,10 +47,9 @@ def require_gain_held_out(after: Hypothesis, before: Hypothesis) -> Iterator[Gat
 
     Folds of the training data may lack angles of the part that they predict, and favour laws with few parameters.
     """
-    evidence = after.evidence
-    penalty = evidence.penalty(after.terms, before.terms)
-    gain = evidence.densities.compute_held_out_gain(after.terms, before.terms, penalty)
-    yield _limit_p_value("p_value", gain.p_value, evidence)
+    bootstrap, (new, old) = after.evidence.densities.compare_held_out(after.terms, before.terms)
+    gain = bootstrap.gain(new, old, after.evidence.penalty(after.terms, before.terms))
+    yield _limit_p_value("p_value", gain.p_value, after.evidence)
 
 
 def require_known_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -67,14 +66,9 @@ def _limit_p_value(name: str, p_value: float, evidence: Evidence) -> Gate:
 
 def require_tie(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the probability of `after` in the place of `before`."""
-    yield _make_tie_gate(after, before, False)
-
-
-def _make_tie_gate(after: Hypothesis, before: Hypothesis, is_refitted: bool) -> Gate:
-    """Make the gate on the probability of a model, with densities of `Densities.compare`."""
-    bootstrap, densities = after.evidence.densities.compare(after.terms, before.terms, is_refitted)
+    bootstrap, densities = after.evidence.densities.compare(after.terms, before.terms)
     probability, least = float(bootstrap.probabilities(densities)[0]), after.evidence.criterion.tie_probability
-    return Gate("tie_probability", probability, least, probability > least)
+    yield Gate("tie_probability", probability, least, probability > least)
 
 
 def require_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -352,17 +346,6 @@ def _replaces_several(after: Hypothesis, before: Hypothesis) -> bool:
     """Return whether a model that leaves only noise lacks two or more terms of another."""
     n_replaced = len(set(list_ids(before.terms)) - set(list_ids(after.terms)))
     return n_replaced > 1 and after.evidence.residuals.is_noise(after.terms)
-
-
-def require_tie_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the probability of a model with a table; see `require_gain_of_table` for its density."""
-    yield _make_tie_gate(after, before, after.evidence.residuals.are_refitted(after.terms))
-
-
-def require_gain_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the gain of a model with a table; both models are refitted to each part of the data if the table is."""
-    is_refitted = after.evidence.residuals.are_refitted(after.terms)
-    yield _limit_p_value("p_value", after.evidence.gain(after.terms, before.terms, is_refitted).p_value, after.evidence)
 
 
 def require_share_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:

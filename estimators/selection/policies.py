@@ -15,7 +15,6 @@ from estimators.selection.gates import (
     require_gain,
     require_gain_held_out,
     require_gain_in_torque,
-    require_gain_of_table,
     require_known_parameters,
     require_lower_cost,
     require_lower_errors,
@@ -29,7 +28,6 @@ from estimators.selection.gates import (
     require_share_of_torque,
     require_simpler_table,
     require_tie,
-    require_tie_of_table,
     require_torque_error,
 )
 
@@ -69,5 +67,5 @@ EXCITE = Rule("excite", (require_excitation,))
 # A simpler model with known parameters free explains the effects.
 IMITATE = Rule("imitate", (require_fewer_parameters, require_noise, require_tie, require_motion))
 # A table ties with the effects that it replaces, or beats them.
-TIE_TABLE = Rule("tie table", (require_noise, require_simpler_table, require_tie_of_table))
-BEAT_BY_TABLE = Rule("beat by table", (require_gain_of_table, require_share_of_table))
+TIE_TABLE = Rule("tie table", (require_noise, require_simpler_table, require_tie))
+BEAT_BY_TABLE = Rule("beat by table", (require_gain_in_torque, require_share_of_table))
