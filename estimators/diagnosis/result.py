@@ -96,14 +96,12 @@ class TriedTreatment:
     Attributes:
         treatment: finding that names the treatment.
         decision: tests of the treatment.
-        error_ratio: held-out cost with the treatment over the cost without.
         assumptions: number of assumptions with the treatment, see `count_assumptions`.
         before: number without the treatment.
     """
 
     treatment: Finding
     decision: Decision
-    error_ratio: float
     assumptions: int
     before: int
 
@@ -116,7 +114,6 @@ class TriedTreatment:
         """Return a dictionary for JSON."""
         assumptions = {"with": self.assumptions, "without": self.before}
         return self.treatment.json() | {
-            "error_ratio": self.error_ratio if self.error_ratio < float("inf") else None,
             "assumptions": assumptions,
             "kept": self.is_kept,
             "gates": [gate.json() for gate in self.decision.gates],

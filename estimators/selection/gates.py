@@ -15,31 +15,39 @@ from estimators.checks.signs import compute_significant_sign
 from estimators.data.variants import compute_unique_share
 from estimators.decisions.errors import Step, compute_held_out_cost
 from estimators.decisions.gate import Gate
+from estimators.decisions.score import Bootstrap, Gain
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
 from estimators.selection.evidence import Evidence, Hypothesis, adds_dry_friction
 from estimators.selection.physical import find_violations
-from pendulum_env.physics import SIGNIFICANT, Model, Samples, Term, has_link, list_ids, list_loads
+from pendulum_env._typing import Array
+from pendulum_env.physics import SIGNIFICANT, Model, Samples, Term, has_link, has_stop, list_ids, list_loads
 from pendulum_env.physics.terms import count_parameters, list_forms
 
 
 def require_gain(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the gain in prediction: above its penalty, and with a small p-value; see `Evidence.best_gain`."""
-    evidence = after.evidence
-    gain, penalty = evidence.best_gain(after.terms, before.terms), evidence.penalty(after.terms, before.terms)
-    std = gain.error if np.isfinite(gain.error) else None
-    yield Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std)
-    yield _limit_p_value("p_value", gain.p_value, evidence)
+    yield from _limit_gain(after.evidence.best_gain(after.terms, before.terms), after, before)
 
 
 def require_gain_in_torque(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the p-value of the gain in torque; link states of the models may differ."""
-    evidence = before.evidence
-    if after.evidence is evidence:
-        gain = evidence.gain(after.terms, before.terms)
-    else:
-        new, old = (each.evidence.densities.compute(each.terms) for each in (after, before))
-        gain = evidence.densities.bootstrap.gain(new, old, evidence.penalty(after.terms, before.terms))
-    yield _limit_p_value("p_value", gain.p_value, evidence)
+    """Test the gain in prediction by rows alone; link states, and treatments of the rows, may differ."""
+    bootstrap, (new, old) = _compare_densities(after, before)
+    yield from _limit_gain(bootstrap.gain(new, old, before.evidence.penalty(after.terms, before.terms)), after, before)
+
+
+def _compare_densities(after: Hypothesis, before: Hypothesis) -> tuple[Bootstrap, list[Array]]:
+    """Return random weights of the blocks by which two models are compared, and the densities of both there."""
+    if after.evidence is before.evidence:
+        return after.evidence.densities.compare(after.terms, before.terms)
+    densities = [each.evidence.densities.compute(each.terms) for each in (after, before)]
+    return before.evidence.densities.bootstrap, densities
+
+
+def _limit_gain(gain: Gain, after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Make the gates on a gain and on its p-value."""
+    std, penalty = gain.error if np.isfinite(gain.error) else None, before.evidence.penalty(after.terms, before.terms)
+    yield Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std)
+    yield _limit_p_value("p_value", gain.p_value, before.evidence)
 
 
 def require_gain_held_out(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -66,7 +74,7 @@ def _limit_p_value(name: str, p_value: float, evidence: Evidence) -> Gate:
 
 def require_tie(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the probability of `after` in the place of `before`."""
-    bootstrap, densities = after.evidence.densities.compare(after.terms, before.terms)
+    bootstrap, densities = _compare_densities(after, before)
     probability, least = float(bootstrap.probabilities(densities)[0]), after.evidence.criterion.tie_probability
     yield Gate("tie_probability", probability, least, probability > least)
 
@@ -326,6 +334,11 @@ def require_motion(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that `after` is no misfit to the motion."""
     is_misfit = after.evidence.motion.has_misfit(after.terms)
     yield Gate("motion_misfit", float(is_misfit), 0, not is_misfit)
+
+
+def require_stop(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that `after` has a stop, since only that explains the torque of a contact."""
+    yield Gate("stops", float(has_stop(after.terms)), 1, has_stop(after.terms))
 
 
 def require_motion_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:

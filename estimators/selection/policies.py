@@ -27,6 +27,7 @@ from estimators.selection.gates import (
     require_share_of_table,
     require_share_of_torque,
     require_simpler_table,
+    require_stop,
     require_tie,
     require_torque_error,
 )
@@ -60,6 +61,9 @@ EXPLAIN_TORQUE = Rule("explain torque", (require_share_of_torque,))
 # An ambiguous effect may take the place of the selected one.
 REPLACE = Rule("replace", (require_base, require_lower_errors, require_determined_lag))
 FOLLOW_MOTION = Rule("follow motion", (require_motion_share,))
+# Windows in contact with a stop, and windows near reversals, are of use.
+ADD_STOP = Rule("add stop", (require_stop,))
+FOLLOW = Rule("follow", (require_motion,))
 # A lag or delay is no answer of a controller.
 DETERMINE_LAG = Rule("determine lag", (require_determined_lag,))
 # The recorded torque would show the effect.

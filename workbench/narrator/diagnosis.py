@@ -169,9 +169,10 @@ def describe_refit(refit: HorizonRefit) -> str:
 
 
 def describe_treatment(treatment: TriedTreatment) -> str:
-    """Describe a treatment of the recordings, its held-out error, and whether it was kept."""
+    """Describe a treatment of the recordings, its gain in prediction, and whether it was kept."""
+    gain = treatment.decision.gates[0].cells[1]
     return (
-        f"{describe(treatment.treatment)} The held-out error is {treatment.error_ratio:.3g} times that without it, "
+        f"{describe(treatment.treatment)} The gain in prediction is {gain}, "
         f"with {treatment.assumptions} instead of {treatment.before} assumptions: "
         f"{'kept' if treatment.is_kept else 'not kept'}."
     )
