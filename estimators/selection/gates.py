@@ -39,8 +39,12 @@ def _compare_densities(after: Hypothesis, before: Hypothesis) -> tuple[Bootstrap
     """Return random weights of the blocks by which two models are compared, and the densities of both there."""
     if after.evidence is before.evidence:
         return after.evidence.densities.compare(after.terms, before.terms)
+    bootstraps = [each.evidence.densities.bootstrap for each in (after, before)]
     densities = [each.evidence.densities.compute(each.terms) for each in (after, before)]
-    return before.evidence.densities.bootstrap, densities
+    if len(densities[0]) != len(densities[1]):  # rows of a treatment do not reach the last blocks
+        densities = [np.bincount(b.of_block, d).astype(float) for b, d in zip(bootstraps, densities, strict=True)]
+        return Bootstrap(np.arange(len(densities[0])), np.random.default_rng(0)), densities
+    return bootstraps[1], densities
 
 
 def _limit_gain(gain: Gain, after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
