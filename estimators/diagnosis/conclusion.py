@@ -92,7 +92,7 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     payloads = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
     explained = {*residuals, *(term.at for term in terms if term.has_impacts)}
     contacts = find_arm_contacts(
-        evaluator, diagnosis.model, [joint for joint in diagnosis.body.joints if joint not in explained]
+        evaluator, diagnosis.model, [joint for joint in diagnosis.model.body.joints if joint not in explained]
     )
     rotors = tuple(term.at for term in terms if isinstance(term, Rotor) and term.id in diagnosis.selected)
     findings = (

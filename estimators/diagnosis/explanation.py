@@ -33,7 +33,6 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
         floors=trial.evaluator.residuals.holdout_floors,
         findings=(),
         alignments=(data.whole or data).alignments,
-        torque_unit=data.unit,
         torque_constant=data.constant,
         data=data.without_history(last.model.terms),
         evaluator=trial.evaluator,
