@@ -24,7 +24,7 @@ TIMING = {Kind.TORQUE_LATE, Kind.TORQUE_LATE_CORRECTED, Kind.ACTS_LATE}
 @pytest.mark.slow
 def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
     clean, spoiled = (diagnosed(name) for name in ("jumpy", "jumpy, drag and tilt"))
-    assert clean.selected == () and clean.noise_floor < 0.05
+    assert clean.selected == () and clean.floors[""] < 0.05
     assert set(spoiled.selected) == set(DRAG_AND_TILT)
 
 
@@ -108,7 +108,7 @@ def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found():
     assert last.position_rms < 0.1 * base.position_rms
     (windows,) = prepare_windows([recording("bouncing")]).windows
     floor = compute_noise_floor([windows], 0.03)
-    assert found.noise_floor == pytest.approx(floor, rel=0.1)  # however wrong the base model is
+    assert found.floors[""] == pytest.approx(floor, rel=0.1)  # however wrong the base model is
 
 
 @pytest.mark.slow
