@@ -153,7 +153,7 @@ def make_final_gates(
 def _compute_held_out_rms(evaluator: ModelEvaluator, terms: Terms, at: str) -> float:
     """Return the held-out RMS torque error, at the joints of a place, of the terms fitted to training data [N m]."""
     error = evaluator.holdout.equations(terms, by_noise=True).error(evaluator.train.solve(terms))
-    return get_error_at(evaluator.holdout.joint_errors(error), at, np.nan)
+    return get_error_at(evaluator.holdout.layout.compute_joint_errors(error), at, np.nan)
 
 
 def compute_alternatives(evaluator: ModelEvaluator, terms: Terms, term: Term) -> dict[str, float]:

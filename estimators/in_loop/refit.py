@@ -7,6 +7,7 @@ import numpy as np
 
 from estimators.checks.torque_constant import widen_by_constant
 from estimators.data.fits import fit_terms
+from estimators.data.model_errors import compute_errors
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding
@@ -46,7 +47,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         is_link = any(term.link for term in terms if term.id == id)
         least = LOOP.dominant if is_link and not evaluator.residuals.is_noise(terms) else LOOP.needed
         models = [evaluator.model(model_terms) for model_terms in (terms, without(id))]
-        errors = [[part.data.errors(model).loop[0] for model in models] for part in (train, held_out)]
+        errors = [[compute_errors(part.data, model).loop[0] for model in models] for part in (train, held_out)]
         share = min(1.0 - (after / before) ** 2 for after, before in errors)
         return share > least and evaluator.is_significant(terms, without(id))
 
@@ -100,7 +101,9 @@ def fit_step(evaluator: ModelEvaluator, added: str | None, terms: Sequence[Term]
     model, recording = widen_errors(fit_terms(train.data, terms)[0], train, profile), train.rollouts.recordings[0]
     constant = recording.torque_constant  # its error widens all standard errors
     model = model.convert_units(recording.units) if constant is None else widen_by_constant(model, constant)
-    return Step(added, model, {"train": train.data.errors(model), "holdout": held_out.data.errors(model)})
+    return Step(
+        added, model, {"train": compute_errors(train.data, model), "holdout": compute_errors(held_out.data, model)}
+    )
 
 
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:

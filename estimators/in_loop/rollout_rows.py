@@ -13,7 +13,7 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.data.rows import FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.decisions.errors import Errors
-from estimators.decisions.score import FOLDS
+from estimators.decisions.score import BLOCK, FOLDS
 from estimators.in_loop.fit import (
     LOOP,
     LinearErrors,
@@ -67,6 +67,7 @@ class RolloutRows:
             clusters=self.rollouts.clusters,
             precision={"": self.rollouts.precision},
             blocks=self.rollouts.blocks,
+            block=BLOCK,
             noise=lambda at, inertia: self.rollouts.noise,
             structure=lambda at, residual, inertia: self.rollouts.measure_structure(residual),
             errors=Errors(np.nan, np.nan).with_loop_errors,
@@ -233,7 +234,7 @@ class RolloutRows:
             self._linear, key=lambda other: (len(ids ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
         if not parents:  # parameters fitted to the torque, with several minimum sizes
-            theta, typical = self.torque.solve(terms), self.list_typical_sizes(terms)
+            theta, typical = self.torque.fits.solve(terms), self.list_typical_sizes(terms)
             sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
             first_starts = [Point.from_parameters(terms, values) for values in sizes]
             return self._starts.get(terms) or choose_likeliest_point(self.rollouts, first_starts)[0]

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.data.fits import fit_terms
+from estimators.data.model_errors import compute_errors
 from estimators.data.regression_data import RegressionData
+from estimators.data.removed_noise import compute_removed_noise, list_absorbed_noise
 from estimators.data.variants import count_tried
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Step, Terms, compute_held_out_cost
@@ -146,14 +148,14 @@ class ModelEvaluator:
         time constant is added at its joint.
         """
         first, second = self._blocks
-        absorbed = [part.compute_absorbed_noise(terms) for part in self.parts]
+        absorbed = [list_absorbed_noise(part, terms) for part in self.parts]
         if without is not None:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
             for of_part, part in zip(absorbed, self.parts, strict=True):
                 noise = [w.noise.compute_rate_std(inertia) for w in part.data.part(without.at).windows]
                 of_part.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
         fits, inertias = self.train.maker.fit_folds(terms), self.residuals.inertia
-        removed = [part.compute_removed_noise(fits.terms, fits.theta, inertias) for part in self.parts]
+        removed = [compute_removed_noise(part, fits.terms, fits.theta, inertias) for part in self.parts]
         train_rows, holdout_rows = (part.equations(terms, by_noise=True) for part in self.parts)
         return np.concatenate(
             [
@@ -174,9 +176,7 @@ class ModelEvaluator:
         for part, pieces in zip(self.parts, self._blocks_with_short_folds, strict=True):
             terms_on_grid = set_grid(part, terms)
             parts.append(
-                cross_validate_density(
-                    part.equations(terms_on_grid), pieces, part.compute_absorbed_noise(terms_on_grid)
-                )
+                cross_validate_density(part.equations(terms_on_grid), pieces, list_absorbed_noise(part, terms_on_grid))
             )
         return np.concatenate(parts)
 
@@ -433,7 +433,9 @@ class ModelEvaluator:
             parts = self._estimate_link_states(model.terms, tuple(map(float, model.theta)))
         model = make_arm_model(model).convert_units(self.train.recordings[0].units).mark_unknown(self._unknown)
         return Step(
-            added, model, {name: part.errors(model) for name, part in zip(("train", "holdout"), parts, strict=True)}
+            added,
+            model,
+            {name: compute_errors(part, model) for name, part in zip(("train", "holdout"), parts, strict=True)},
         )
 
     def refit_to_motion(self, step: Step) -> Step:

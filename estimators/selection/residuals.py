@@ -12,6 +12,7 @@ import numpy as np
 from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.data.removed_noise import list_absorbed_noise
 from estimators.decisions.criterion import Criterion, ResidualStructure
 from estimators.decisions.errors import Terms
 from estimators.decisions.gate import Gate
@@ -189,7 +190,7 @@ class Residuals:
                 residual = part.equations(terms, by_noise=True).error(self.train.solve(terms))
             structures, powers = self._structures_in(part, residual), {}
             for at in self.joints:
-                absorbed = part.compute_absorbed_noise([term for term in terms if term.at == at])
+                absorbed = list_absorbed_noise(part, [term for term in terms if term.at == at])
                 total = structures[at].rms ** 2 + sum(variance for _, variance in absorbed)
                 powers[at] = Power(total, structures[at].correlated_rms ** 2)
             powers_by_part.append(powers)
