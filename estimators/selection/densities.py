@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from estimators.data.removed_noise import compute_removed_noise, list_absorbed_noise
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Terms
 from estimators.decisions.score import Bootstrap, cross_validate_density, predict_density
@@ -73,14 +74,14 @@ class Densities:
         time constant is added at its joint.
         """
         parts = self.fits.parts
-        absorbed = [part.compute_absorbed_noise(terms) for part in parts]
+        absorbed = [list_absorbed_noise(part, terms) for part in parts]
         if without is not None:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
             for of_part, part in zip(absorbed, parts, strict=True):
                 noise = [w.noise.compute_rate_std(inertia) for w in part.data.part(without.at).windows]
                 of_part.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
         fits, inertias = self.fits.train.maker.fit_folds(terms), self.residuals.inertia
-        removed = [part.compute_removed_noise(fits.terms, fits.theta, inertias) for part in parts]
+        removed = [compute_removed_noise(part, fits.terms, fits.theta, inertias) for part in parts]
         (train_rows, first), (holdout_rows, second) = (
             (part.equations(terms, by_noise=True), part.layout.scored) for part in parts
         )
@@ -103,7 +104,7 @@ class Densities:
         for part in self.fits.parts:
             terms_on_grid = set_grid(part, terms)
             equations, pieces = part.equations(terms_on_grid), part.layout.make_blocks(self.criterion.drift_piece)
-            parts.append(cross_validate_density(equations, pieces, part.compute_absorbed_noise(terms_on_grid)))
+            parts.append(cross_validate_density(equations, pieces, list_absorbed_noise(part, terms_on_grid)))
         return np.concatenate(parts)
 
     def compare(self, after: Terms, before: Terms) -> tuple[Bootstrap, list[Array]]:

@@ -60,7 +60,6 @@ class Resolution:
         cut, width, variants: settings of the steps.
     """
 
-    block: float = 1.0  # length of a block of folds and score [s]: residuals are correlated for less
     precision: float = 5e-4  # error of smoothing and integration, share of the standard deviation of torque
     fewest: int = 10  # least number of windows, to estimate errors
     fewest_of_joint: int = 20  # the same of each joint of an arm, whose links have more parameters

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
+from estimators.data.model_errors import compute_errors
 from estimators.data.split import add_contacts, split_recordings
 from estimators.findings import Kind
 from estimators.selection.evidence import Evidence
@@ -133,9 +134,9 @@ def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out
     position = model.simulate(2e-3, torque, 0.0, 0.0).position[:-1, 0]
     noisy = Recording(time, np.round(position, 6), torque + 0.02 * rng.standard_normal(5000), name="ringing")
     train, holdout = split_recordings([noisy])
-    assert train.errors(model).torque_rms < 0.05
-    assert holdout.errors(model).torque_rms < 0.05
-    assert holdout.errors(model).position_rms < 0.01
+    assert compute_errors(train, model).torque_rms < 0.05
+    assert compute_errors(holdout, model).torque_rms < 0.05
+    assert compute_errors(holdout, model).position_rms < 0.01
 
 
 def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named():
