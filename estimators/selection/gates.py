@@ -14,10 +14,10 @@ import scipy
 from estimators.checks.signs import compute_significant_sign
 from estimators.data.variants import compute_unique_share
 from estimators.decisions.errors import Step, compute_held_out_cost
-from estimators.decisions.gate import Gate
+from estimators.decisions.gate import Gate, limit_gain, limit_p_value
 from estimators.decisions.score import Bootstrap, Gain
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
-from estimators.selection.evidence import Evidence, Hypothesis, adds_dry_friction
+from estimators.selection.evidence import Hypothesis, adds_dry_friction
 from estimators.selection.physical import find_violations
 from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, Model, Samples, Term, has_link, has_stop, list_ids, list_loads
@@ -47,11 +47,10 @@ def _compare_densities(after: Hypothesis, before: Hypothesis) -> tuple[Bootstrap
     return bootstraps[1], densities
 
 
-def _limit_gain(gain: Gain, after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Make the gates on a gain and on its p-value."""
-    std, penalty = gain.error if np.isfinite(gain.error) else None, before.evidence.penalty(after.terms, before.terms)
-    yield Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std)
-    yield _limit_p_value("p_value", gain.p_value, before.evidence)
+def _limit_gain(gain: Gain, after: Hypothesis, before: Hypothesis) -> list[Gate]:
+    """Make the gates on the gain of one model over another."""
+    evidence = before.evidence
+    return limit_gain(gain, evidence.penalty(after.terms, before.terms), evidence.criterion.p_value)
 
 
 def require_gain_held_out(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -61,19 +60,16 @@ def require_gain_held_out(after: Hypothesis, before: Hypothesis) -> Iterator[Gat
     """
     bootstrap, (new, old) = after.evidence.densities.compare_held_out(after.terms, before.terms)
     gain = bootstrap.gain(new, old, after.evidence.penalty(after.terms, before.terms))
-    yield _limit_p_value("p_value", gain.p_value, after.evidence)
+    yield limit_p_value("p_value", gain.p_value, after.evidence.criterion.p_value)
 
 
 def require_known_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the gain over `before` with its known parameters free; else `after` imitates other values of them."""
     evidence = after.evidence
     if (freed := evidence.fits.release_known(before.terms)) != before.terms:
-        yield _limit_p_value("known_parameters", evidence.best_gain(after.terms, freed).p_value, evidence)
-
-
-def _limit_p_value(name: str, p_value: float, evidence: Evidence) -> Gate:
-    """Make a gate on a p-value."""
-    return Gate(name, p_value, evidence.criterion.p_value, p_value <= evidence.criterion.p_value)
+        yield limit_p_value(
+            "known_parameters", evidence.best_gain(after.terms, freed).p_value, evidence.criterion.p_value
+        )
 
 
 def require_tie(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -135,7 +131,7 @@ def require_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
         chance = compute_coefficient_chance(after.terms, fit, list_ids(before.terms))
         if chance > criterion.p_value and adds_dry_friction(*terms):
             chance = evidence.gain_in_friction(*terms).p_value
-        yield _limit_p_value("coefficients", chance, evidence)
+        yield limit_p_value("coefficients", chance, evidence.criterion.p_value)
     yield from require_base(after, before)
 
 
