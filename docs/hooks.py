@@ -75,7 +75,6 @@ REFERENCES = {
             "estimators.findings.Finding",
             "pendulum_env.quantity.Quantity",
             "estimators.findings.Kind",
-            "estimators.weak_form.instruments.fit_by_reference",
             "workbench.survey.run.run_survey",
             "workbench.survey.recordings.find_recordings",
             "workbench.survey.diagnosis.hash_content",

@@ -60,7 +60,6 @@ class Kind(StrEnum):
 
     # recordings
     FEEDBACK = "feedback"  # gain
-    FEEDBACK_WITH_REFERENCE = "feedback_with_reference"  # gain
     OUTLIER_RECORDING = "outlier_recording"  # number; of each parameter its value, and `others.` that of the others
     SCALED_TORQUE = "scaled_torque"  # number, factor
     SCALED_INERTIA = "scaled_inertia"  # number, factor

@@ -25,7 +25,7 @@ FORMATS = "CSV, Parquet, NPZ, JSON, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 DRIVE = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
 OF_ARMS = ("rotors", "joints", "no_gravity")  # options that need --robot
-OF_PENDULUMS = ("drive", "theta", "instruments", "fixed", "bounds")  # options that exclude --robot
+OF_PENDULUMS = ("drive", "theta", "fixed", "bounds")  # options that exclude --robot
 
 
 class MergeAction(argparse.Action):

@@ -47,17 +47,20 @@ FEEDBACK = FeedbackSettings()
 def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
     """Find recordings in which torque reacts to unpredicted changes of position within a few samples.
 
-    Recordings with and without a reference have separate findings, with the median of their gains. Arms are not tested.
+    A finding has the median gain of the recordings with one unit. Arms are not tested.
     """
-    gains: dict[tuple[Kind, str], dict[str, float]] = {}
+    gains: dict[str, dict[str, float]] = {}
     for recording in (recording for recording in recordings if recording.position.ndim == 1):
         gains_by_stride = (_estimate_feedback_gain(recording, stride) for stride in FEEDBACK.strides)
         if (gain := next((gain for gain in gains_by_stride if gain is not None), None)) is not None:
-            kind = Kind.FEEDBACK if recording.reference is None else Kind.FEEDBACK_WITH_REFERENCE
-            gains.setdefault((kind, recording.units.unit("N m/rad")), {})[recording.name] = gain
+            gains.setdefault(recording.units.unit("N m/rad"), {})[recording.name] = gain
     return [
-        Finding(kind, {"gain": Quantity(float(np.median([*by_name.values()])), unit=unit)}, recordings=tuple(by_name))
-        for (kind, unit), by_name in gains.items()
+        Finding(
+            Kind.FEEDBACK,
+            {"gain": Quantity(float(np.median([*by_name.values()])), unit=unit)},
+            recordings=tuple(by_name),
+        )
+        for unit, by_name in gains.items()
     ]
 
 

@@ -1,6 +1,6 @@
 """Standard errors by an estimated delay of the torque, by its constant, and of the ends of a hard stop."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -57,23 +57,22 @@ def _list_torque_changes(data: FitData, train: RegressionData) -> Iterator[Array
             yield law.lag_std / law.lag * train.data.columns([ActuatorLag(law.lag)])[0][1] * is_timed
 
 
-def add_torque_constant(
-    model: Model, data: TorqueWindows, fit: Callable[[TorqueWindows], Model] | None = None
-) -> Model:
+def add_torque_constant(model: Model, data: TorqueWindows) -> Model:
     """Add the torque constant, and the standard errors it causes, to a model.
 
     Args:
         model: fitted to the data, in the unit of their torque.
         data: windows of recordings with a constant. Without a constant, the model is converted to their units.
-        fit: function that fits the model to data under another constant; by default the same terms.
     """
     recording = data.windows[0].recording
     constant = recording.torque_constant
     if constant is None:
         return remove_unit_inertia(model.convert_units(recording.units))
-    fit = fit or (lambda own: fit_terms(RegressionData(own, ()), model.terms)[0])
-    changed = fit(data.with_torque(1 + constant.std / constant.value))
-    return widen_by_constant(model, constant, changed.theta - fit(data).theta)
+    theta, changed = (
+        fit_terms(RegressionData(own), model.terms)[0].theta
+        for own in (data, data.with_torque(1 + constant.std / constant.value))
+    )
+    return widen_by_constant(model, constant, changed - theta)
 
 
 def widen_by_constant(model: Model, constant: TorqueConstant, change: Array | None = None) -> Model:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -79,31 +79,22 @@ class Identification(Mapping[str, Identified], Shown):
         Raises:
             IdentificationError: if `data` is None.
         """
-        first = next(iter(self.schemes.values())).model
-        recordings = [] if self.data is None else [w.recording for w in self.data.windows]
-        terms = make_swing_terms(first.terms, recordings) if recordings else first.terms
-        unknown = collect_withheld(self.findings)
-        model = self.fit_windows(lambda data: fit_terms(RegressionData(data), terms)[0])
-        model = restore_known(model, first.terms, recordings) if recordings else model
-        inertia = model.estimates.get("inertia")
-        if inertia is not None and not inertia.is_significant:
-            unknown.add("inertia")
-        is_incomplete = any(finding.kind is Kind.INCOMPLETE for finding in self.findings)
-        return (model.mark_biased() if is_incomplete else model).mark_unknown(unknown)
-
-    def fit_windows(self, fit: Callable[[TorqueWindows], Model]) -> Model:
-        """Fit a model to the windows by `fit`; return it in the unit of the recorded torque, with the torque constant.
-
-        Raises:
-            IdentificationError: if `data` is None.
-        """
         if self.data is None:
             names = join_words(self.recordings)
             raise IdentificationError(
                 f"{names}: too little of the motion is clear of stick: record longer or faster motion"
             )
-        log_format = next(iter(self.schemes.values())).model.log_format
-        return replace(add_torque_constant(fit(self.data), self.data, fit), log_format=log_format)
+        first = next(iter(self.schemes.values())).model
+        recordings = [w.recording for w in self.data.windows]
+        model, _ = fit_terms(RegressionData(self.data), make_swing_terms(first.terms, recordings))
+        model = replace(add_torque_constant(model, self.data), log_format=first.log_format)
+        model = restore_known(model, first.terms, recordings)
+        unknown = collect_withheld(self.findings)
+        inertia = model.estimates.get("inertia")
+        if inertia is not None and not inertia.is_significant:
+            unknown.add("inertia")
+        is_incomplete = any(finding.kind is Kind.INCOMPLETE for finding in self.findings)
+        return (model.mark_biased() if is_incomplete else model).mark_unknown(unknown)
 
     def __repr__(self) -> str:
         count = len(self.recordings)

@@ -74,7 +74,6 @@ class Resolution:
     significant: float = 5.0  # standard errors by which the residual of a contact exceeds friction
     contact: float = 1.0  # a lasting contact counts once in this time [s]
     places: int = 50  # samples of a recording over which a joint's inertia is averaged, about
-    condition: float = 1e8  # condition number above which a fit by instruments is refused: no digits are left
     growth: float = 10.0  # growth of an error of the initial position in a segment from which its motion is unstable
     density: int = 4  # entries per sample of a matrix of averages, above which an operator slides the window
     cut: CutSettings = CutSettings()

@@ -2,15 +2,11 @@
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 
 from estimators import SCHEMES, Identification, identify, scheme
-from estimators.arguments import apply_limits
 from estimators.arms.standard import nearest_body
-from estimators.findings import Kind
 from estimators.schemes.six import PAPER, Scheme
-from estimators.weak_form.instruments import fit_by_reference
-from pendulum_env.physics import BASE, Model
+from pendulum_env.physics import Model
 from workbench import options
 from workbench.inputs import list_sources, open_sources
 from workbench.narrator.findings import describe_nearest_body
@@ -25,13 +21,7 @@ SETS: dict[str, tuple[Scheme, ...]] = {"all": SCHEMES, "paper": PAPER}
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Declare recordings, schemes and outputs."""
-    options.declare(parser, "recordings", *options.READING, "--drive", "--align", *options.LIMITS)
-    parser.add_argument(
-        "--instruments",
-        choices=("reference",),
-        help="remove the bias from feedback by instrumental variables made of the controller's reference",
-    )
-    options.declare(parser, "--degrees")
+    options.declare(parser, "recordings", *options.READING, "--drive", "--align", *options.LIMITS, "--degrees")
     parser.add_argument(
         "--scheme",
         metavar="all|ID,...",
@@ -62,9 +52,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     with terminal.progress("identifying"):
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         identification = identify(data.recordings, terms, arguments.scheme, **limits)
-        if arguments.instruments is not None:  # remedy of this finding
-            findings = (f for f in identification.findings if f.kind is not Kind.FEEDBACK_WITH_REFERENCE)
-            identification = replace(identification, findings=tuple(findings))
         primary = identification.primary
         nearest = nearest_body(primary.model) if not body.can_simulate else None
         model, fit = _choose_model(identification, arguments)
@@ -73,7 +60,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     nearest_json = nearest.json() if nearest is not None else None
     write_json(arguments.json, write_identification(identification) | {"nearest_body": nearest_json})
     terminal.print_heading("Estimates ± standard errors")
-    estimates = tabulate_schemes(identification, model if arguments.instruments else None)
+    estimates = tabulate_schemes(identification)
     terminal.print_table(*estimates)
     if text := explain_trust(estimates):
         terminal.print(text)
@@ -91,10 +78,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 
 def _choose_model(identification: Identification, arguments: argparse.Namespace) -> tuple[Model | None, str]:
-    """Return the model for `-o` and the name of its fit: by instruments, by one scheme, or over windows."""
-    if arguments.instruments is not None:
-        terms, _ = apply_limits(BASE, {}, arguments.fixed, arguments.bounds)
-        return identification.fit_windows(lambda data: fit_by_reference(data, terms)), "the estimates by instruments"
+    """Return the model for `-o` and the name of its fit: by one scheme, or over windows."""
     if len(identification.schemes) == 1 or not identification.body.can_simulate:
         return identification.primary.model, f"the estimates of {identification.primary.scheme}"
     return (identification.windows if arguments.output is not None else None), OVER_WINDOWS

@@ -3,7 +3,6 @@
 import numpy as np
 
 from estimators.decisions.errors import Step
-from estimators.diagnosis.likeness import Likeness, find_likenesses
 from estimators.diagnosis.result import Addition, Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Kind, Quantity, withhold_everything
@@ -27,13 +26,6 @@ from workbench.narrator.findings import (
     measure_range,
 )
 
-FORMS = {
-    "power": "|q'|^{0}",
-    "wave": "a wave of {0} a turn",
-    "line": "a straight line",
-    "bump": "a bump at {0} {rad}, {1} {rad} wide",
-    "step": "a step at {0} {rad}, {1} {rad} wide",
-}
 WRONG_DRIVE = 5.0  # error in the loop that indicates wrong settings of the drive [noise floors]
 SIGNIFICANT = 3.0  # smallest significant size of a table [standard errors]
 COUNTABLE = 100.0  # largest printed significance [standard errors]
@@ -285,26 +277,15 @@ def describe_addition(addition: Addition) -> str:
 
 
 def describe_table(step: Step) -> str | None:
-    """Name the formulas most similar to an added table, and where data are few; None for an effect."""
+    """State if an added table is insignificant, or coarse where data are few; None if neither, and for an effect."""
     tables = step.model.tables
     if step.added not in tables:
         return None
     table, curve = tables[step.added]
     if np.mean(curve.value**2) < (SIGNIFICANT * np.median(curve.std)) ** 2:  # median: errors may be large at the ends
-        return f"{step.added} looks like no formula: its standard errors are nearly as large as itself."
-    near = [describe_likeness(likeness, table.is_prismatic) for likeness in find_likenesses(table, curve)]
-    nearest = f"{join_words(near, 'or')} of its shape" if near else "no formula that is known here"
+        return f"The standard errors of {step.added} are nearly as large as the table itself."
     merged, knots = len(table.extent.merged), table.extent.pieces - 1
-    coarse = f" Inner knots that are left out where data are few: {merged} of {knots}." if merged else ""
-    return f"{step.added} looks like {nearest}.{coarse}"
-
-
-def describe_likeness(likeness: Likeness, is_prismatic: bool = False) -> str:
-    """Return a formula and the explained share of a table's variation: `|q'|^0.4 (99.7 %)`."""
-    unit = JointUnits(is_prismatic=is_prismatic).unit("rad")
-    text = FORMS[likeness.form].format(*(f"{value:.3g}" for value in likeness.values), rad=unit)
-    text = text.replace("of 1 a turn", "of one a turn")
-    return f"{text} ({100 * likeness.share:.3g} %)"
+    return f"{step.added} leaves out {merged} of {knots} inner knots, where data are few." if merged else None
 
 
 @show_angles("rad")

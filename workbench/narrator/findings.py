@@ -320,10 +320,6 @@ def describe_nearest_body(nearest: Nearest) -> str:
 
 CORRECT_IT = "Correct it with --align (`align(recordings)` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
-ANSWERS = (
-    "{begin} torque reacts to the motion ({gain:2} between samples). "
-    "Reactions of a controller may be taken for physics. "
-)
 GEAR_LOSSES = (
     ". The losses of its gears and the {name} are then one number, {torque_constant.value:.4g} {torque_constant.unit}. "
     "To distinguish them, let a weight down slowly, so that it turns the motor."
@@ -519,9 +515,10 @@ DESCRIBED: Mapping[Kind, str | Callable[[Finding], str]] = {  # templates for `_
         f"{100 * finding.numbers['least'].value:.2g} %."
     ),
     Kind.FEEDBACK: (
-        ANSWERS + "Record the reference of the controller as well (column `reference`), or a torque that is planned."
+        "{begin} torque reacts to the motion ({gain:2} between samples). "
+        "Reactions of a controller may be taken for physics. "
+        "Record a planned torque, or describe the controller by `--drive`, with its goals in the column `reference`."
     ),
-    Kind.FEEDBACK_WITH_REFERENCE: (ANSWERS + "--instruments reference keeps them out of the model of `identify`."),
     Kind.OUTLIER_RECORDING: _describe_differences,
     Kind.SCALED_TORQUE: "{disagrees}: its torque is {factor.value:.3g} times what the same motion takes there.",
     Kind.SCALED_INERTIA: "{disagrees}: its inertia is {factor.value:.3g} times that there.",

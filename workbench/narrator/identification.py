@@ -7,7 +7,6 @@ from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.formatting import TextTable
-from pendulum_env.physics import Model
 from pendulum_env.units import show_angles
 from workbench.narrator.findings import describe
 
@@ -29,8 +28,8 @@ def tabulate_by_scheme(identification: Identification) -> TextTable:
     return TextTable(("parameter", *identification.schemes, "unit"), rows, left=("unit",))
 
 
-def tabulate_schemes(identification: Identification, by_instruments: Model | None = None) -> TextTable:
-    """Tabulate the estimates with a row for each scheme and one for instruments; for an arm as `tabulate_by_scheme`."""
+def tabulate_schemes(identification: Identification) -> TextTable:
+    """Tabulate the estimates with a row for each scheme; for an arm as `tabulate_by_scheme`."""
     if isinstance(identification.body, Body):
         return tabulate_by_scheme(identification)
     model = next(iter(identification.schemes.values())).model
@@ -40,9 +39,6 @@ def tabulate_schemes(identification: Identification, by_instruments: Model | Non
     for id, result in identification.schemes.items():
         values = [result.model.estimates[name].text for name in names]
         rows.append((id, *values, f"{result.residual_rms:.3g} {result.unit}"))
-    if by_instruments is not None:
-        shown = by_instruments.mark_unknown({name for finding in identification.findings for name in finding.withheld})
-        rows.append(("instruments", *(shown.estimates[name].text for name in names), ""))
     return TextTable(("scheme", *(f"{c.name} [{units.unit(c.unit)}]" for c in columns), "residual"), rows)
 
 
