@@ -28,6 +28,7 @@ from estimators.in_loop.profile import LikelihoodProfile, scan_profile
 from estimators.in_loop.rollouts import FINE, Rollouts
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
+from estimators.regression.fold_fits import solve_without
 from estimators.search_hints import find_hints
 from estimators.simulation.multiple_shooting import add_link_friction
 from estimators.weak_form.columns import list_bounds
@@ -138,7 +139,7 @@ class RolloutRows:
     def fit_folds(self, terms: Terms) -> FoldFits:
         """Fit some terms without each fold, to first order around their fit."""
         terms, theta = self.fit(terms)
-        return FoldFits(terms, theta, self.equations(terms).solve_without(self.layout.scored.fold, FOLDS))
+        return FoldFits(terms, theta, solve_without(self.equations(terms), self.layout.scored.fold, FOLDS))
 
     def with_nonlinear(self, terms: Terms) -> Key:
         """Return the terms with all continuous nonlinear parameters fitted from their values."""

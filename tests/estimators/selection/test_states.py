@@ -57,7 +57,7 @@ class ScoredEvaluator(ModelEvaluator):
             layout=SimpleNamespace(predicts_torque=True, has_fast_fits=True),
             segments=(),
             motions={},
-            data=SimpleNamespace(link_states={}, contacts=0),
+            data=SimpleNamespace(link_states={}, windows=()),
             maker=SimpleNamespace(
                 fit=lambda terms, exactly: Point(terms, np.empty(0)),
                 score_terms=lambda terms: ScoredTerms(tuple(terms), 0.0),
