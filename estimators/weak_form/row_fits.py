@@ -10,6 +10,7 @@ import numpy as np
 from estimators.decisions.score import FOLDS
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Tangent
+from estimators.regression.fold_fits import is_near_tangent
 from estimators.regression.fold_grams import FoldGrams, compute_entry_squares, solve_all_folds, solve_each_fold
 from estimators.regression.least_squares import weigh_recordings
 from estimators.weak_form.columns import is_torque_dependent, list_bounds
@@ -114,7 +115,7 @@ class RowFits:
         if is_torque_dependent(*others):
             square = float(weights**2 @ compute_entry_squares(grams, steps[0]))
             balance = replace(self.regressor.equations(terms), weights=weights[owner])
-            if not balance.fits_tangent(fits.theta, np.ones(len(owner), dtype=bool), square):
+            if not is_near_tangent(balance, fits.theta, np.ones(len(owner), dtype=bool), square):
                 return None
         return fits, weights
 

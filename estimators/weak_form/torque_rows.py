@@ -14,7 +14,8 @@ import numpy as np
 
 from estimators.decisions.score import FOLDS
 from estimators.memoize import memoized
-from estimators.regression.balance import Balance, Columns, Tangent
+from estimators.regression.balance import Balance, Columns, Tangent, compute_least_square
+from estimators.regression.fold_fits import solve_without
 from estimators.regression.fold_grams import compute_squared_errors
 from estimators.search_hints import find_hints, is_possible
 from estimators.weak_form.columns import is_torque_dependent, list_bounds
@@ -91,7 +92,7 @@ class TorqueRows:
         if linearised is not None:
             return linearised[0]
         theta, balance = self.fits.solve(terms), self.equations(terms)
-        return FoldFits(tuple(terms), theta, balance.solve_without(self.layout.scored.fold, FOLDS, theta))
+        return FoldFits(tuple(terms), theta, solve_without(balance, self.layout.scored.fold, FOLDS, theta))
 
     def fit(self, terms: Terms, exactly: bool = False) -> Point:
         """Fit the linear parameters of some terms, to convergence also without `exactly`."""
@@ -152,7 +153,7 @@ class TorqueRows:
         )  # made only if a variant is fitted exactly
 
         def exact(variant: Term, columns: Columns) -> float:
-            return with_variant()(variant, columns).compute_least_square()
+            return compute_least_square(with_variant()(variant, columns))
 
         if not terms:
             squares = np.array([exact(*pair) for pair in zip(variants, parts, strict=True)])
