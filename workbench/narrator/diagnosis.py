@@ -176,12 +176,12 @@ def describe_refit(refit: HorizonRefit) -> str:
 
 
 def describe_treatment(treatment: TriedTreatment) -> str:
-    """Describe a treatment of the recordings, its gain in prediction, and whether it was kept."""
-    gain = treatment.decision.gates[0].cells[1]
+    """Describe a treatment of the recordings, the test that decided on it, and whether it was kept."""
+    decisive = next((gate for gate in treatment.decision.gates if not gate.passed), treatment.decision.gates[0])
+    name, value, limit, _ = decisive.cells
     return (
-        f"{describe(treatment.treatment)} The gain in prediction is {gain}, "
-        f"with {treatment.assumptions} instead of {treatment.before} assumptions: "
-        f"{'kept' if treatment.is_kept else 'not kept'}."
+        f"{describe(treatment.treatment)} With {treatment.assumptions} instead of {treatment.before} assumptions, "
+        f"{name} is {value} (limit {limit}): {'kept' if treatment.is_kept else 'not kept'}."
     )
 
 
