@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -27,6 +28,27 @@ def choose_grain(recordings: Sequence[Recording]) -> float:
     return period * max(1, round(setting.grain / period)) if is_same else setting.grain
 
 
+class ComparedSegment(NamedTuple):
+    """Segment of a recording without gaps.
+
+    Attributes:
+        part: the segment.
+        recording: index of the recording.
+        times: times a grain apart, from the start of the segment [s].
+        is_compared: mask of the times within the compared part of the recording.
+    """
+
+    part: Recording
+    recording: int
+    times: Array
+    is_compared: Mask
+
+    @property
+    def time(self) -> Array:
+        """Return the compared times on the clock of the recording [s]."""
+        return self.part.time[0] + self.times[self.is_compared]
+
+
 @dataclass(frozen=True)
 class ComparedPositions:
     """Measured positions (R,), a grain apart in each segment of some recordings.
@@ -42,57 +64,39 @@ class ComparedPositions:
     grain: float
 
     @cached_property
-    def segments(self) -> list[tuple[int, Recording]]:
-        """Segments without gaps, each with the index of its recording."""
-        return [(k, part) for k, recording in enumerate(self.recordings) for part in recording.segments]
-
-    @cached_property
-    def times_from_start(self) -> list[Array]:
-        """Times a grain apart, from the start of each segment [s]."""
-        lengths = [(part.time[-1] - part.time[0]) / self.grain for _, part in self.segments]
-        return [self.grain * np.arange(1.0, int(length + 1e-6) + 1) for length in lengths]
-
-    @cached_property
-    def _compared(self) -> list[Mask]:
-        """Masks of the times of each segment within the compared share of its recording."""
-        masks = []
-        for times, (k, part) in zip(self.times_from_start, self.segments, strict=True):
-            whole = self.recordings[k]
-            share = (part.time[0] - whole.time[0] + times) / (whole.time[-1] - whole.time[0] + self.grain)
-            masks.append((share >= self.shares[0]) & (share < self.shares[1]))
-        return masks
+    def segments(self) -> list[ComparedSegment]:
+        """Segments of all recordings."""
+        segments = []
+        for k, whole in enumerate(self.recordings):
+            for part in whole.segments:
+                length, begin = (part.time[-1] - part.time[0]) / self.grain, part.time[0] - whole.time[0]
+                times = self.grain * np.arange(1.0, int(length + 1e-6) + 1)
+                share = (begin + times) / (whole.time[-1] - whole.time[0] + self.grain)
+                is_compared = (share >= self.shares[0]) & (share < self.shares[1])
+                segments.append(ComparedSegment(part, k, times, is_compared))
+        return segments
 
     @cached_property
     def measured(self) -> Array:
         """Measured positions (R,) [rad], by a cubic spline; linear interpolation is too inaccurate."""
-        parts = zip(self.times_from_start, self._compared, self.segments, strict=True)
-        return np.concatenate(
-            [
-                scipy.interpolate.CubicSpline(part.time, part.position)(part.time[0] + times[mask])
-                for times, mask, (_, part) in parts
-            ]
-        )
+        splines = [scipy.interpolate.CubicSpline(part.time, part.position) for part, *_ in self.segments]
+        return np.concatenate([spline(one.time) for spline, one in zip(splines, self.segments, strict=True)])
 
     @cached_property
     def time(self) -> Array:
         """Times from the start of each recording (R,) [s]."""
-        parts = zip(self.times_from_start, self._compared, self.segments, strict=True)
-        return np.concatenate(
-            [part.time[0] + times[mask] - self.recordings[k].time[0] for times, mask, (k, part) in parts]
-        )
+        return np.concatenate([one.time - self.recordings[one.recording].time[0] for one in self.segments])
 
     @cached_property
     def recording_of(self) -> Index:
         """Index of the recording of each position (R,)."""
-        return np.repeat([k for k, _ in self.segments], [int(mask.sum()) for mask in self._compared])
+        return np.repeat([one.recording for one in self.segments], [len(one.time) for one in self.segments])
 
     def compare_paths(self, paths: Array) -> Array:
         """Return simulated positions (N + 1, V, B), a grain apart from the start, minus measured ones (R, V) [rad]."""
-        simulated = np.concatenate(
-            [paths[1 : len(mask) + 1, :, lane][mask] for lane, mask in enumerate(self._compared)]
-        )
-        farthest = LOOP.simulation.farthest
-        return np.clip(np.nan_to_num(simulated, nan=np.inf) - self.measured[:, None], -farthest, farthest)
+        lanes = [paths[1 : len(one.times) + 1, :, lane][one.is_compared] for lane, one in enumerate(self.segments)]
+        farthest, simulated = LOOP.simulation.farthest, np.nan_to_num(np.concatenate(lanes), nan=np.inf)
+        return np.clip(simulated - self.measured[:, None], -farthest, farthest)
 
     @cached_property
     def clusters(self) -> Index:

@@ -1,4 +1,4 @@
-"""Errors of rollouts around a point, to first order in the parameters."""
+"""Errors of rollouts around a point, to first order in the parameters, whose steps are relative to their sizes."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ import numpy as np
 from estimators.in_loop.likelihood import compute_error_scales
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.settings import LOOP
+from estimators.memoize import memoized
 from estimators.search_hints import find_hints
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_continuous_parameters
 from estimators.weak_form.point import Point
+from estimators.weak_form.rows import Terms
+from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.physics.term import return_zero
@@ -34,6 +37,31 @@ class LinearErrors:
     error: Array
     slopes: Array
     weights: Array
+
+
+@dataclass(eq=False)
+class TypicalSizes:
+    """Sizes of linear parameters, whose torque is the share `LOOP.fit.typical` of the RMS recorded torque.
+
+    Attributes:
+        torque: rows of the recorded torque.
+    """
+
+    torque: TorqueRows
+
+    def list_sizes(self, terms: Terms) -> Array:
+        """Return the size of each linear parameter of some terms (P,)."""
+        return np.concatenate([np.empty(0), *(self.compute_sizes(term) for term in terms)])
+
+    @memoized
+    def compute_sizes(self, term: Term) -> Array:
+        """Return the size of each linear parameter of a term (P,)."""
+        rms = np.sqrt(np.mean(self.torque.data.torque.recorded**2))
+        column_rms = np.sqrt(np.mean(self.torque.data.columns([term])[0][0] ** 2, axis=0))
+        columns = self.torque.data.window_columns
+        (x,) = columns.trace([term])  # windows omit slow motion, in which friction may be largest
+        peaks = [np.max(np.abs(column.force(x) + column.dry(x) * np.sign(x.velocity))) for column in term.columns]
+        return np.asarray(LOOP.fit.typical * rms / np.maximum(np.maximum(column_rms, peaks), 1e-9))
 
 
 def compute_parameter_sizes(point: Point, typical: Array) -> Array:

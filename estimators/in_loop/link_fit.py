@@ -9,18 +9,18 @@ import numpy as np
 
 from estimators.in_loop.fit import fit_rollouts
 from estimators.in_loop.likelihood import compute_likelihood_scale, compute_log_likelihood
-from estimators.in_loop.linearisation import LinearErrors, linearise_errors
+from estimators.in_loop.linearisation import LinearErrors, TypicalSizes, linearise_errors
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.settings import LOOP
+from estimators.search_hints import find_hints
 from estimators.simulation.multiple_shooting import add_link_friction
 from estimators.weak_form.nonlinear import set_values
 from estimators.weak_form.point import Point
-from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
 
 def fit_link(
-    rollouts: Rollouts, point: Point, starts: Sequence[Point], profiled: str, typical: Array, least_share: float
+    rollouts: Rollouts, sizes: TypicalSizes, point: Point, variants: Sequence[Term], least_share: float
 ) -> LinearErrors:
     """Fit a model with a link from several starts, and return the errors around the best fit.
 
@@ -30,13 +30,14 @@ def fit_link(
 
     Args:
         rollouts: to fit.
+        sizes: typical sizes of linear parameters.
         point: fit without the link.
-        starts: of the fit, see `list_link_starts`.
-        profiled: name of the parameter of the link with many local minima.
-        typical: size of each linear parameter that matters (P,).
+        variants: of the link.
         least_share: of the squared error that the likeliest start must explain before others are tried.
     """
-    smooth = rollouts.without_counts
+    smooth, profiled = rollouts.without_counts, find_hints(type(variants[0])).profiled
+    starts = list_link_starts(point, variants)
+    typical = sizes.list_sizes(starts[0].terms)
     likelihood = compute_log_likelihood(smooth, smooth.compute_position_errors(starts))
     likeliest: dict[float, Point] = {}  # at each value, the likeliest of all first
     for k in np.argsort(-likelihood):

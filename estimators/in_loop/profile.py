@@ -184,7 +184,7 @@ def _leave_local_minima(rollouts: Rollouts, near: LinearErrors, typical: Array) 
 
 
 def _compute_widening(rollouts: Rollouts, near: LinearErrors, place: int) -> float:
-    """Return the factor by which errors that are correlated within blocks widen the variance of a parameter."""
+    """Return the factor by which errors that are correlated within clusters widen the variance of a parameter."""
     slopes, error = near.weights[:, None] * near.slopes, near.weights * near.error
     correlated = compute_robust_covariance(slopes, error, rollouts.positions.clusters)[place, place]
     size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)  # units of parameters differ by orders of magnitude

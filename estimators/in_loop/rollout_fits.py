@@ -8,13 +8,11 @@ import numpy as np
 
 from estimators.in_loop.fit import fit_rollouts
 from estimators.in_loop.likelihood import choose_likeliest_point, compute_likelihood_scale
-from estimators.in_loop.linearisation import LinearErrors, linearise_errors
-from estimators.in_loop.link_fit import fit_link, list_link_starts
+from estimators.in_loop.linearisation import LinearErrors, TypicalSizes, linearise_errors
+from estimators.in_loop.link_fit import fit_link
 from estimators.in_loop.profile import LikelihoodProfile, scan_profile
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.settings import LOOP
-from estimators.in_loop.typical_sizes import TypicalSizes
-from estimators.search_hints import find_hints
 from estimators.weak_form.point import Point
 from estimators.weak_form.rows import Terms
 from pendulum_env.physics import Term, find_link, has_link
@@ -90,10 +88,7 @@ class RolloutFits:
 
     def fit_link(self, terms: Terms, variants: Terms, least_share: float) -> Key:
         """Fit the terms with a link from several of its variants; arguments as of `fit_link`."""
-        point, profiled = self.linearise(terms).point, find_hints(type(variants[0])).profiled
-        starts = list_link_starts(point, variants)
-        typical = self.sizes.list_sizes(starts[0].terms)
-        return self._store_own(fit_link(self.rollouts, point, starts, profiled, typical, least_share))
+        return self._store_own(fit_link(self.rollouts, self.sizes, self.linearise(terms).point, variants, least_share))
 
     def set_start(self, point: Point, terms: Key | None = None) -> None:
         """Set the start of the fit of some terms, by default those of the point."""

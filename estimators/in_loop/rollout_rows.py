@@ -14,11 +14,10 @@ from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Errors
 from estimators.decisions.score import BLOCK, FOLDS
 from estimators.in_loop.likelihood import compute_likelihood_scale
-from estimators.in_loop.linearisation import linearise_errors
+from estimators.in_loop.linearisation import TypicalSizes, linearise_errors
 from estimators.in_loop.rollout_fits import RolloutFits
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.settings import LOOP
-from estimators.in_loop.typical_sizes import TypicalSizes
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
 from estimators.regression.fold_fits import solve_without

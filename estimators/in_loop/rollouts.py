@@ -57,10 +57,10 @@ class Rollouts:
     @cached_property
     def servos(self) -> Servos:
         """Return all rollouts in a batch; shorter ones are padded with their last sample."""
-        step = self.positions.grain / self._steps_per_grain
-        count = self._steps_per_grain * max(len(times) for times in self.positions.times_from_start)
+        step, segments = self.positions.grain / self._steps_per_grain, self.positions.segments
+        count = self._steps_per_grain * max(len(segment.times) for segment in segments)
         encoder_step = (self.encoder_step or LOOP.encoder.unseen) if self._reads_counts else None
-        return make_servos([part for _, part in self.positions.segments], step, count, encoder_step)
+        return make_servos([segment.part for segment in segments], step, count, encoder_step)
 
     @property
     def _reads_counts(self) -> bool:

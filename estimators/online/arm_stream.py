@@ -38,7 +38,8 @@ class ArmStream:
         self._clock = Clock(1.0 / period)
         # samples after the current one that decide whether it is clear of stick
         self._lookahead = smoothing.reach + max(smoothing.reach + 1, round(GUARD_TIME / period)) + 2
-        self._chunk, self._transient = max(1, round(ONLINE.arm.chunk / period)), round(ONLINE.arm.transient / period)
+        self._chunk = max(1, round(ONLINE.stream.arm_chunk / period))
+        self._transient = round(ONLINE.stream.arm_transient / period)
         self._capacity = self._chunk + 2 * self._lookahead + self._transient
         self.delay = self._lookahead + self._chunk
         self._restart()

@@ -162,7 +162,7 @@ class Binner:
         # of each joint: its last instants, the sum of its equations, and the number of usable ones
         self._parts = [tuple(np.zeros(shape) for shape in shapes) for _ in joints]
         self._step = len(joints) * [0]
-        self._raw = np.zeros((ONLINE.noise.samples, 2, batch * len(joints)))
+        self._raw = np.zeros((ONLINE.stream.noise, 2, batch * len(joints)))
         self._n_raw, self._noise = 0, np.full((batch * len(joints), 2), np.nan)
 
     def reset(self, which: Mask) -> None:
@@ -177,10 +177,10 @@ class Binner:
         A bin of n samples is left out if an equation is not usable, or if the instants or torques before it are
         missing.
         """
-        raw = self._raw[self._n_raw % ONLINE.noise.samples]
+        raw = self._raw[self._n_raw % ONLINE.stream.noise]
         raw[0], raw[1] = position, torque
         self._n_raw += 1
-        if self._n_raw % ONLINE.noise.samples == 0:
+        if self._n_raw % ONLINE.stream.noise == 0:
             self._update_noise()
         n_samples = self.plant.n_samples
         for sample in self._stream.take(time, position, torque):
@@ -209,7 +209,7 @@ class Binner:
         """Estimate the noise of each plant or joint from its last samples, if it moved during most of them."""
         for (position, torque), noise in zip(self._raw.transpose(2, 1, 0), self._noise, strict=True):
             in_motion = np.convolve(np.abs(np.diff(position)) > STILL, np.ones(4), "valid") > 0  # by fourth difference
-            if np.isfinite(position + torque).all() and 2 * np.count_nonzero(in_motion) > ONLINE.noise.samples:
+            if np.isfinite(position + torque).all() and 2 * np.count_nonzero(in_motion) > ONLINE.stream.noise:
                 scatter = estimate_scatter(torque), estimate_scatter(position, in_motion)
                 noise[:] = np.multiply(scatter, self.plant.noise_gains)
 

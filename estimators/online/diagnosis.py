@@ -283,7 +283,7 @@ class EffectMonitor:
         """Add a bin of motion."""
         self._recent.append(bin_)
         has_chunk_ended = self._comparison.take(bin_)
-        if self._comparison.has_begun_to_move(bin_.joint):
+        if self._comparison.fit_bins.has_begun_to_move(bin_.joint):
             change = self._change
             self._begin_comparison(self._comparison.fit_bins.bins)
             self._change = change

@@ -32,7 +32,7 @@ class SampleBuffer:
 
     def __init__(self) -> None:
         """Create an empty buffer."""
-        self.samples: deque[tuple[Array, Array, Array]] = deque(maxlen=ONLINE.noise.longest)
+        self.samples: deque[tuple[Array, Array, Array]] = deque(maxlen=ONLINE.stream.longest)
         self._n_moving: Array = np.zeros(1)  # number of samples in motion (N,)
 
     def take(self, time: Array, position: Array, torque: Array) -> float | None:
@@ -44,10 +44,10 @@ class SampleBuffer:
         if self.samples:
             self._n_moving = self._n_moving + (np.abs(position - self.samples[-1][1]) > STILL).ravel()
         self.samples.append((time.copy(), position.copy(), torque.copy()))
-        if np.max(self._n_moving) < ONLINE.noise.samples:
+        if np.max(self._n_moving) < ONLINE.stream.noise:
             return None
         series = np.array([np.ravel(positions) for _, positions, _ in self.samples]).T  # (N, K)
-        moving = series[self._n_moving >= ONLINE.noise.moving_share * ONLINE.noise.samples]
+        moving = series[self._n_moving >= ONLINE.stream.moving_share * ONLINE.stream.noise]
         return max(estimate_encoder_noise(positions[np.isfinite(positions)]) for positions in moving)
 
 

@@ -19,7 +19,7 @@ class FitBins:
 
     Attributes:
         bins: the bins, in the order of time.
-        is_tried: mask of the joints at which effects are tried (J,).
+        is_tried: mask of the joints at which effects are tried (J,); all before the first fit.
         n_needed: number of bins in the first fit of all models.
         n_most: number of bins in the longest fit.
     """
@@ -29,7 +29,7 @@ class FitBins:
         self._plant, self.bins = plant, list(bins)
         count, models = len(plant.joints), ONLINE.models
         self._motion_time = np.bincount([bin_.joint for bin_ in bins], minlength=count) * plant.length * count  # [s]
-        self.is_tried: Mask = np.zeros(count, dtype=bool)
+        self.is_tried: Mask = np.ones(count, dtype=bool)
         self.n_needed, self.n_most = ceil(models.calibration / plant.length), plant.count_bins(models.fit_time)
         self._scale = np.ones(count)  # of errors at each joint, relative to those of all
 

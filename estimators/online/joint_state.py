@@ -98,10 +98,10 @@ class JointFilters:
         if self._inertia is None or regression.index[b] * self._period < ONLINE.joint_state.motion_time:
             return None
         std, inertia = np.sqrt(covariance[self._inertia, self._inertia]), theta[self._inertia]
-        if not 0 < std < ONLINE.joint_state.inertia_std * inertia:
+        if not 0 < std < ONLINE.joint_state.start_std * inertia:
             return None
         noise = max(self.position_noise, ONLINE.joint_state.least_noise)
-        return self._make_filter(noise, theta, covariance + np.diag((ONLINE.joint_state.added_std * theta) ** 2))
+        return self._make_filter(noise, theta, covariance + np.diag((ONLINE.joint_state.start_std * theta) ** 2))
 
     def insert_estimates(self, estimates: Estimates) -> Estimates:
         """Return estimates with those of started filters in the place of the last regression.

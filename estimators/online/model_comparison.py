@@ -88,10 +88,6 @@ class ModelComparison:
                 self._models = self._models.refine(bins, fresh)
         return True
 
-    def has_begun_to_move(self, joint: int) -> bool:
-        """Return whether a joint has moved long enough to be fitted, but had not when the models were fitted."""
-        return self._models is not None and self.fit_bins.has_begun_to_move(joint)
-
     # ------------------------------------------------------------------------------------------------------ the models
 
     def linearise_rows(self, bins: Sequence[Bin]) -> tuple[Array, Array]:

@@ -6,20 +6,14 @@ from estimators.decisions.score import BLOCK
 
 
 @dataclass(frozen=True)
-class NoiseSettings:
-    """Samples from which the noise of sensors is estimated."""
+class StreamSettings:
+    """Samples that give the noise of sensors, and samples of an arm that are converted together."""
 
-    samples: int = 256  # number of samples, in motion of one joint if the encoder is unknown
-    moving_share: float = 0.25  # least number of samples in motion of another joint, relative to `samples`
+    noise: int = 256  # number of samples that give the noise, in motion of one joint if the encoder is unknown
+    moving_share: float = 0.25  # least number of samples in motion of another joint, relative to `noise`
     longest: int = 2048  # largest number of waiting samples, including rest
-
-
-@dataclass(frozen=True)
-class ArmSettings:
-    """Samples of an arm that are converted together."""
-
-    chunk: float = 0.05  # [s]; the cost is nearly independent of the number of samples
-    transient: float = 0.1  # [s] before them for filters: exp(-20) of the transient remains at 200 rad/s
+    arm_chunk: float = 0.05  # [s], samples of an arm; the cost is nearly independent of their number
+    arm_transient: float = 0.1  # [s] before them for filters: exp(-20) of the transient remains at 200 rad/s
 
 
 @dataclass(frozen=True)
@@ -90,9 +84,8 @@ class CovarianceSettings:
 class JointStateSettings:
     """Start and noise of the unscented Kalman filter; chosen on simulated plants by `benchmarks.joint_state`."""
 
-    inertia_std: float = 0.1  # relative standard error of the inertia at which the filter starts
+    start_std: float = 0.1  # relative standard error of the inertia at the start; added to that of each parameter
     motion_time: float = 1.0  # [s] of motion in the regression before the filter starts
-    added_std: float = 0.1  # relative, added to the standard error of each parameter at the start
     velocity_std: float = 5.0  # [rad/s], standard deviation of the initial velocity
     torque_std: float = 0.1  # [N m], initial standard deviation of the torque about the measured one
     learning_time: float = 0.5  # [s], time constant of the log of the torque noise
@@ -121,8 +114,7 @@ class OnlineLimits:
 class OnlineSettings:
     """All numbers of online estimation and diagnosis."""
 
-    noise: NoiseSettings = NoiseSettings()
-    arm: ArmSettings = ArmSettings()
+    stream: StreamSettings = StreamSettings()
     bins: BinSettings = BinSettings()
     models: ModelSettings = ModelSettings()
     evidence: EvidenceSettings = EvidenceSettings()
