@@ -19,7 +19,9 @@ from estimators.data.fits import compute_inertia
 from estimators.data.model_errors import compute_errors
 from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData, drop_unstable_segments
+from estimators.data.settings import DATA
 from estimators.data.split import CutSettings
+from estimators.decisions.criterion import Criterion
 from estimators.in_loop.motion import LoopMotion, simulate_in_loop
 from estimators.results import Comparison, Distance
 from estimators.signals.residual import compute_profiles
@@ -29,8 +31,6 @@ from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Model, Samples, has_link
 from pendulum_env.recording import Recording
 
-MAX_REGIONS = 6  # largest number of regions where a model fails, of all joints together
-
 
 def compute_distance(name: str, data: RegressionData, model: Model, loop: LoopMotion) -> Distance:
     """Compute the errors of a model with inertia on data, with those of its motion in the loop."""
@@ -39,7 +39,13 @@ def compute_distance(name: str, data: RegressionData, model: Model, loop: LoopMo
 
 
 @refuse_unknown_arguments
-def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float | None = None) -> Comparison:
+def compare(
+    model: Model | HasModel,
+    recordings: Recordings,
+    *,
+    horizon: float | None = None,
+    criterion: Criterion = Criterion(),
+) -> Comparison:
     """Compare a model with recordings without a fit: torque residual and free-running simulation.
 
     A logged current is converted by the torque constant of the model, or else of the known loads. The errors of an arm
@@ -50,6 +56,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
         recordings: recordings to compare, separately and together.
         horizon: length of free-running simulations [s], each from the measured state under the recorded torque; by
             default 1 s.
+        criterion: limits of the decisions on recordings and residuals.
 
     Raises:
         IdentificationError: if a recording or a joint of an arm moves too little, a recording is shorter than the
@@ -61,20 +68,22 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
     model = check_model(model)
     check_horizon(horizon, model.body.can_simulate)
     recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)
-    recordings = convert_to_model_unit(model, recordings)
+    recordings = convert_to_model_unit(model, recordings, criterion)
     if recordings[0].units.is_prismatic:
         model = model.convert_units(recordings[0].units)
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
     separate = [] if joints else [_prepare_recording(recording, model, horizon) for recording in recordings]
     joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints)
-    data = FitData(recordings, recordings, terms=joints, cut=CutSettings(horizon=horizon)).with_parts((joined, joined))
+    data = FitData(recordings, recordings, terms=joints, cut=CutSettings(horizon=horizon), criterion=criterion)
+    data = data.with_parts((joined, joined))
     loop = simulate_in_loop(model, recordings)
     joint = compute_distance("all", joined, model, loop)
     residual = joined.residual(model.terms, model.theta)
-    fits = fit_each_recording([joined.data], model.terms) if separate and not joint.errors.is_in_loop else []
+    is_fitted = separate and not joint.errors.is_in_loop
+    fits = fit_each_recording([joined.data], model.terms, criterion) if is_fitted else []
     has_torque = any(recording.has_logged_torque for recording in recordings)
-    n_regions = max(1, MAX_REGIONS // len(joint.floors))
+    n_regions = max(1, DATA.regions // len(joint.floors))  # of all joints together
     return Comparison(
         model,
         tuple(
@@ -82,7 +91,7 @@ def compare(model: Model | HasModel, recordings: Recordings, *, horizon: float |
         ),
         joint,
         tuple(compute_profiles(joined.samples, residual, joint.noise_floor, units=joined.units()) if separate else ()),
-        tuple(find_failures(joined, residual, n_regions)) if has_torque else (),
+        tuple(find_failures(joined, residual, criterion, n_regions)) if has_torque else (),
         (*find_disagreements_with_model(model, fits), *find_misfits(fits)),
         recordings[0].torque_constant,
         data,

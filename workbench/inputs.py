@@ -10,6 +10,7 @@ from typing import TypeVar
 from estimators.arguments import check_model
 from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
+from estimators.decisions.criterion import Criterion
 from estimators.free_swings import find_known_values
 from estimators.in_loop import list_decisions
 from pendulum_env.arms.joints import arm_base
@@ -134,11 +135,16 @@ class Inputs:
         return report_timing(FitData(recordings), align, terminal)
 
     def calibrate(
-        self, terminal: Terminal, align: bool | None = None, fixed: Mapping[str, float] | None = None
+        self,
+        terminal: Terminal,
+        align: bool | None = None,
+        fixed: Mapping[str, float] | None = None,
+        criterion: Criterion = Criterion(),
     ) -> FitData:
         """Calibrate torque by known loads or known values, and report its timing."""
         known_values = find_known_values(self.model.terms) | dict(fixed or {})
-        data = FitData.from_recordings(self.recordings, self.holdout, self.model.terms, known=known_values)
+        own = self.recordings, self.holdout, self.model.terms
+        data = FitData.from_recordings(*own, known=known_values, criterion=criterion)
         for finding in list_decisions(data.treatments):
             terminal.print(describe(finding))
         if not self.body.can_simulate:

@@ -22,32 +22,13 @@ import numpy as np
 from scipy.special import ndtri
 
 from estimators.checks.closed_loop import find_feedback
+from estimators.checks.settings import CHECKS
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.signals.channel import LONGEST, REACH, UNMIXED_SAMPLES, Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_noise_slope, estimate_white_noise
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
-
-
-@dataclass(frozen=True)
-class ChannelSettings:
-    """Settings of the search for delays and lags, and limits of their report."""
-
-    starts: int = 1000  # delays per second, an even number in all: zero is not fitted; a search starts from the best
-    z_limit: float = 4.0  # standard errors of a significant estimate
-    gain_limit: float = float(ndtri(1 - Criterion().p_value))  # standard errors of a significant gain
-    chance_gain: float = float(np.log(2 * REACH / 1e-3))  # [nat], gain by chance of the best delay on a grid of 1 ms
-    min_equations: int = 3  # least number of equations for each column
-    stribeck_shares: tuple[float, ...] = (0.02, 0.1, 0.5)  # Stribeck velocities of friction columns, of the highest
-    torque_iterations: int = 3  # iterations of columns that depend on the fitted torque
-    negligible: float = 0.1  # of a sample, accuracy of clocks and of the steps of simulators
-    least_sampled: float = 0.25  # of a sample, apparent delay of torque that a controller sets twice a sample
-    min_recordings: int = 4  # least number of recordings for a standard error from their scatter
-    min_stretches: int = 3  # least number of stretches for a standard error from their scatter
-
-
-CHANNEL = ChannelSettings()
 
 
 @dataclass(frozen=True)
@@ -63,6 +44,7 @@ class Alignment:
         gain: parameter of the first column, and its standard error.
         density: log predictive density of each stretch (2, C) [nat]: with the residual as torque, and with it as
             noise of the log, which the channel's inverse filter amplifies.
+        criterion: limits of its comparisons with others.
     """
 
     channel: Channel
@@ -72,6 +54,7 @@ class Alignment:
     is_half_sample: bool = False
     gain: tuple[float, float] = field(default=(0.0, 0.0), compare=False, repr=False)
     density: Array = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
+    criterion: Criterion = field(default=Criterion(), compare=False, repr=False)
 
     @property
     def delay(self) -> float:
@@ -104,26 +87,30 @@ class Alignment:
         `by_chance` is a gain that counts as zero [nat].
         """
         gain = self.density - other.density
-        if gain.shape[1] < CHANNEL.min_stretches:
+        if gain.shape[1] < self.criterion.timing.least_blocks:
             return False
         spread = np.sqrt(gain.shape[1]) * gain.std(axis=1)
-        return bool((gain.sum(axis=1) - by_chance > CHANNEL.gain_limit * spread).all())
+        z_score = ndtri(1 - self.criterion.p_value)
+        return bool((gain.sum(axis=1) - by_chance > z_score * spread).all())
 
     def predicts_better(self, other: Alignment) -> bool:
         """Return whether it predicts better, significantly or not."""
         return bool((self.density.sum(axis=1) > other.density.sum(axis=1)).all())
 
     @property
+    def z_score(self) -> float:
+        """Standard errors from which a delay or lag is significant."""
+        return self.criterion.timing.z_score
+
+    @property
     def is_significant(self) -> bool:
         """Return whether each parameter differs significantly from zero, and lies inside the search range."""
-        parts = ((self.delay, self.delay_std, LONGEST), (self.lag, self.lag_std, REACH))
-        return all(
-            CHANNEL.z_limit * std < abs(value) and -REACH < value < most for value, std, most in parts if std > 0
-        )
+        parts, z_score = ((self.delay, self.delay_std, LONGEST), (self.lag, self.lag_std, REACH)), self.z_score
+        return all(z_score * std < abs(value) and -REACH < value < most for value, std, most in parts if std > 0)
 
     def is_supported(self, none: Alignment) -> bool:
         """Return whether it predicts significantly better than no shift, with significant parameters."""
-        return self.is_significant and self.beats(none, CHANNEL.chance_gain)
+        return self.is_significant and self.beats(none, float(np.log(CHECKS.channel.candidates)))
 
     def agrees(self, other: Alignment) -> bool:
         """Return whether delay plus lag agree with those of another alignment within their errors."""
@@ -131,7 +118,7 @@ class Alignment:
             return True
         difference = self.delay + self.lag - other.delay - other.lag
         std = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
-        return bool(abs(difference) <= CHANNEL.z_limit * std)
+        return bool(abs(difference) <= self.z_score * std)
 
     def apply(self, recording: Recording) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
@@ -162,7 +149,7 @@ class Alignment:
             reach = n_omitted + margin + int(np.ceil(5 * max(channel.lag, 0.0) / period)) + feedback
             response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
             is_sampled = self.channel.is_sampled or self.is_half_sample
-            series["moved"] = make_moved_torque(recording, response, is_sampled)
+            series["moved"] = make_moved_torque(recording, response, is_sampled, self.criterion)
         starts = tuple(np.cumsum([0, *map(len, kept_rows[:-1])]).tolist())
         return replace(recording, **series, starts=starts, notes=(*recording.notes, self._note))
 
@@ -197,12 +184,13 @@ class Alignment:
         }
 
 
-def make_moved_torque(recording: Recording, response: Array, is_sampled: bool) -> MovedTorque:
+def make_moved_torque(recording: Recording, response: Array, is_sampled: bool, criterion: Criterion) -> MovedTorque:
     """Make the noise of the torque of a recording, before its move in time by a filter with a response (L,).
 
     A controller reacts to its encoder without delay. The noise is at least as large as this reaction.
     """
-    answer = estimate_noise_slope(recording.position, recording.torque) if find_feedback([recording]) else 0.0
+    has_feedback = bool(find_feedback([recording], criterion))
+    answer = estimate_noise_slope(recording.position, recording.torque) if has_feedback else 0.0
     noise = max(estimate_white_noise(recording.torque), abs(answer) * estimate_encoder_noise(recording.position))
     return MovedTorque(noise, response, is_sampled, answer)
 

@@ -20,8 +20,8 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment
-from estimators.checks.channel_rows import NONLINEAR_GAIN, ChannelRows
+from estimators.checks.alignment import NO_ALIGNMENT, Alignment
+from estimators.checks.channel_rows import CHANNEL, NONLINEAR_GAIN, ChannelRows
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.score import Blocks, cross_validate_density
@@ -35,14 +35,12 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.recording import Recording
 
-FREE_ZERO = 1e-9  # [s], delay that is fitted from zero; a delay of exactly zero is not fitted
-
 
 class ChannelFits(ChannelRows):
     """Fits of the recorded torque under any law of the channel."""
 
     def keeps_inertia(self, law: Alignment) -> bool:
-        """Return whether the inertia of the base model stays above `Criterion.kept_inertia` of itself under a law.
+        """Return whether the inertia of the base model stays above `kept_inertia` of itself under a law.
 
         The speed of a joint with inertia J and viscous friction b follows torque with the lag J/b. A late action can
         imitate this inertia.
@@ -51,12 +49,12 @@ class ChannelFits(ChannelRows):
         logged, corrected = (
             solve_least_squares(columns, self.compute_torque(channel))[0] for channel in (Channel(), law.channel)
         )
-        return bool(corrected >= Criterion.kept_inertia * logged)
+        return bool(corrected >= self.criterion.kept_inertia * logged)
 
     @cached_property
     def delay_fit(self) -> Alignment:
         """Law with a free delay."""
-        return self.fit([self.make_law(FREE_ZERO), self.start])
+        return self.fit([self.make_law(CHANNEL.zero), self.start])
 
     def fit(self, laws: Iterable[Channel], is_free: bool = True) -> Alignment:
         """Fit the best of some laws: its delay and lag other than zero, unless `is_free` is false.
@@ -87,7 +85,8 @@ class ChannelFits(ChannelRows):
         density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
         of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(block)
         gain = float(fits[0].theta[0]), errors[0]
-        return Alignment(law, delay_std, lag_std, gain=gain, density=np.stack([density, of_log]))
+        densities = np.stack([density, of_log])
+        return Alignment(law, delay_std, lag_std, gain=gain, density=densities, criterion=self.criterion)
 
     def select_law(self) -> Alignment:
         """Return the simplest law that predicts significantly better than the others.
@@ -98,7 +97,7 @@ class ChannelFits(ChannelRows):
         time = delay.delay
         if not delay.is_supported(in_time) or self.is_negligible(time):  # a filter also shows as a delay
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
-            std = max(delay.delay_std, abs(time) / CHANNEL.z_limit)
+            std = max(delay.delay_std, abs(time) / delay.z_score)
             return replace(in_time, delay_std=std, lag_std=std)
         half = 0.5 * self.period * (time > 0)  # a filter of the log delays slow torque by its lag less half a sample
         lag = self.fit([self.make_law(0.0, share * time + half) for share in (0.5, 1.0, 1.5)])
@@ -120,14 +119,15 @@ class ChannelFits(ChannelRows):
         # errors of smoothing and integration
         exactness = compute_numerical_error(self.rows.data.windows) * float(np.linalg.norm(self.rows.data.weights))
         before, after = (np.hypot(self.compute_misfit(self.make_law(time)), exactness) for time in (0.0, delay))
-        return bool(abs(delay) < CHANNEL.negligible * self.period and after > (1 - Criterion.error_margin) * before)
+        is_short = abs(delay) < self.criterion.timing.negligible * self.period
+        return bool(is_short and after > (1 - self.criterion.error_margin) * before)
 
     def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""
         residual, untimed = (
             self.compute_residual(self.compute_torque(channel)) for channel in (law.channel, Channel())
         )
-        return is_consistent(recordings, self.rows.data, residual, untimed, self.span.shape[1])
+        return is_consistent(recordings, self.rows.data, residual, untimed, self.span.shape[1], self.criterion)
 
     def compute_noise_gain(self, law: Channel) -> float:
         """Compute the largest ratio of white noise in the windows with and without the inverse filter."""
@@ -141,7 +141,9 @@ class ChannelFits(ChannelRows):
         return max(compute_norm(w, undelayed) / compute_norm(w, Channel()) for w in self.rows.data.windows)
 
 
-def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = ()) -> Alignment:
+def align(
+    recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (), criterion: Criterion = Criterion()
+) -> Alignment:
     """Estimate delay and lag of the torque channel that all recordings share.
 
     Args:
@@ -149,9 +151,10 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
         terms: effects of the joint with nonlinear parameters set, fitted together with the law. Saturation and other
             laws of the present torque without parameters are applied to it. Laws that delay the torque are left out,
             because they compete with the law of the channel.
+        criterion: limits of the decisions.
 
-    A law is reported if its delay or lag is `CHANNEL.z_limit` standard errors from zero, and if it predicts held-out
-    seconds significantly better. A delay below `CHANNEL.negligible` of a sample counts as zero if torque is predicted
+    A law is reported if its delay or lag is `timing.z_score` standard errors from zero, and if it predicts held-out
+    seconds significantly better. A delay below `timing.negligible` of a sample counts as zero if torque is predicted
     equally without it. A filter is distinguished from a delay if it predicts significantly better; else both are
     reported.
 
@@ -173,9 +176,9 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
     recordings = [_apply_torque_laws(recording, terms) for recording in recordings]
     is_logged = any(r.torque.any() for r in recordings) and all(r.has_logged_torque for r in recordings)
     try:
-        fits = ChannelFits.from_recordings(recordings, terms) if is_logged else None
+        fits = ChannelFits.from_recordings(recordings, terms, criterion=criterion) if is_logged else None
         if fits is not None and fits.start.delay >= REACH:  # the best delay may be longer
-            fits = ChannelFits.from_recordings(recordings, terms, LONGEST)
+            fits = ChannelFits.from_recordings(recordings, terms, LONGEST, criterion)
     except IdentificationError:
         fits = None
     if fits is None:
@@ -189,7 +192,7 @@ def align(recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (
         return law
     if not (law.is_late or fits.keeps_inertia(law)):
         return NO_ALIGNMENT
-    if find_feedback(recordings):
+    if find_feedback(recordings, criterion):
         finer = fits.with_angle_columns()
         with_angle, without = (candidate.fit([law.channel], is_free=False) for candidate in (finer, fits))
         fits, law = (finer, _choose_hold(finer)) if with_angle.beats(without) else (fits, law)
@@ -221,11 +224,11 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
         return replace(half_sample, delay_std=free_delay.delay_std, is_half_sample=True) if is_half else law
     sampled_law = sampled.select_law()
     shift, shift_std = (law.delay + law.lag) / fits.period, (law.delay_std + law.lag_std) / fits.period
-    if shift + CHANNEL.z_limit * shift_std < CHANNEL.least_sampled:
+    if shift + law.z_score * shift_std < fits.criterion.timing.least_sampled:
         return law
-    is_within_sample = shift < 0.5 + CHANNEL.z_limit * shift_std
+    is_within_sample = shift < 0.5 + law.z_score * shift_std
     # the log is not that of an earlier row
-    answers_row = bool(find_feedback([w.recording for w in fits.rows.data.windows]))
+    answers_row = bool(find_feedback([w.recording for w in fits.rows.data.windows], fits.criterion))
     is_sampled = answers_row or not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
     if not (is_sampled and sampled_law.is_late):
         return law
@@ -236,7 +239,9 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     return replace(sampled_law, rival=None)
 
 
-def align_each(recordings: Sequence[Recording], terms: Sequence[Term] = ()) -> list[Alignment]:
+def align_each(
+    recordings: Sequence[Recording], terms: Sequence[Term] = (), criterion: Criterion = Criterion()
+) -> list[Alignment]:
     """Align all recordings together, or separately if they differ; see `align`.
 
     All recordings have the same drive and log. The law of all, or of one recording, holds for all if more than half
@@ -247,11 +252,11 @@ def align_each(recordings: Sequence[Recording], terms: Sequence[Term] = ()) -> l
     Returns:
         The alignment of each recording, in order.
     """
-    joint = align(recordings, terms)
-    is_closed = all(find_feedback([recording]) for recording in recordings)
+    joint = align(recordings, terms, criterion)
+    is_closed = all(find_feedback([recording], criterion) for recording in recordings)
     if len(recordings) == 1 or (is_closed and np.isfinite(joint.delay_std)):
         return [joint] * len(recordings)
-    own_laws = [align([recording], terms) for recording in recordings]
+    own_laws = [align([recording], terms, criterion) for recording in recordings]
     if is_closed and not all(np.isfinite(own.delay_std) for own in own_laws):
         return [joint] * len(recordings)
     for law in (joint, *sorted(own_laws, key=lambda own: own.delay_std + own.lag_std)):

@@ -7,7 +7,9 @@ from typing import Self
 
 import numpy as np
 
-from estimators.checks.alignment import CHANNEL, make_moved_torque
+from estimators.checks.alignment import make_moved_torque
+from estimators.checks.settings import CHECKS
+from estimators.decisions.criterion import ColumnLimits, Criterion
 from estimators.regression.balance import place_columns
 from estimators.regression.least_squares import project_out
 from estimators.signals.channel import REACH, Channel
@@ -25,9 +27,7 @@ from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 
 LawsOfRows = Sequence[tuple[slice, Column]]  # columns that depend on the torque, with their rows
-# share of samples driven by the motor, or braked by the load, above which gear losses and the torque constant cannot be
-# distinguished; a choice: only the other samples distinguish both
-MAX_DRIVEN_SHARE = 0.9
+CHANNEL = CHECKS.channel
 # friction proportional to the weight of the joint, and to the known loads [per N m]
 OWN_FRICTION = Column("own", "1", dry=lambda x: np.abs(np.sin(x.position)))
 LOAD_FRICTION = Column("hung", "1", dry=lambda x: np.abs(x.load.gravity * np.sin(x.position) - x.load.torque))
@@ -43,13 +43,15 @@ ANGLE_LAWS = [Cogging(float(order)) for order in range(1, 49)]  # waves of the a
 
 
 def make_channel_rows(
-    recordings: Sequence[Recording], terms: Sequence[Term], latest: float = REACH
+    recordings: Sequence[Recording], terms: Sequence[Term], latest: float, limits: ColumnLimits
 ) -> tuple[TorqueRows, Array, LawsOfRows]:
     """Make the rows of recordings, clear of the ends of segments under every delay up to `latest` [s].
 
     Args:
         recordings: with known torque.
         terms: effects of the joint; for an arm all terms of the model, the links first. Fixed columns are left out.
+        latest: largest delay [s].
+        limits: limits of driven and braked motion.
 
     Returns:
         Rows, columns of motion alone (R, P), and columns of `terms` that depend on the torque.
@@ -72,23 +74,23 @@ def make_channel_rows(
             of_torque += [(rows, column) for column in term.columns]
         else:
             parts.append((rows, data.columns([term])[0][0]))
-    for friction in (OWN_FRICTION, *list_load_friction(data)) if body.can_simulate else ():
+    for friction in (OWN_FRICTION, *list_load_friction(data, limits)) if body.can_simulate else ():
         averages = data.window_columns.averages
         parts.append((slice(None), averages.column(friction, averages.samples)[:, None]))
     return TorqueRows(data), place_columns(len(data.weights), parts), of_torque
 
 
-def list_load_friction(data: TorqueWindows) -> list[Column]:
+def list_load_friction(data: TorqueWindows, limits: ColumnLimits) -> list[Column]:
     """List friction under the known loads, if these differ; the torque of a brake resembles friction itself."""
     recordings = [w.recording for w in data.windows]
     has_several = len({recording.load for recording in recordings}) > 1
-    has_several |= any(recording.has_varying_load for recording in recordings) and not is_brake(data)
+    has_several |= any(recording.has_varying_load for recording in recordings) and not is_brake(data, limits)
     return [LOAD_FRICTION] if has_several and any(w.samples.load for w in data.windows) else []
 
 
-def is_brake(data: TorqueWindows) -> bool:
-    """Return whether the load torque opposes the motion in more than `MAX_DRIVEN_SHARE` of the samples."""
-    return compute_driven_share(data, -np.asarray(data.samples.load.torque)) > MAX_DRIVEN_SHARE
+def is_brake(data: TorqueWindows, limits: ColumnLimits) -> bool:
+    """Return whether the load torque opposes the motion in more than `driven_share` of the samples."""
+    return compute_driven_share(data, -np.asarray(data.samples.load.torque)) > limits.driven_share
 
 
 def compute_driven_share(data: TorqueWindows, torque: Array) -> float:
@@ -112,6 +114,7 @@ class ChannelRows:
         by_torque: derivatives of the columns by the torque (R, P), not weighted; None: none depends on it.
         is_sampled: whether torque is sampled instead of held.
         latest: largest delay of the search [s].
+        criterion: limits of the decisions.
         torques: cache of `compute_torque` by law.
     """
 
@@ -120,17 +123,23 @@ class ChannelRows:
     by_torque: Array | None = None
     is_sampled: bool = False
     latest: float = REACH
+    criterion: Criterion = Criterion()
     torques: dict[Term, Array] = field(default_factory=dict)
 
     @classmethod
     def from_recordings(
-        cls, recordings: Sequence[Recording], terms: Sequence[Term] = (), latest: float = REACH
+        cls,
+        recordings: Sequence[Recording],
+        terms: Sequence[Term] = (),
+        latest: float = REACH,
+        criterion: Criterion = Criterion(),
     ) -> Self | None:
         """Prepare rows of recordings, see `make_channel_rows`; None if there are too few windows."""
-        rows, phi, of_torque = make_channel_rows(recordings, terms, latest)
+        rows, phi, of_torque = make_channel_rows(recordings, terms, latest, criterion.columns)
         if len(phi) < CHANNEL.min_equations * phi.shape[1]:
             return None
-        return cls(rows, phi * rows.data.weights[:, None], latest=latest).with_columns_of_torque(of_torque)
+        fits = cls(rows, phi * rows.data.weights[:, None], latest=latest, criterion=criterion)
+        return fits.with_columns_of_torque(of_torque)
 
     def with_columns(self, columns: Array, by_torque: Array | None = None) -> Self:
         """Return the rows with more columns (R, P), and their derivatives by the torque (R, P)."""
@@ -166,7 +175,7 @@ class ChannelRows:
         """Return the rows with weights for jumps of sampled torque: their time within a sample is unknown."""
         scales = []
         for w in self.rows.data.windows:
-            moved = make_moved_torque(w.recording, np.array([0.0, 1.0, 0.0]), True)
+            moved = make_moved_torque(w.recording, np.array([0.0, 1.0, 0.0]), True, self.criterion)
             scale = scale_by_jumps(replace(w.recording, moved=moved), w.kernel, w.noise.torque)
             scales.append(np.ones(len(w.centers)) if scale is None else scale[w.centers])
         factor = np.concatenate(scales)

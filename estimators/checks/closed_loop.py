@@ -10,13 +10,13 @@ Motion of one frequency determines neither delay nor lag: inertia and viscous fr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from estimators.decisions.criterion import Criterion
+from estimators.checks.settings import CHECKS
+from estimators.decisions.criterion import Criterion, TimingLimits
 from estimators.findings import Finding, Kind, Quantity
 from estimators.memoize import memoized
 from estimators.regression.least_squares import Equations, solve, solve_least_squares
@@ -26,32 +26,17 @@ from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
 from pendulum_env.tone import ONE_FREQUENCY, find_tone
 
-SAME_RATIO = 1.2  # ratio of two frequencies below which they count as equal
+FEEDBACK = CHECKS.feedback
 
 
-@dataclass(frozen=True)
-class FeedbackSettings:
-    """Settings of the test for feedback."""
-
-    past: int = 6  # samples of torque and position that predict the next
-    parts: int = 20  # number of parts of a recording; their scatter gives the error of a correlation
-    z_limit: float = 4.0  # standard errors of a significant slope
-    correlation: float = 0.1  # least correlation of the innovations; a smaller one biases no parameter
-    outlier_limit: float = 4.0  # standard deviations beyond which an innovation is an event: a step, a stop, a glitch
-    strides: tuple[int, ...] = (1, 2, 4, 8)  # samples in a step; a coarse encoder hides feedback within single samples
-
-
-FEEDBACK = FeedbackSettings()
-
-
-def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
+def find_feedback(recordings: Sequence[Recording], criterion: Criterion = Criterion()) -> list[Finding]:
     """Find recordings in which torque reacts to unpredicted changes of position within a few samples.
 
     A finding has the median gain of the recordings with one unit. Arms are not tested.
     """
     gains: dict[str, dict[str, float]] = {}
     for recording in (recording for recording in recordings if recording.position.ndim == 1):
-        gains_by_stride = (_estimate_feedback_gain(recording, stride) for stride in FEEDBACK.strides)
+        gains_by_stride = (_estimate_feedback_gain(recording, stride, criterion.timing) for stride in FEEDBACK.strides)
         if (gain := next((gain for gain in gains_by_stride if gain is not None), None)) is not None:
             gains.setdefault(recording.units.unit("N m/rad"), {})[recording.name] = gain
     return [
@@ -64,23 +49,29 @@ def find_feedback(recordings: Sequence[Recording]) -> list[Finding]:
     ]
 
 
-def have_one_frequency(recordings: Sequence[Recording]) -> bool:
+def have_one_frequency(recordings: Sequence[Recording], criterion: Criterion = Criterion()) -> bool:
     """Return whether all recordings of one joint have the same single frequency; an arm has not."""
     if any(recording.position.ndim > 1 for recording in recordings):
         return False
     longest = [max(recording.segments, key=len) for recording in recordings]
     tones = [find_tone(segment.position, 1.0 / segment.rate) for segment in longest]
     frequencies = [frequency for frequency, _ in tones]
-    return min(share for _, share in tones) > ONE_FREQUENCY and max(frequencies) < SAME_RATIO * min(frequencies)
+    is_pure = min(share for _, share in tones) > ONE_FREQUENCY
+    return is_pure and max(frequencies) < criterion.timing.same_ratio * min(frequencies)
 
 
 def is_consistent(
-    recordings: Sequence[Recording], data: TorqueWindows, residual: Array, untimed: Array, parameters: int
+    recordings: Sequence[Recording],
+    data: TorqueWindows,
+    residual: Array,
+    untimed: Array,
+    parameters: int,
+    criterion: Criterion = Criterion(),
 ) -> bool:
     """Return whether a fit of the torque's timing is consistent.
 
     The motion must have more than one frequency. A law that the model lacks may look like a small delay. Therefore, the
-    RMS residual must be at most `Criterion.misfit` noise floors, or the timing must explain `Criterion.explained_share`
+    RMS residual must be at most `misfit` noise floors, or the timing must explain the share `explained_share`
     of the residual without it. If torque reacts to the motion, only noise is consistent.
 
     Args:
@@ -89,23 +80,25 @@ def is_consistent(
         residual: weighted residual of the fit (R,) [N m].
         untimed: the same without a correction of the time (R,) [N m].
         parameters: number of fitted parameters.
+        criterion: limits of the decision.
     """
-    if have_one_frequency(recordings):
+    if have_one_frequency(recordings, criterion):
         return False
     if data.joints != ("",):
         return True
     size, untimed_size = float(np.linalg.norm(residual)), float(np.linalg.norm(untimed))
-    if size**2 <= (1 - Criterion.explained_share) * untimed_size**2 and not find_feedback(recordings):
+    is_explained = size**2 <= (1 - criterion.explained_share) * untimed_size**2
+    if is_explained and not find_feedback(recordings, criterion):
         return True
     inertia = data.base_inertia
     least = min(w.noise.compute_std(inertia) for w in data.windows)  # weights are relative to the least
     floor = max(compute_precision(data.windows), least)
     freedom = max(1, len(residual) - parameters)
-    return bool(size <= Criterion.misfit * floor * freedom**0.5)
+    return bool(size <= criterion.misfit * floor * freedom**0.5)
 
 
 @memoized
-def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
+def _estimate_feedback_gain(recording: Recording, stride: int, timing: TimingLimits) -> float | None:
     """Estimate the slope of torque innovations over position innovations of every `stride`-th sample [N m/rad].
 
     None if the slope is not significantly negative, or the recording is too short. An error of a time stamp changes
@@ -133,6 +126,6 @@ def _estimate_feedback_gain(recording: Recording, stride: int) -> float | None:
     weights = np.ones(len(answer))
     slope = solve(Equations(innovation[:, None], answer), weights, parts)
     covariance = solve(Equations(np.column_stack([weights, changes]), innovation * answer), weights, parts)
-    if any(fit.theta[0] >= -FEEDBACK.z_limit * fit.std[0] for fit in (slope, covariance)):
+    if any(fit.theta[0] >= -timing.z_score * fit.std[0] for fit in (slope, covariance)):
         return None
-    return gain if (gain := float(slope.theta[0])) < -FEEDBACK.correlation * answer.std() / innovation.std() else None
+    return gain if (gain := float(slope.theta[0])) < -timing.correlation * answer.std() / innovation.std() else None

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from estimators.checks.settings import CHECKS
+from estimators.decisions.criterion import AgreementLimits, Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import Equations, invert_covariance, solve
 from estimators.weak_form.resolution import RESOLUTION
@@ -24,21 +26,6 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Column, Model, Term
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits
-
-
-@dataclass(frozen=True)
-class AgreementSettings:
-    """Limits of the recordings and differences that count."""
-
-    alarm_probability: float = 1e-3  # of a false alarm in all comparisons of one diagnosis
-    min_difference: float = 0.03  # relative; a smaller difference does not matter in practice
-    min_windows: int = 40  # least number of windows of a compared recording
-    min_freedom: int = 6  # least number of clusters beyond the number of parameters of a compared recording
-    max_condition: float = 1e4  # largest condition number of the regressor of a compared recording
-    explained: float = 1.3  # largest residual of a complete model [noise floors]
-
-
-AGREEMENT = AgreementSettings()
 
 
 @dataclass(frozen=True)
@@ -128,6 +115,7 @@ class RecordingFit:
         z_limit: standard errors above which a difference is significant.
         is_free: whether the recording is a free swing; its parameters are relative to the inertia.
         units: units of parameters and residual.
+        limits: limits of the comparison.
     """
 
     number: int
@@ -140,6 +128,7 @@ class RecordingFit:
     z_limit: float
     is_free: bool = False
     units: JointUnits = TURNING
+    limits: AgreementLimits = Criterion().agreement
 
     @property
     def noise_ratio(self) -> float:
@@ -149,19 +138,17 @@ class RecordingFit:
     @property
     def is_explained(self) -> bool:
         """Return whether the residual of this recording is noise."""
-        return self.noise_ratio <= AGREEMENT.explained
+        return self.noise_ratio <= self.limits.explained
 
     def find_differences(self, other: ComparedParameters) -> tuple[Difference, ...]:
         """Return the parameters that differ from `other` significantly, the most significant first.
 
-        A difference counts above `min_difference` of the other value, above the sum of the biases, and above `z_limit`
-        standard errors.
+        A difference counts above `limits.difference` of the other value, above the sum of the biases, and above
+        `z_limit` standard errors.
         """
         gap, std = self._compute_gap(other)
-        large = np.abs(gap) > np.maximum(
-            AGREEMENT.min_difference * np.abs(other.theta), self.estimates.bias + other.bias
-        )
-        significant = np.flatnonzero(large & (np.abs(gap) > self.z_limit * std))
+        least = np.maximum(self.limits.difference * np.abs(other.theta), self.estimates.bias + other.bias)
+        significant = np.flatnonzero((np.abs(gap) > least) & (np.abs(gap) > self.z_limit * std))
         order = sorted(significant, key=lambda j: -abs(gap[j]) / std[j])
         sizes = zip(self.columns, self.estimates.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
         differences = [Difference(column.name, self.units.unit(column.unit), *numbers) for column, *numbers in sizes]
@@ -179,8 +166,8 @@ class RecordingFit:
         factor = float(other.theta @ weight @ self.estimates.theta) / max(scale, 1e-300)
         scaled = other._replace(theta=factor * other.theta, covariance=factor**2 * other.covariance)
         gap, std = self._compute_gap(scaled)
-        is_equal = np.abs(gap) <= np.maximum(AGREEMENT.min_difference * np.abs(scaled.theta), self.z_limit * std)
-        if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= AGREEMENT.min_difference:
+        is_equal = np.abs(gap) <= np.maximum(self.limits.difference * np.abs(scaled.theta), self.z_limit * std)
+        if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= self.limits.difference:
             return Kind.OUTLIER_RECORDING, {}
         if self.is_free and factor > 0:
             return Kind.SCALED_INERTIA, {"factor": Quantity(1 / factor)}
@@ -236,7 +223,7 @@ def _select_differing(
 def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     """Find the recordings that the terms do not explain; none if fewer recordings are explained.
 
-    A residual between `AGREEMENT.explained` and `RESOLUTION.unexplained` noise floors is neither explained nor not.
+    A residual between `limits.explained` and `RESOLUTION.unexplained` noise floors is neither explained nor not.
     """
     others = tuple(fit.name for fit in fits if fit.is_explained)
     poor = [fit for fit in fits if fit.noise_ratio > RESOLUTION.unexplained]
@@ -250,7 +237,9 @@ def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     return tuple(misfits)
 
 
-def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term]) -> list[RecordingFit]:
+def fit_each_recording(
+    datasets: Sequence[TorqueWindows], terms: Sequence[Term], criterion: Criterion = Criterion()
+) -> list[RecordingFit]:
     """Fit the parameters to each recording that excites them; return the fits in order.
 
     A fit is unweighted and uses the tangent at the joint fit of its data set. Recordings left out keep their number.
@@ -266,7 +255,8 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
     compared = np.array([term.kind not in ("time-varying", "transmission") for term, _ in term_columns], dtype=bool)
     columns = tuple(column for (_, column), is_compared in zip(term_columns, compared, strict=True) if is_compared)
     names, fits, number = [column.name for _, column in term_columns], [], 0
-    level = 1 - AGREEMENT.alarm_probability / (2 * max(1, sum(len(data.windows) for data in datasets) * len(columns)))
+    limits, n_windows = criterion.agreement, sum(len(data.windows) for data in datasets)
+    level = 1 - limits.false_alarm / (2 * max(1, n_windows * len(columns)))
     for data in datasets:
         tangent = TorqueRows(data).equations(terms).linearise()
         phi = tangent.slopes[:, fitted]
@@ -279,10 +269,10 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
             clusters = np.unique(data.clusters[rows], return_inverse=True)[1]
             freedom = int(clusters.max(initial=-1)) + 1 - len(names)
             is_alone = bool(w.recording.known_inertia) and not all(swings)
-            if is_alone or len(clusters) < AGREEMENT.min_windows or freedom < AGREEMENT.min_freedom:
+            if is_alone or len(clusters) < limits.least_windows or freedom < limits.least_freedom:
                 continue
             fit = solve(Equations(phi[rows], y[rows]), np.ones(len(clusters)), clusters)
-            if fit.condition > AGREEMENT.max_condition:
+            if fit.condition > CHECKS.max_condition:
                 continue
             # RMS torque of a unit of each parameter beyond the span of the other columns [N m]
             torque_of_unit = 1 / np.sqrt(np.diag(np.linalg.inv(phi[rows].T @ phi[rows] / len(clusters))))
@@ -305,6 +295,7 @@ def fit_each_recording(datasets: Sequence[TorqueWindows], terms: Sequence[Term])
                     z_limit,
                     bool(w.recording.known_inertia),
                     w.recording.units,
+                    limits,
                 )
             )
     return fits

@@ -4,7 +4,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from estimators.checks.settings import CHECKS
 from estimators.checks.signs import compute_significant_sign, find_driving_friction, is_significantly_negative
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import BLOCK
 from estimators.findings import Finding, Kind, Quantity, Remedy
 from estimators.regression.least_squares import Equations, IdentificationError, solve
 from estimators.weak_form.preparation import prepare_windows
@@ -16,23 +19,22 @@ from pendulum_env.recording.origin import Origin
 # minus the load torque in the balance: its parameter is 0, or -2 if the sensor has the opposite sign
 # noise s in a load l beyond the other columns makes these -s^2 / (l^2 + s^2) and -(2 l^2 + s^2) / (l^2 + s^2)
 LOAD_TORQUE = Column("load_torque", "1", force=lambda x: -1.0 * x.load.torque)
-TURNED_ERRORS = 5.0  # standard errors by which this parameter is below -1, if the sensor has the opposite sign
-TURNED_SHARE = 0.2  # least share l^2 / (l^2 + s^2) of the load beyond the other columns
-TURNED_BLOCK = 1.0  # [s], time within which residuals may be correlated
-DEPENDENT = 1e5  # condition number of columns that are linearly dependent
-UPRIGHT_TURNS = 3.0  # largest number of turns of a joint with a possible zero at the upright position
-UPRIGHT_SHARE = 0.05  # least gravity of such a joint, as a share of the RMS torque
 
 
 def find_remedies(
-    model: Model, recordings: Sequence[Recording], ambiguous: Sequence[Sequence[str]] = (), is_complete: bool = True
+    model: Model,
+    recordings: Sequence[Recording],
+    ambiguous: Sequence[Sequence[str]] = (),
+    is_complete: bool = True,
+    criterion: Criterion = Criterion(),
 ) -> list[Finding]:
     """Find wrong columns by the model fitted to recordings, or else friction that drives.
 
     A shifted zero is not reported for an incomplete model, because a missing effect may imitate it. No column is
     reported if a tilt is ambiguous.
     """
-    columns = [] if any("gravity_tilt" in group for group in ambiguous) else find_wrong_columns(model, recordings)
+    is_tilt_open = any("gravity_tilt" in group for group in ambiguous)
+    columns = [] if is_tilt_open else find_wrong_columns(model, recordings, criterion)
     if not is_complete:
         columns = [finding for finding in columns if finding.kind not in (Kind.ZERO_SHIFTED, Kind.ZERO_UPRIGHT)]
     return columns or find_driving_friction(model)
@@ -48,9 +50,12 @@ def find_uneven_clocks(recordings: Sequence[Recording]) -> list[Finding]:
     return [Finding(Kind.CLOCK_UNEVEN, numbers, recordings=(recording.name,))]
 
 
-def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Finding]:
+def find_wrong_columns(
+    model: Model, recordings: Sequence[Recording], criterion: Criterion = Criterion()
+) -> list[Finding]:
     """Find a column of the recordings with a wrong sign or zero, by the fitted parameters and known loads."""
-    if _is_load_torque_turned(model, recordings):
+    limits = criterion.columns
+    if _is_load_torque_turned(model, recordings, criterion):
         remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("load_torque"))
         return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=remedies)]
     if is_significantly_negative(model, "inertia"):
@@ -76,14 +81,14 @@ def find_wrong_columns(model: Model, recordings: Sequence[Recording]) -> list[Fi
             return [Finding(Kind.GRAVITY_BESIDE_SPRING, parameters=("gravity", "spring.stiffness"))]
         turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)
         torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
-        if turns > UPRIGHT_TURNS or abs(down) < UPRIGHT_SHARE * torque:
+        if turns > limits.upright_turns or abs(down) < limits.upright_share * torque:
             return []
         remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
         return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=remedies)]
     return []
 
 
-def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> bool:
+def _is_load_torque_turned(model: Model, recordings: Sequence[Recording], criterion: Criterion) -> bool:
     """Return whether the balance needs the opposite sign of the load torque.
 
     False if other columns explain the load torque, as that of a viscous brake.
@@ -99,12 +104,15 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording]) -> boo
     equations = data.equations([term for term in model.terms if term.id in base])
     averages = data.window_columns.averages
     phi = np.column_stack([equations.phi, averages.column(LOAD_TORQUE, averages.samples)])
-    fit = solve(Equations(phi, equations.y), data.weights, data.blocks(TURNED_BLOCK)[0])
+    fit = solve(Equations(phi, equations.y), data.weights, data.blocks(BLOCK)[0])
     excess = -1.0 - float(fit.theta[-1])  # l^2 / (l^2 + s^2) if the sensor has the opposite sign
-    return fit.condition < DEPENDENT and excess > max(TURNED_SHARE, TURNED_ERRORS * float(fit.std[-1]))
+    least = max(criterion.columns.turned_share, criterion.z_score * float(fit.std[-1]))
+    return fit.condition < CHECKS.dependent and excess > least
 
 
-def find_reversed_torque(model: Model, recordings: Sequence[Recording]) -> Finding | None:
+def find_reversed_torque(
+    model: Model, recordings: Sequence[Recording], criterion: Criterion = Criterion()
+) -> Finding | None:
     """Find torque with the opposite sign, by the parameters of the base model.
 
     No parameter may be positive, and inertia and two others must be significantly negative.
@@ -117,7 +125,7 @@ def find_reversed_torque(model: Model, recordings: Sequence[Recording]) -> Findi
         or any(model.estimates[name].value > 0 for name in known)
     ):
         return None
-    return find_wrong_columns(model, recordings)[0]
+    return find_wrong_columns(model, recordings, criterion)[0]
 
 
 def _make_remedies(

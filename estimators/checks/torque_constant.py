@@ -18,12 +18,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.channel import ChannelFits
-from estimators.checks.channel_rows import (
-    MAX_DRIVEN_SHARE,
-    compute_driven_share,
-    is_brake,
-    list_load_friction,
-)
+from estimators.checks.channel_rows import compute_driven_share, is_brake, list_load_friction
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import NO_LOAD
 from estimators.regression.least_squares import IdentificationError
@@ -31,8 +27,6 @@ from estimators.signals.motion import get_load_in_newton_metres
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env.physics import LOAD, Model
 from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant
-
-MIN_Z_SCORE = 5.0  # of the inverse torque constant, in standard errors
 
 
 def find_torque_unit(recordings: Sequence[Recording]) -> str:
@@ -47,7 +41,9 @@ def find_torque_unit(recordings: Sequence[Recording]) -> str:
     return units[0]
 
 
-def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant | Finding:
+def estimate_torque_constant(
+    recordings: Sequence[Recording], criterion: Criterion = Criterion()
+) -> TorqueConstant | Finding:
     """Estimate the torque constant from recordings of a current under known loads.
 
     A recording without a known load counts as unloaded.
@@ -63,7 +59,7 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
     by_load_torque = any(recording.has_varying_load for recording in recordings)
     if len(set(loads)) < 2 and not by_load_torque:
         return explain_unknown_constant(Kind.LOADS_UNKNOWN if loads[0] == NO_LOAD else Kind.LOADS_EQUAL, unit)
-    fits = ChannelFits.from_recordings(recordings)
+    fits = ChannelFits.from_recordings(recordings, criterion=criterion)
     if fits is None:
         return explain_unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
     windows = (
@@ -75,7 +71,7 @@ def estimate_torque_constant(recordings: Sequence[Recording]) -> TorqueConstant 
     if len(moved_loads) < 2 and not by_load_torque:
         return explain_unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
     inverse, std = _add_load_columns(fits, data).delay_fit.gain  # 1/K
-    if abs(inverse) <= MIN_Z_SCORE * std:
+    if abs(inverse) <= criterion.z_score * std:
         return explain_unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(inverse, std, f"{unit}/(N m)"))
     if inverse < 0:
         parameters = ("load_torque",) if by_load_torque else ()
@@ -91,11 +87,12 @@ def _add_load_columns(fits: ChannelFits, data: TorqueWindows) -> ChannelFits:
 
     Friction of the motor torque is added unless nearly all motion is driven or braked. `data` has the known loads.
     """
-    averages = data.window_columns.averages
-    is_driven = compute_driven_share(data, data.torque.recorded) > MAX_DRIVEN_SHARE
-    columns = np.column_stack([averages.column(law, averages.samples) for law in (LOAD, *list_load_friction(data))])
+    averages, limits = data.window_columns.averages, fits.criterion.columns
+    is_driven = compute_driven_share(data, data.torque.recorded) > limits.driven_share
+    laws = LOAD, *list_load_friction(data, limits)
+    columns = np.column_stack([averages.column(law, averages.samples) for law in laws])
     loaded = replace(fits, phi=np.column_stack([columns * data.weights[:, None], fits.phi]))
-    return loaded if is_driven or is_brake(data) else loaded.with_motor_friction()
+    return loaded if is_driven or is_brake(data, limits) else loaded.with_motor_friction()
 
 
 def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
@@ -103,14 +100,17 @@ def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Find
     return Finding(kind, {"torque_constant": Quantity(np.nan, unit=f"{NEWTON_METRE}/{unit}")} | numbers)
 
 
-def find_gain_doubts(model: Model, constant: TorqueConstant, data: TorqueWindows) -> list[Finding]:
+def find_gain_doubts(
+    model: Model, constant: TorqueConstant, data: TorqueWindows, criterion: Criterion = Criterion()
+) -> list[Finding]:
     """Find errors that the torque constant of a model in N m may have.
 
     Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the drive does not log amperes.
     """
     findings, share = [], compute_driven_share(data, data.torque.recorded)
-    if share > MAX_DRIVEN_SHARE or is_brake(data):
-        kind = Kind.LOAD_BRAKES if is_brake(data) else Kind.GEAR_LOSS_UNKNOWN
+    is_braked = is_brake(data, criterion.columns)
+    if share > criterion.columns.driven_share or is_braked:
+        kind = Kind.LOAD_BRAKES if is_braked else Kind.GEAR_LOSS_UNKNOWN
         known = Quantity(constant.value, constant.std, constant.unit)
         findings.append(Finding(kind, {"share": Quantity(share), "torque_constant": known}))
     if constant.of != "A" and "viscous" in model.estimates:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from estimators.checks.torque_constant import estimate_torque_constant, explain_unknown_constant, find_torque_unit
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
 from estimators.in_loop import complete_drives, decide_conventions
@@ -20,6 +21,7 @@ def calibrate(
     holdout: Sequence[Recording],
     constant: TorqueConstant | None,
     known: Mapping[str, float],
+    criterion: Criterion,
 ) -> tuple[Recordings, Recordings, Finding | None]:
     """Return fitted and held-out recordings in N m, and a finding if the torque constant or the inertia is unknown.
 
@@ -31,12 +33,12 @@ def calibrate(
     if any(map(has_unknown_integral, combined)):
         doubt = explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, combined[0].torque_unit)
     elif len(driven) == len(combined):
-        combined, doubt = _convert_by_constant(combined, count, constant)
+        combined, doubt = _convert_by_constant(combined, count, constant, criterion)
     elif all(recording.is_free for recording in recordings):
         combined, doubt = _scale_by_known_value(combined, count, driven, known)
     else:
         combined = _scale_swings(combined, 0.0, find_torque_unit(driven))
-        combined, doubt = _convert_by_constant(combined, count, constant)
+        combined, doubt = _convert_by_constant(combined, count, constant, criterion)
         fitted = [recording for recording in combined[:count] if not recording.is_free]
         inertia = known.get("inertia") or fit_inertia(fitted)
         combined = _scale_swings(combined, inertia, combined[0].torque_unit)
@@ -69,7 +71,7 @@ def _scale_by_known_value(
 
 
 def _convert_by_constant(
-    combined: Recordings, count: int, constant: TorqueConstant | None
+    combined: Recordings, count: int, constant: TorqueConstant | None, criterion: Criterion
 ) -> tuple[Recordings, Finding | None]:
     """Convert logged currents into N m by the known constant, or one estimated from the first `count` recordings.
 
@@ -80,7 +82,7 @@ def _convert_by_constant(
         return combined, None
     if constant is not None and constant.of != unit:
         raise IdentificationError(f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log")
-    estimated = constant or estimate_torque_constant(combined[:count])
+    estimated = constant or estimate_torque_constant(combined[:count], criterion)
     if isinstance(estimated, Finding):
         return combined, estimated
     return tuple(recording.convert_to_newton_metres(estimated) for recording in combined), None
@@ -91,7 +93,9 @@ def _scale_swings(recordings: Recordings, inertia: float, torque_unit: str) -> R
     return tuple(scale_swing(recording, inertia, torque_unit) for recording in recordings)
 
 
-def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Recordings:
+def convert_to_model_unit(
+    model: Model, recordings: Sequence[Recording], criterion: Criterion = Criterion()
+) -> Recordings:
     """Return recordings in the unit of torque of a model, with decided conventions of controllers.
 
     A drive's own conventions come before those of the model. Currents are converted by the model's torque constant,
@@ -117,7 +121,7 @@ def convert_to_model_unit(model: Model, recordings: Sequence[Recording]) -> Reco
             raise ModelError(f"the model is per {model.torque_unit}, and the recordings are in {unit}: read them alike")
         if known is not None and known.unit == f"{NEWTON_METRE}/{unit}":
             constant = TorqueConstant(known.value, known.std, unit)
-        recordings, _, doubt = calibrate(recordings, (), constant, inertia)
+        recordings, _, doubt = calibrate(recordings, (), constant, inertia, criterion)
         if doubt is not None:
             raise IdentificationError(
                 f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: "

@@ -16,6 +16,7 @@ from estimators.data.calibration import calibrate, make_constant_finding
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import CutSettings, Parts, add_contacts, split_arm
 from estimators.data.timing import Timing
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind
 from estimators.free_swings import find_known_values
 from estimators.in_loop import decide_open_torque
@@ -38,6 +39,7 @@ class FitData:
         treatments: findings on each treatment, in order.
         excluded: disagreements of the recordings that were excluded from the fit.
         whole: the data before recordings were excluded; None without exclusion.
+        criterion: limits of the decisions on the data.
     """
 
     recordings: tuple[Recording, ...]
@@ -49,6 +51,7 @@ class FitData:
     treatments: tuple[Finding, ...] = ()
     excluded: tuple[Disagreement, ...] = ()
     whole: FitData | None = None
+    criterion: Criterion = Criterion()
 
     @classmethod
     def from_recordings(
@@ -59,6 +62,7 @@ class FitData:
         *,
         constant: TorqueConstant | None = None,
         known: Mapping[str, float] | None = None,
+        criterion: Criterion = Criterion(),
     ) -> Self:
         """Return data with torque in N m, by the known torque constant or the known loads of fitted recordings.
 
@@ -71,20 +75,22 @@ class FitData:
             terms: of the base model; of an arm all terms that may be fitted, the links first.
             constant: known torque constant.
             known: known parameters by name, which scale free swings; by default those of the terms.
+            criterion: limits of the decisions.
 
         Raises:
             IdentificationError: if units differ, also from that of the constant; if the joint moves too little; or if
                 torque is applied in held-out recordings only and no parameter is known.
         """
         if not find_body(terms).can_simulate:
-            return cls(tuple(recordings), tuple(holdout), terms=tuple(terms))
+            return cls(tuple(recordings), tuple(holdout), terms=tuple(terms), criterion=criterion)
         base = [term for term in terms if isinstance(term, Term)]
         known = find_known_values(base) if known is None else known
-        fitted, held_out, doubt = calibrate(recordings, holdout, constant, known)
+        fitted, held_out, doubt = calibrate(recordings, holdout, constant, known, criterion)
         treatments = () if (own := fitted[0].torque_constant) is None else (make_constant_finding(own),)
         fitted, held_out, findings = decide_open_torque(fitted, held_out, base or BASE)
         cut = CutSettings(inertia=known.get("inertia"))
-        return cls(fitted, held_out, doubt, cut=cut, treatments=(*treatments, *findings))
+        treatments = *treatments, *findings
+        return cls(fitted, held_out, doubt, cut=cut, treatments=treatments, criterion=criterion)
 
     def with_treatment(self, treatment: Finding, **changes: Any) -> Self:
         """Return the data with changed fields, and a finding on the treatment added to `treatments`."""
@@ -105,7 +111,7 @@ class FitData:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
         logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
         terms = [term for term in self.terms if isinstance(term, Term)]
-        alignments = tuple(align_each(logged, [*terms, *effects]))
+        alignments = tuple(align_each(logged, [*terms, *effects], self.criterion))
         timing = Timing(alignments, tuple(recording.name for recording in logged), logged)
         corrected = tuple(law.apply(recording) for law, recording in zip(alignments, logged, strict=True))
         corrections = self.timing.corrections
@@ -195,7 +201,7 @@ class FitData:
         if self.terms:
             train, holdout = split_arm(self.recordings, self.holdout)
             return RegressionData.from_arm(train, self.terms), RegressionData.from_arm(holdout, self.terms)
-        return self.cut.make_parts(self.recordings, self.holdout)
+        return self.cut.make_parts(self.recordings, self.holdout, self.criterion)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the fields without `parts`, which are large and computed again."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
+from estimators.data.settings import DATA
 from estimators.decisions.criterion import Criterion
 from estimators.regression.balance import Balance, place_columns
 from estimators.regression.least_squares import Fit, project_out, solve_least_squares
@@ -15,9 +16,6 @@ from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
 from estimators.weak_form.rows import Terms
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import SIGNIFICANT, Estimate, Model, NonlinearParameter, Samples, Term, has_link
-
-INSTANTS, EDGES = (1e-3, 10.0), (1e-5, 0.7)  # least and largest tried displacement: of an instant [s]; [step units]
-DISPLACEMENTS, WITHIN = 40, (0.6827, 0.9545, 0.9973)  # displacements; probability within 1, 2, 3 standard errors
 
 
 def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
@@ -51,12 +49,12 @@ def fit_terms(data: RegressionData, terms: Terms) -> tuple[Model, Fit]:
     return mark_bounds(model).with_covariance([*columns, *names], fit.covariance), fit
 
 
-def find_inertia_of_noise(data: RegressionData, terms: Terms) -> Estimate | None:
+def find_inertia_of_noise(data: RegressionData, terms: Terms, criterion: Criterion) -> Estimate | None:
     """Fit the inertia of a pendulum with some terms, by which the noise floor differs from that of the data.
 
     The inertia scales encoder noise. A base model that lacks an effect may have another inertia, by which the windows
     were chosen. None is returned for a known or insignificant inertia, the same floor within
-    `Criterion.error_margin`, and a link, whose inertia is not that of the encoder's side.
+    `criterion.error_margin`, and a link, whose inertia is not that of the encoder's side.
     """
     if not data.layout.predicts_torque or has_link(terms) or all(w.inertia for w in data.data.windows):
         return None
@@ -68,7 +66,7 @@ def find_inertia_of_noise(data: RegressionData, terms: Terms) -> Estimate | None
     before = data.data.base_inertia
     floor, old_floor = (compute_noise_floor(data.data.windows, value) for value in (inertia.value, before))
     is_same = abs(inertia.value - before) <= SIGNIFICANT * inertia.std
-    return None if is_same or abs(floor - old_floor) <= Criterion.error_margin * old_floor else inertia
+    return None if is_same or abs(floor - old_floor) <= criterion.error_margin * old_floor else inertia
 
 
 def compute_inertia(model: Model, x: Samples) -> float:
@@ -135,13 +133,13 @@ def _compute_edge_std(
     A displacement is likely if the squared error of a fit with it exceeds the least by at most -2 ln(1 - sqrt(P)) times
     the variance. The limit is raised by the factor by which correlated residuals raise the variance of the term. The
     likelihood of an edge is not normal: one, two and three standard errors include the likely displacements of each P
-    in `WITHIN`, and the next larger tried one. `of_term` are the columns of the term's parameters.
+    in `DATA.within`, and the next larger tried one. `of_term` are the columns of the term's parameters.
 
     Source: Hansen, Sample splitting and threshold estimation, Econometrica 68(3), 2000.
     """
     value, rows = term.nonlinear_values[parameter.name], data.locate_rows(term.at)
     unit = 1.0 if parameter.instant else get_step_unit(parameter, value)
-    steps = unit * np.geomspace(*(INSTANTS if parameter.instant else EDGES), DISPLACEMENTS)
+    steps = unit * np.geomspace(*(DATA.instants if parameter.instant else DATA.edges), DATA.displacements)
     displacements = np.concatenate([[0.0], steps, -steps])
     variants = [set_values(term, [parameter], [value + displacement]) for displacement in displacements]
     parts = [
@@ -161,7 +159,7 @@ def _compute_edge_std(
     ratio = np.divide(fit.std[of_term], uncorrelated, out=np.ones(len(uncorrelated)), where=uncorrelated > 0)
     variance_factor = np.max(ratio**2, initial=1.0)
     std = 0.0
-    for multiple, probability in enumerate(WITHIN, 1):
+    for multiple, probability in enumerate(DATA.within, 1):
         is_likely = squares - squares[0] < -2 * np.log(1 - np.sqrt(probability)) * variance * variance_factor
         next_larger = int(np.max(np.flatnonzero(is_likely[1:]) % len(steps), initial=-1)) + 1
         std = max(std, float(steps[min(next_larger, len(steps) - 1)]) / multiple)

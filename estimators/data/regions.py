@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from estimators.data.regression_data import RegressionData
+from estimators.data.settings import DATA
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.signals.residual import SYMBOLS, Region, find_regions, make_region_everywhere
@@ -11,15 +12,13 @@ from estimators.weak_form.torque_windows import compute_negligible_residual
 from pendulum_env._typing import Array
 from pendulum_env.recording.channel import NEWTON_METRE
 
-MAX_REGIONS = 6  # regions of a residual
-
 
 def find_regions_at(
     data: RegressionData,
     residual: Array,
     at: str = "",
     axes: Sequence[str] = tuple(SYMBOLS),
-    most: int = MAX_REGIONS,
+    most: int = DATA.regions,
     floor: float | None = None,
 ) -> list[Region]:
     """Return at most `most` regions of a residual (R,) [N m] of all rows, at a joint, in the order of `find_regions`.
@@ -33,18 +32,23 @@ def find_regions_at(
 
 
 def find_failures(
-    data: RegressionData, residual: Array, most: int = MAX_REGIONS, floors: Mapping[str, float] | None = None
+    data: RegressionData,
+    residual: Array,
+    criterion: Criterion,
+    most: int = DATA.regions,
+    floors: Mapping[str, float] | None = None,
 ) -> list[Region]:
     """Find where a residual (R,) [N m] exceeds the noise, joint by joint; at most `most` regions of each.
 
-    A joint without a region, but an RMS above `Criterion.misfit` noise floors, has one region of all velocities.
+    A joint without a region, but an RMS above `criterion.misfit` noise floors, has one region of all velocities.
     `floors` are the noise floors of joints by name [N m], by default those of the data.
     """
     regions: list[Region] = []
     for joint, error in data.layout.compute_joint_errors(residual).items():
         floor = (floors or data.floors)[joint]
         at_joint = find_regions_at(data, residual, joint, most=most, floor=floor)
-        if not at_joint and error > Criterion.misfit * max(floor, compute_negligible_residual(data.data, joint)):
+        least = criterion.misfit * max(floor, compute_negligible_residual(data.data, joint))
+        if not at_joint and error > least:
             units, samples = data.units(joint), data.data.part(joint).samples
             numbers = {"residual": Quantity(error, unit=units.unit(NEWTON_METRE)), "times": Quantity(error / floor)}
             at_joint = [make_region_everywhere(Finding(Kind.NOWHERE, numbers), samples, error, floor, joint, units)]

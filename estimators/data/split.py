@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.data.settings import DATA
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.score import HELD_OUT
 from estimators.regression.least_squares import IdentificationError
@@ -19,10 +20,6 @@ from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, has_link
 from pendulum_env.recording import Recording
-
-MOTION = 0.5  # least share of the motion that is fitted, if the end of each recording is held out
-REPEATED = 2  # least number of contacts with a stop: a single one may be an accident
-SHORTEST = 0.25  # least factor on the lengths of windows, if longer windows are too few
 
 Parts = tuple[RegressionData, RegressionData]  # fitted and held out
 
@@ -43,9 +40,11 @@ class CutSettings:
     contact_terms: tuple[Term, ...] | None = None
     horizon: float | None = None
 
-    def make_parts(self, recordings: Sequence[Recording], holdout: Sequence[Recording]) -> Parts:
+    def make_parts(
+        self, recordings: Sequence[Recording], holdout: Sequence[Recording], criterion: Criterion = Criterion()
+    ) -> Parts:
         """Return fitted and held-out data; raises errors of `split_recordings`."""
-        parts = split_recordings(recordings, holdout, self.window_share, self.inertia)
+        parts = split_recordings(recordings, holdout, self.window_share, self.inertia, criterion)
         parts = parts if self.contact_terms is None else add_contacts(parts, self.contact_terms)
         if self.horizon is None:
             return parts
@@ -67,11 +66,12 @@ def split_recordings(
     holdout: Sequence[Recording] = (),
     shorter: float = 1.0,
     inertia: float | None = None,
+    criterion: Criterion = Criterion(),
 ) -> Parts:
     """Return fitted and held-out data of a pendulum; without `holdout`, the end of each recording is held out.
 
     `shorter` is a factor on the window lengths chosen by noise. While windows are too few, it is multiplied by
-    `Criterion.shorter_window`, down to about `SHORTEST`. A known `inertia` [kg m^2] scales encoder noise.
+    `criterion.shorter_window`, down to about `DATA.shortest`. A known `inertia` [kg m^2] scales encoder noise.
 
     Raises:
         IdentificationError: if a part holds too little motion, or torque is never applied.
@@ -84,9 +84,9 @@ def split_recordings(
     try:
         return _split_into_parts(recordings, holdout, shorter, inertia)
     except IdentificationError:
-        if shorter <= SHORTEST:
+        if shorter <= DATA.shortest:
             raise
-        return split_recordings(recordings, holdout, Criterion.shorter_window * shorter, inertia)
+        return split_recordings(recordings, holdout, criterion.shorter_window * shorter, inertia, criterion)
 
 
 def _split_into_parts(
@@ -106,13 +106,13 @@ def _split_into_parts(
         return cut(recordings, widths, (0.0, share)), cut(recordings, widths, (share, 1.0))
 
     center_shares = np.concatenate([w.centers / len(w.recording) for w in prepare_windows(recordings, widths).windows])
-    if np.mean(center_shares < 1 - HELD_OUT) >= MOTION:
+    if np.mean(center_shares < 1 - HELD_OUT) >= DATA.motion:
         with suppress(IdentificationError):
             return split(1 - HELD_OUT)
     return split(float(np.quantile(center_shares, 1 - HELD_OUT)))
 
 
-def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -> Parts:
+def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = DATA.repeated) -> Parts:
     """Return fitted and held-out data with contacts with a stop, see `ContactTest`.
 
     The same `data` are returned with fewer than `repeated` contacts, which may be accidents, and for terms with a link,
@@ -124,7 +124,7 @@ def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = REPEATED) -
     find_contacts = make_contact_finder(data, terms)
     with_windows = find_contacts(data[0]), find_contacts(data[1])
     counts = [count_contacts(part.data) for part in with_windows]
-    is_uneven = counts[0] < MOTION * sum(counts) or counts[1] == 0
+    is_uneven = counts[0] < DATA.motion * sum(counts) or counts[1] == 0
     if is_uneven and sum(counts) >= repeated and data[0].recordings == data[1].recordings:
         contacts = np.concatenate([instants for part in with_windows for instants in list_contact_instants(part.data)])
         motion = np.concatenate([w.centers / len(w.recording) for part in data for w in part.data.windows])
@@ -159,7 +159,7 @@ def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | Non
             (k, np.mean(motion < share), (before, after)),
             (count - k, np.mean(motion >= share), (after, before)),
         ):
-            if motion_share >= MOTION:
+            if motion_share >= DATA.motion:
                 options.append((abs(n_fitted / count - (1 - HELD_OUT)), parts))
     return min(options)[1] if options else None
 

@@ -8,6 +8,7 @@ import numpy as np
 from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_parameter_changes, fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.data.settings import DATA
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import remove_unit_inertia
 from estimators.signals.differentiation import estimate_encoder_noise
@@ -17,8 +18,6 @@ from pendulum_env.physics import SIGNIFICANT, Estimate, Model, find_link, has_li
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import is_of_torque
-
-MIN_CROSSING = 5.0  # least step of the motion across an end, in standard deviations of the encoder's noise
 
 
 def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model:
@@ -143,5 +142,5 @@ def _list_steps(recording: Recording, end: float) -> Array:
     """Return the steps of the position across an angle, in both directions [rad]; noise crosses it by smaller steps."""
     is_beyond, steps = recording.position > end, np.diff(recording.position)
     steps[[start - 1 for start in recording.starts if start]] = 0.0  # gaps
-    is_large = np.abs(steps) > MIN_CROSSING * estimate_encoder_noise(recording.position)
+    is_large = np.abs(steps) > DATA.crossing * estimate_encoder_noise(recording.position)
     return np.asarray(steps[(is_beyond[1:] != is_beyond[:-1]) & is_large])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
+from estimators.data.settings import DATA
 from estimators.memoize import memoized
 from estimators.regression.balance import place_columns
 from estimators.regression.least_squares import project_out
@@ -13,19 +14,16 @@ from estimators.weak_form.rows import ScoredTerms, Terms
 from pendulum_env._typing import Array
 from pendulum_env.physics import Samples, Table, Term, count_term_parameters
 
-STARTS = 2  # best variants per form from which a search over nonlinear parameters starts
-COARSE_GRID = 24  # largest number of variants of continuous parameters, where each fit takes seconds
-
 
 def make_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> list[Term]:
     """Return the variants of an effect on a grid of its nonlinear parameters, for a search with the terms.
 
-    The grid depends on the motion and the residual of the terms. If fits are slow, it has at most `COARSE_GRID`
+    The grid depends on the motion and the residual of the terms. If fits are slow, it has at most `DATA.coarse`
     variants of continuous parameters.
     """
     variants = make_grid(effect, *_compute_unexplained_torque(data, terms, effect))
     if not data.layout.has_fast_fits and any(not parameter.integer for parameter in effect.nonlinear_parameters):
-        variants = variants[:: max(1, -(-len(variants) // COARSE_GRID))]
+        variants = variants[:: max(1, -(-len(variants) // DATA.coarse))]
     return [variant.without_known_functions(terms) if isinstance(variant, Table) else variant for variant in variants]
 
 
@@ -73,12 +71,12 @@ def refine_variants(data: RegressionData, terms: Terms, effect: type[Term]) -> l
         forms.setdefault((last.free, len(last.columns)), []).append(trial)
     sought = effect.nonlinear_parameters
     is_integer = bool(sought) and all(parameter.integer for parameter in sought)
-    best = [
-        trials[0]
-        if is_integer
-        else min((data.maker.refine(trial, effect.id) for trial in trials[:STARTS]), key=lambda trial: trial.fitted_rms)
-        for trials in forms.values()
-    ]
+
+    def find_best(trials: list[ScoredTerms]) -> ScoredTerms:
+        refined = (data.maker.refine(trial, effect.id) for trial in trials[: DATA.starts])
+        return trials[0] if is_integer else min(refined, key=lambda trial: trial.fitted_rms)
+
+    best = map(find_best, forms.values())
     return sorted(best, key=lambda trial: (count_term_parameters(trial.terms[-1]), trial.fitted_rms))
 
 

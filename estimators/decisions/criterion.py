@@ -19,6 +19,81 @@ class ResidualStructure(NamedTuple):
 
 
 @dataclass(frozen=True)
+class WhiteNoiseLimits:
+    """Limits of the tests of white torque noise.
+
+    Attributes:
+        p_value: p-value of the tests, all together, from which a residual is no torque noise.
+        longest_lag: longest lag of the tests [s].
+        least_windows: least number of separate windows for the tests.
+    """
+
+    p_value: float = 0.05
+    longest_lag: float = 1.0
+    least_windows: int = 100
+
+
+@dataclass(frozen=True)
+class TimingLimits:
+    """Limits of the time between torque and motion, and of the feedback from motion to torque.
+
+    Attributes:
+        z_score: standard errors from which a delay, a lag or the reaction of a controller is significant.
+        least_blocks: least number of blocks whose scatter shows that one law of the channel predicts better.
+        negligible: delay that counts as zero [samples]: the accuracy of clocks and of the steps of simulators.
+        least_sampled: apparent delay of sampled torque [samples]: that of a controller that sets it twice a sample.
+        correlation: least correlation of the innovations of torque and position; a smaller one biases no parameter.
+        same_ratio: ratio of two frequencies below which they count as equal.
+    """
+
+    z_score: float = 4.0
+    least_blocks: int = 3
+    negligible: float = 0.1
+    least_sampled: float = 0.25
+    correlation: float = 0.1
+    same_ratio: float = 1.2
+
+
+@dataclass(frozen=True)
+class AgreementLimits:
+    """Limits of the agreement of recordings, and of schemes.
+
+    Attributes:
+        false_alarm: probability of a false alarm in all comparisons of recordings of one diagnosis.
+        difference: least relative difference of a parameter of two recordings that matters in practice.
+        scheme_difference: the same of two schemes; sampling at 50 Hz reached 0.034.
+        explained: largest ratio of the residual of a complete model to its noise floor.
+        least_windows: least number of windows of a compared recording.
+        least_freedom: least number of clusters beyond the number of parameters of a compared recording.
+    """
+
+    false_alarm: float = 1e-3
+    difference: float = 0.03
+    scheme_difference: float = 0.05
+    explained: float = 1.3
+    least_windows: int = 40
+    least_freedom: int = 6
+
+
+@dataclass(frozen=True)
+class ColumnLimits:
+    """Limits of the tests for wrong columns of a log, and of the torque constant.
+
+    Attributes:
+        turned_share: least share of the load torque beyond the other columns and noise, if its sign is to be tested.
+        upright_turns: largest number of turns of a joint with a possible zero at the upright position.
+        upright_share: least gravity of such a joint, as a share of the RMS torque.
+        driven_share: share of samples driven by the motor, or braked by the load, above which gear losses and the
+            torque constant cannot be distinguished: only the other samples distinguish both.
+    """
+
+    turned_share: float = 0.2
+    upright_turns: float = 3.0
+    upright_share: float = 0.05
+    driven_share: float = 0.9
+
+
+@dataclass(frozen=True)
 class Criterion:
     """Thresholds for an effect and for noise, and limits of the search.
 
@@ -30,7 +105,8 @@ class Criterion:
         needed_share: least share that a needed effect explains of the residual of all other effects.
         kept_inertia: least share of the inertia that a larger model keeps; see `make_base_gates`.
         noise_ratio: ratio of correlated residual to noise floor below which a correlation does not matter.
-        z_score: standard errors from which the correlation of neighbouring windows is significant.
+        z_score: standard errors from which a correlation of neighbouring windows, the sign of a load torque, a torque
+            constant or a difference of two schemes is significant.
         tie_probability: probability above which a model ties with another.
         misfit: ratio of an error to its noise floor above which it is more than noise.
         max_score: upper limit of any reported score, the hit rate of the best verdicts.
@@ -43,10 +119,8 @@ class Criterion:
         drift_piece: length of the pieces by which folds predict a drifting torque [s].
         shorter_window: factor on the window lengths in a second search.
         error_margin: relative difference of held-out errors under two treatments that is chance.
-        white_p_value: p-value of the tests of white noise, all together, from which a residual is no torque noise.
-        longest_lag: longest lag of these tests [s].
-        least_windows: least number of separate windows for these tests.
         accuracy: error of a simulation by initial states and integration, share of the motion's standard deviation.
+        white, timing, agreement, columns: limits of questions of their own.
     """
 
     p_value: float = 0.05
@@ -68,16 +142,19 @@ class Criterion:
     drift_piece: float = 0.2
     shorter_window: float = 0.5
     error_margin: float = 0.05
-    white_p_value: float = 0.05
-    longest_lag: float = 1.0
-    least_windows: int = 100
     accuracy: float = 0.001
+    white: WhiteNoiseLimits = WhiteNoiseLimits()
+    timing: TimingLimits = TimingLimits()
+    agreement: AgreementLimits = AgreementLimits()
+    columns: ColumnLimits = ColumnLimits()
 
-    def has_structure(self, residual: ResidualStructure, floor: float) -> bool:
-        """Return whether a residual is correlated between windows, or above `misfit` times the noise floor."""
-        return residual.z_score >= self.z_score or residual.rms > self.misfit * floor
 
-    def is_noise(self, residual: ResidualStructure, floor: float) -> bool:
-        """Return whether a residual is without structure, or small against the noise floor."""
-        small = max(residual.correlated_rms / self.noise_ratio, residual.rms / self.misfit) < floor
-        return small or not self.has_structure(residual, floor)
+def has_structure(residual: ResidualStructure, floor: float, criterion: Criterion) -> bool:
+    """Return whether a residual is correlated between windows, or above `misfit` times the noise floor."""
+    return residual.z_score >= criterion.z_score or residual.rms > criterion.misfit * floor
+
+
+def is_noise(residual: ResidualStructure, floor: float, criterion: Criterion) -> bool:
+    """Return whether a residual is without structure, or small against the noise floor."""
+    small = max(residual.correlated_rms / criterion.noise_ratio, residual.rms / criterion.misfit) < floor
+    return small or not has_structure(residual, floor, criterion)

@@ -12,6 +12,7 @@ from estimators.arguments import (
     select_visible_effects,
 )
 from estimators.data.fit_data import FitData
+from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Step
 from estimators.decisions.gate import explain_rejection
 from estimators.diagnosis.case import Case, Trial
@@ -52,6 +53,7 @@ def add(
     *,
     fixed: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,
+    criterion: Criterion = Criterion(),
 ) -> Addition:
     """Refit a model's terms, then with one more effect.
 
@@ -63,6 +65,7 @@ def add(
         progress: called with the present work and the share that is done.
         fixed: known values by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5)}`; None is no limit.
+        criterion: thresholds of the decisions.
 
     Raises:
         ValueError: if the effect, its joint or a parameter is unknown.
@@ -84,7 +87,7 @@ def add(
     if all(recording.is_free for recording in recordings):
         fixed = find_scaling_values(model, fixed)
     terms, library = apply_limits(model.terms, {kind.id: kind}, fixed, bounds)
-    setting = Setting(terms, library, progress=progress)
+    setting = Setting(terms, library, criterion, progress=progress)
     case = choose_case(terms, (*recordings, *holdout))
     progress("reading the motion", 0.0)
     data, setting = case.prepare(recordings, holdout, setting)
@@ -97,7 +100,7 @@ def add(
     log_format = collect_log_format(trial.data.recordings)
     steps = case.present(trial, before, True), trial.present(trial.final.steps[-1], True)
     before, after = (step.with_log_format(log_format) for step in steps)
-    return Addition(before, after, trial.evidence.residuals.holdout_floors, objection, trial.data.doubt)
+    return Addition(before, after, trial.evidence.residuals.holdout_floors, objection, trial.data.doubt, criterion)
 
 
 def _fit_effect(

@@ -18,7 +18,7 @@ from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult, search
 from estimators.weak_form.averages import concatenate_samples
 from pendulum_env.arms.joints import find_body, find_links, place_effects
-from pendulum_env.physics import TABLES, list_ids
+from pendulum_env.physics import TABLES, Term, list_ids
 from pendulum_env.recording import Recording
 
 
@@ -26,7 +26,8 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     """Return uncalibrated data with all terms that may be fitted, and options without base terms in the library."""
     ids = list_ids(setting.base)
     library = {id: kind for id, kind in setting.library.items() if id not in ids}
-    data = FitData.from_recordings(recordings, holdout, (*setting.base, *library.values()))
+    terms: list[Term | type[Term]] = [*setting.base, *library.values()]
+    data = FitData.from_recordings(recordings, holdout, terms, criterion=setting.criterion)
     return data, replace(setting, library=library)
 
 

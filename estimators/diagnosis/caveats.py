@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from estimators.checks.channel_rows import MAX_DRIVEN_SHARE, compute_driven_share
+from estimators.checks.channel_rows import compute_driven_share
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.angle_error import TURN
 from estimators.diagnosis.questions import find_detectable_effects
@@ -63,7 +63,7 @@ def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detect
     """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
     data, id = evidence.train.data, LoadDependentFriction.id
     share = compute_driven_share(data, data.torque.recorded)
-    if share <= MAX_DRIVEN_SHARE or id in list_ids(terms) or id not in evidence.library:
+    if share <= evidence.criterion.columns.driven_share or id in list_ids(terms) or id not in evidence.library:
         return []
     hidden = known or find_detectable_effects(evidence, terms, {id: evidence.library[id]})
     is_excited = any(detectable.is_excited for detectable in hidden if detectable.effect == id)

@@ -33,7 +33,11 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     diagnosis = replace(diagnosis, disagreements=trial.outliers)
     channel = find_in_channel(trial, diagnosis)
     remedies = find_remedies(
-        trial.release_bounds(diagnosis.model), trial.data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
+        trial.release_bounds(diagnosis.model),
+        trial.data.recordings,
+        diagnosis.ambiguous,
+        not diagnosis.unexplained,
+        trial.setting.criterion,
     )
     if (cause := check_torque_sign(trial.evidence)) is not None:
         return replace(diagnosis, findings=(*remedies, *channel), no_experiment=cause)
@@ -123,7 +127,7 @@ def find_in_channel(trial: Trial, diagnosis: Diagnosis) -> list[Finding]:
     data = trial.data.whole or trial.data
     constant, findings = data.recordings[0].torque_constant, [] if data.doubt is None else [data.doubt]
     if constant is not None:
-        findings += find_gain_doubts(diagnosis.model, constant, data.parts[0].data)
+        findings += find_gain_doubts(diagnosis.model, constant, data.parts[0].data, data.criterion)
     findings += data.timing.corrections
     selected = {id for group in diagnosis.effects for id in group}
     if selected & {"dead_time", "actuator_lag"}:
@@ -133,4 +137,4 @@ def find_in_channel(trial: Trial, diagnosis: Diagnosis) -> list[Finding]:
             [term for term in diagnosis.model.terms if term.id in diagnosis.selected]
         ).timing.find(is_late=False)
     findings += find_uneven_clocks(data.recordings) if diagnosis.unexplained else []
-    return [*findings, *find_feedback(data.recordings)]
+    return [*findings, *find_feedback(data.recordings, data.criterion)]

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.data.split import REPEATED, Parts, make_contact_finder
+from estimators.data.settings import DATA
+from estimators.data.split import Parts, make_contact_finder
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Finding, Kind, Quantity
@@ -85,7 +86,7 @@ def is_misfit_between_contacts(evidence: Evidence, step: Step) -> bool:
     ):
         return evidence.motion.is_misfit(step)
     parts = evidence.fits.parts if stops else _add_contacts(evidence, model)
-    if sum(count_contacts(part.data) for part in parts) < REPEATED:
+    if sum(count_contacts(part.data) for part in parts) < DATA.repeated:
         return True
     pairs = zip(evidence.train.segments, parts[0].data.windows, strict=True)
     segments = tuple(select_segments(segment, _is_clear(segment, w)) for segment, w in pairs)

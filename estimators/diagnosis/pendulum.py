@@ -29,7 +29,7 @@ from pendulum_env.recording import Recording
 
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
     """Return calibrated data, and options with the known inertia of free swings in the base."""
-    data = FitData.from_recordings(recordings, holdout, setting.base)
+    data = FitData.from_recordings(recordings, holdout, setting.base, criterion=setting.criterion)
     return data, replace(setting, base=make_swing_terms(setting.base, data.recordings), original=setting.base)
 
 

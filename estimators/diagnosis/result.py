@@ -7,6 +7,7 @@ from functools import cached_property
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
+from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms
 from estimators.decisions.score import Gain
@@ -268,6 +269,7 @@ class Addition(Summarised):
         floors: noise floor of the held-out torque at each joint [N m]; in the loop, of the position [rad].
         objection: finding against the effect; None without objection.
         doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
+        criterion: thresholds of the decisions.
     """
 
     before: Step
@@ -275,12 +277,18 @@ class Addition(Summarised):
     floors: Mapping[str, float]
     objection: Finding | None = None
     doubt: Finding | None = None
+    criterion: Criterion = Criterion()
 
     @property
     def noise_ratio(self) -> float:
         """Held-out error over the noise floor, the largest of all joints."""
         error = self.after.errors["holdout"]
         return max(error.get_joint_error(at) / max(floor, 1e-300) for at, floor in self.floors.items())
+
+    @property
+    def is_misfit(self) -> bool:
+        """Return whether the held-out error is more than noise."""
+        return self.noise_ratio > self.criterion.misfit
 
     @property
     def model(self) -> Model:

@@ -43,7 +43,7 @@ def diagnose(
     without: Sequence[str] = (),
     fixed: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,
-    criterion: Criterion | None = None,
+    criterion: Criterion = Criterion(),
     rng: np.random.Generator | None = None,
     horizon: float | None = None,
 ) -> Diagnosis:
@@ -87,7 +87,7 @@ def diagnose(
     fitted, held_out = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
     rng, progress = rng or np.random.default_rng(0), report_forward(progress)
-    setting = Setting(terms, effects, criterion or Criterion(), rng, progress, limits, horizon)
+    setting = Setting(terms, effects, criterion, rng, progress, limits, horizon)
     case = choose_case(terms, (*fitted, *held_out))
     check_horizon(horizon, case.refit_to_horizon is not None)
     if case.refit_to_horizon is None and limits != ExperimentLimits():

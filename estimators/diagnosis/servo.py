@@ -44,7 +44,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
 
     An effect must explain at least the share `LOOP.limits.needed` of the residual.
     """
-    data = FitData.from_recordings(recordings, holdout, setting.base)
+    data = FitData.from_recordings(recordings, holdout, setting.base, criterion=setting.criterion)
     base = make_base(data.recordings, setting.base)
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     share = max(setting.criterion.explained_share, LOOP.limits.needed)

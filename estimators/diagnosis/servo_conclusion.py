@@ -38,7 +38,11 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         findings=(
             *list_decisions(data.treatments),
             *find_remedies(
-                trial.release_bounds(diagnosis.model), data.recordings, diagnosis.ambiguous, not diagnosis.unexplained
+                trial.release_bounds(diagnosis.model),
+                data.recordings,
+                diagnosis.ambiguous,
+                not diagnosis.unexplained,
+                data.criterion,
             ),
             *filter(None, doubts),
         ),

@@ -30,7 +30,7 @@ class Setting:
 
     base: Sequence[Term]
     library: Mapping[str, type[Term]]
-    criterion: Criterion = field(default_factory=Criterion)
+    criterion: Criterion = Criterion()
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     progress: Progress = no_progress
     limits: ExperimentLimits = field(default_factory=ExperimentLimits)

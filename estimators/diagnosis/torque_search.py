@@ -6,6 +6,7 @@ from dataclasses import replace
 from estimators.data.fits import fit_within_laws
 from estimators.data.regression_data import RegressionData
 from estimators.data.standard_errors import find_stiff_stops
+from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import check_torque_sign, find_unexplained
@@ -20,10 +21,12 @@ from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, Term
 
 
-def fit(train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE) -> Step:
+def fit(
+    train: RegressionData, holdout: RegressionData, terms: Sequence[Term] = BASE, criterion: Criterion = Criterion()
+) -> Step:
     """Fit terms to windows of torque, then by likelihood as `diagnose` does; return the step with its errors."""
     is_free = all(recording.known_inertia for recording in train.recordings)  # then the terms have the known values
-    evidence = Evidence.from_data(train, holdout, base=tuple(terms) if is_free else BASE)
+    evidence = Evidence.from_data(train, holdout, base=tuple(terms) if is_free else BASE, criterion=criterion)
     step = evidence.fits.fit_with_std(refit_nonlinear(evidence, tuple(terms)))
     return refit_by_likelihood(SearchResult(evidence, [step])).steps[-1]
 

@@ -90,7 +90,7 @@ def narrow_windows(trial: Trial) -> FitData | None:
 def scale_noise_by_model(trial: Trial) -> FitData | None:
     """Return data with windows and noise floor by the inertia of the trial's model; see `find_inertia_of_noise`."""
     train = trial.evidence.train
-    if (inertia := find_inertia_of_noise(train, trial.result.terms)) is None:
+    if (inertia := find_inertia_of_noise(train, trial.result.terms, trial.setting.criterion)) is None:
         return None
     numbers, unit = {"inertia": inertia.value, "before": train.data.base_inertia}, train.units().unit(inertia.unit)
     finding = Finding(Kind.WINDOWS_BY_INERTIA, {name: Quantity(value, unit=unit) for name, value in numbers.items()})

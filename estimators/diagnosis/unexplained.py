@@ -6,6 +6,7 @@ from dataclasses import replace
 from estimators.checks.remedies import find_reversed_torque
 from estimators.data.fits import fit_within_laws
 from estimators.data.regions import find_failures, find_regions_at
+from estimators.decisions.criterion import is_noise
 from estimators.decisions.errors import Terms
 from estimators.diagnosis.contacts import is_misfit_between_contacts
 from estimators.findings import Finding, Kind, Quantity
@@ -21,7 +22,8 @@ from pendulum_env.physics import Term
 
 def check_torque_sign(evidence: Evidence) -> Finding | None:
     """Return a finding if the sign of the logged torque is reversed, by the base model within bounds of laws."""
-    return find_reversed_torque(fit_within_laws(evidence.train, evidence.fits.base), evidence.train.recordings)
+    model = fit_within_laws(evidence.train, evidence.fits.base)
+    return find_reversed_torque(model, evidence.train.recordings, evidence.criterion)
 
 
 def find_unexplained(result: SearchResult) -> list[Region]:
@@ -48,10 +50,11 @@ def find_unexplained(result: SearchResult) -> list[Region]:
             return [make_region_everywhere(cause, train.samples), *regions]
         return [replace(place, cause=cause), *(region for region in regions if region is not place)]
     if not evidence.residuals.is_noise_in(train, residual):
-        return find_failures(train, residual)
+        return find_failures(train, residual, evidence.criterion)
     holdout_residual = evidence.residuals.holdout_residual(last.model.terms)
     if not evidence.residuals.is_noise_in(holdout, holdout_residual):
-        regions_held_out = find_failures(holdout, holdout_residual, floors=evidence.residuals.holdout_floors)
+        floors = evidence.residuals.holdout_floors
+        regions_held_out = find_failures(holdout, holdout_residual, evidence.criterion, floors=floors)
         return [replace(region, held_out_recordings=holdout.names) for region in regions_held_out]
     if (noise := evidence.residuals.find_process_noise(train, residual)) is not None:
         pairs = zip(evidence.train.segments, noise.data.windows, strict=True)
@@ -91,7 +94,7 @@ def find_joint_residuals(evidence: Evidence, terms: Terms) -> tuple[dict[str, fl
     for (part, residual, names), structures in zip(parts, evidence.residuals.structures(terms), strict=True):
         for joint, structure in structures.items():
             floor = max(evidence.residuals.noise_floor(part, joint), compute_negligible_residual(part.data, joint))
-            if joint not in sizes and not criterion.is_noise(structure, floor):
+            if joint not in sizes and not is_noise(structure, floor, criterion):
                 sizes[joint] = structure.correlated_rms if structure.z_score > criterion.z_score else structure.rms
                 places = find_regions_at(part, residual, joint, most=1)
                 region = places[0] if places else make_region_everywhere(at=joint, units=part.units(joint))

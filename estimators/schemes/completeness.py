@@ -16,7 +16,7 @@ from estimators.checks.signs import find_driving_friction
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
-from estimators.decisions.criterion import Criterion
+from estimators.decisions.criterion import Criterion, is_noise
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
@@ -27,9 +27,6 @@ from estimators.weak_form.torque_windows import TorqueWindows, compute_negligibl
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
 
-DISAGREEMENT = 5.0  # standard errors between two schemes that disagree; noise alone reached 2.3 at most
-MIN_DIFFERENCE = 0.05  # least relative difference of schemes that disagree; sampling at 50 Hz reached 0.034
-
 Results = dict[str, Identified]
 
 
@@ -37,6 +34,8 @@ def check_results(
     first: Model, results: Results, fit_data: FitData, terms: Sequence[Term]
 ) -> tuple[TorqueWindows | None, list[Finding], Results]:
     """Check columns, then agreement of recordings, then the model, then feedback; of an arm the model alone.
+
+    Limits are those of the data.
 
     Args:
         first: model of the first scheme, in the unit of the recorded torque.
@@ -50,19 +49,21 @@ def check_results(
     if isinstance(terms[0].mechanism, Body):
         findings = find_driving_friction(next(iter(results.values())).model)
         with suppress(IdentificationError):
-            missing, results = _check_completeness(results, RegressionData.from_arm(fit_data.recordings, terms), terms)
+            data = RegressionData.from_arm(fit_data.recordings, terms)
+            missing, results = _check_completeness(results, data, terms, fit_data.criterion)
             findings = [*findings, *missing]
         return None, findings, results
-    windows, findings = None, find_wrong_columns(first, fit_data.recordings) or find_driving_friction(first)
+    recordings, criterion, windows = fit_data.recordings, fit_data.criterion, None
+    findings = find_wrong_columns(first, recordings, criterion) or find_driving_friction(first)
     with suppress(IdentificationError):  # windows need more motion than some schemes
-        windows = prepare_windows(fit_data.recordings, inertia=fit_data.cut.inertia)
-        if (inertia := find_inertia_of_noise(RegressionData(windows), terms)) is not None:
-            windows = prepare_windows(fit_data.recordings, inertia=inertia.value)
-        findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms), terms)]
+        windows = prepare_windows(recordings, inertia=fit_data.cut.inertia)
+        if (inertia := find_inertia_of_noise(RegressionData(windows), terms, criterion)) is not None:
+            windows = prepare_windows(recordings, inertia=inertia.value)
+        findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms, criterion), terms)]
         if not findings:
-            findings, results = _check_completeness(results, RegressionData(windows), terms)
-            findings += find_uneven_clocks(fit_data.recordings) if findings else []
-    return windows, [*findings, *find_feedback(fit_data.recordings)], results
+            findings, results = _check_completeness(results, RegressionData(windows), terms, criterion)
+            findings += find_uneven_clocks(recordings) if findings else []
+    return windows, [*findings, *find_feedback(recordings, criterion)], results
 
 
 def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequence[Term]) -> list[Finding]:
@@ -80,33 +81,33 @@ def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequen
 
 
 def _check_completeness(
-    results: Results, regression_data: RegressionData, terms: Sequence[Term]
+    results: Results, regression_data: RegressionData, terms: Sequence[Term], criterion: Criterion
 ) -> tuple[list[Finding], Results]:
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
-    A residual above `RESOLUTION.unexplained` noise floors, of an arm a correlated residual (`Criterion.is_noise`), or a
-    difference of two schemes above `DISAGREEMENT` standard errors gives a finding. Each missing effect shifts all
+    A residual above `RESOLUTION.unexplained` noise floors, of an arm a correlated residual (`is_noise`), or a
+    difference of two schemes above `z_score` standard errors gives a finding. Each missing effect shifts all
     estimates, so all are then marked as biased. Torque noise of a pendulum that is not logged is a finding of its own,
     and shifts none.
 
     Returns:
         Findings, and the results with the marks.
     """
-    criterion, layout = Criterion(), regression_data.layout
+    layout = regression_data.layout
     residual, inertias, ratios = regression_data.residual(terms), regression_data.inertias(terms), dict[str, float]()
     findings, data, units = list[Finding](), regression_data.data, next(iter(results.values())).model.units()
     for at, floor in regression_data.floors.items():
         structure = layout.structure(at, residual[regression_data.locate_rows(at)], inertias[at])
         negligible = compute_negligible_residual(data, at)  # zero of a pendulum
-        is_correlated = bool(negligible) and not criterion.is_noise(structure, max(floor, negligible))
+        is_correlated = bool(negligible) and not is_noise(structure, max(floor, negligible), criterion)
         if is_correlated or structure.rms > RESOLUTION.unexplained * max(floor, negligible):
-            noise = None if negligible else find_process_noise(data, residual, inertias[at], criterion)
+            noise = None if negligible else find_process_noise(data, residual, inertias[at], criterion.white)
             if noise is None:
                 ratios[at] = structure.rms / max(floor, 1e-300)
             else:
                 findings.append(noise.make_finding(units))
-    gaps = sorted(_compute_scheme_differences(list(results.values())))
-    disagreements = {name: gap for gap, name in gaps if gap > DISAGREEMENT}  # largest gap of each name
+    gaps = sorted(_compute_scheme_differences(list(results.values()), criterion.agreement.scheme_difference))
+    disagreements = {name: gap for gap, name in gaps if gap > criterion.z_score}  # largest gap of each name
     numbers = {"residual": Quantity(max(ratios.values()))} if ratios else {}
     numbers |= {"disagreement": Quantity(max(disagreements.values()))} if disagreements else {}
     joints, names = (
@@ -118,14 +119,14 @@ def _check_completeness(
     return [*findings, Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], biased_results
 
 
-def _compute_scheme_differences(results: Sequence[Identified]) -> Iterator[tuple[float, str]]:
+def _compute_scheme_differences(results: Sequence[Identified], least: float) -> Iterator[tuple[float, str]]:
     """Yield differences of two schemes in a parameter [standard errors], with its name.
 
-    Differences below `MIN_DIFFERENCE` of the parameter are left out.
+    Differences below the share `least` of the parameter are left out.
     """
     for result, other in combinations(results, 2):
         for name in result.model.estimates.keys() - result.withheld - other.withheld:
             first, second = (scheme.model.estimates[name] for scheme in (result, other))
             gap = abs(first.value - second.value)
-            if first.std > 0 and second.std > 0 and gap > MIN_DIFFERENCE * max(abs(first.value), abs(second.value)):
+            if first.std > 0 and second.std > 0 and gap > least * max(abs(first.value), abs(second.value)):
                 yield gap / float(np.hypot(first.std, second.std)), name

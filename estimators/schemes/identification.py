@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.arguments import Recordings, Terms, apply_limits, select_recordings, select_terms
 from estimators.data.fit_data import FitData
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.in_loop import list_decisions
@@ -32,6 +33,7 @@ def identify(
     *,
     fixed: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,
+    criterion: Criterion = Criterion(),
 ) -> Identification:
     """Fit the linear parameters of the terms to all recordings together, by each scheme.
 
@@ -49,6 +51,7 @@ def identify(
         fixed: known values by name of the parameter: `{"gravity": 2.01}`.
         bounds: limits of other parameters: `{"viscous": (0.0, None)}`, None for no limit; an estimate beyond a bound
             is set to the bound.
+        criterion: limits of the decisions on recordings, timing and completeness.
 
     Raises:
         IdentificationError: if the recordings have too little motion, or no torque.
@@ -58,7 +61,7 @@ def identify(
     terms, chosen = select_terms(terms), select_schemes(schemes)
     recordings = select_recordings(recordings, body=find_body(terms))
     terms, _ = apply_limits(terms, {}, fixed, bounds)
-    fit_data = FitData.from_recordings(recordings, terms=terms)
+    fit_data = FitData.from_recordings(recordings, terms=terms, criterion=criterion)
     swing_terms = make_swing_terms(terms, fit_data.recordings)
     segments = measure_segments(fit_data.recordings, swing_terms)
     refuse_idle_joints(fit_data.recordings, segments, swing_terms)

@@ -58,7 +58,7 @@ class Evidence:
         base: Terms = BASE,
         library: Mapping[str, type[Term]] | None = None,
         tables: Sequence[type[Term]] = COMPETING,
-        criterion: Criterion | None = None,
+        criterion: Criterion = Criterion(),
         rng: np.random.Generator | None = None,
         progress: Progress = no_progress,
     ) -> Evidence:
@@ -78,7 +78,7 @@ class Evidence:
         bootstrap = Bootstrap(number_recordings(fits), rng or np.random.default_rng(0))
         competing = [table for table in tables if table.id not in ids]
         library = effects() if library is None else library
-        return cls._from_fits(fits, bootstrap, library, competing, criterion or Criterion(), progress)
+        return cls._from_fits(fits, bootstrap, library, competing, criterion, progress)
 
     @classmethod
     def _from_fits(

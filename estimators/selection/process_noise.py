@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
-from estimators.decisions.criterion import Criterion
+from estimators.decisions.criterion import WhiteNoiseLimits
 from estimators.findings import Finding, Kind, Quantity
 from estimators.weak_form.torque_windows import TorqueWindows
 from estimators.weak_form.windows import Windows, mark_contacts
@@ -38,7 +38,7 @@ class ProcessNoise(NamedTuple):
 
 
 def find_process_noise(
-    data: TorqueWindows, residual: Array, inertia: float, criterion: Criterion
+    data: TorqueWindows, residual: Array, inertia: float, limits: WhiteNoiseLimits
 ) -> ProcessNoise | None:
     """Return the torque noise that explains a residual of a pendulum, or None if the residual is not white noise.
 
@@ -51,13 +51,13 @@ def find_process_noise(
         data: windows of recordings.
         residual: residual of a model (R,) [N m].
         inertia: inertia of the joint [kg m^2], which gives the noise of the sensors.
-        criterion: limits of white noise.
+        limits: limits of white noise.
     """
     is_clear = [~mark_contacts(w) for w in data.windows]
     ends = np.cumsum([len(w.centers) for w in data.windows])[:-1]
     of_recordings = [part[rows] for part, rows in zip(np.split(residual, ends), is_clear, strict=True)]
     clear = [replace(w, centers=w.centers[rows]) for w, rows in zip(data.windows, is_clear, strict=True)]
-    last = max(max(1, round(criterion.longest_lag * w.recording.rate / (len(w.kernel) - 1))) for w in clear)
+    last = max(max(1, round(limits.longest_lag * w.recording.rate / (len(w.kernel) - 1))) for w in clear)
     torques, relative, places, start = list[Array](), list[Array](), list[Index](), 0
     for w, torque in zip(clear, of_recordings, strict=True):
         half = len(w.kernel) // 2
@@ -68,7 +68,7 @@ def find_process_noise(
             relative.append(torques[-1] / max(float(np.sqrt(np.mean(torques[-1] ** 2))), 1e-300))
             places.append(place[is_separate] + start)
             start = int(places[-1][-1]) + last + 1  # no lag connects two recordings
-    if sum(map(len, torques)) < criterion.least_windows:
+    if sum(map(len, torques)) < limits.least_windows:
         return None
     place = np.concatenate(places)
     noisier = [_raise_noise(w, torque, inertia) for w, torque in zip(clear, of_recordings, strict=True)]
@@ -76,13 +76,13 @@ def find_process_noise(
     excess = np.concatenate(excesses)
     of_neighbours = float(chdtrc(1, np.sum(excess) ** 2 / max(float(np.sum(excess**2)), 1e-300)))
     p_values = compute_white_p_values(np.concatenate(relative), place, last)
-    if 4 * min(*p_values, of_neighbours) <= criterion.white_p_value:
+    if 4 * min(*p_values, of_neighbours) <= limits.p_value:
         return None
     raised = tuple(
         replace(w, noise=w.noise.with_torque(n.noise.torque)) for w, n in zip(data.windows, noisier, strict=True)
     )
     variances = [n.noise.raw_torque**2 - w.noise.raw_torque**2 for w, n in zip(clear, noisier, strict=True)]
-    hidden = bound_hidden_effect(np.concatenate(torques), place, criterion.white_p_value)
+    hidden = bound_hidden_effect(np.concatenate(torques), place, limits.p_value)
     return ProcessNoise(replace(data, windows=raised), float(np.sqrt(max(variances))), hidden)
 
 

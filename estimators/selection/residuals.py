@@ -12,7 +12,7 @@ import numpy as np
 from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
-from estimators.decisions.criterion import Criterion, ResidualStructure
+from estimators.decisions.criterion import Criterion, ResidualStructure, is_noise
 from estimators.decisions.errors import Terms
 from estimators.memoize import memoized
 from estimators.regression.least_squares import solve_least_squares
@@ -93,12 +93,12 @@ class Residuals:
         """
         if not self._is_pendulum or self._are_noise(part, self.find_structures(part, residual)):
             return None
-        return find_process_noise(part.data, residual, self.inertia[self.joints[0]], self.criterion)
+        return find_process_noise(part.data, residual, self.inertia[self.joints[0]], self.criterion.white)
 
     def _are_noise(self, part: RegressionData, structures: Mapping[str, ResidualStructure]) -> bool:
         """Return whether residuals of a part of the data, by joint, are noise at every joint."""
         return all(
-            self.criterion.is_noise(structure, self.noise_floor(part, at)) for at, structure in structures.items()
+            is_noise(structure, self.noise_floor(part, at), self.criterion) for at, structure in structures.items()
         )
 
     def relative_rms(self, terms: Terms) -> float:
@@ -113,12 +113,14 @@ class Residuals:
     @cached_property
     def has_one_frequency(self) -> bool:
         """Return whether a pendulum moves at one frequency in all recordings; rows of positions are not tested."""
-        return self._is_pendulum and have_one_frequency([*self.train.recordings, *self.holdout.recordings])
+        recordings = [*self.train.recordings, *self.holdout.recordings]
+        return self._is_pendulum and have_one_frequency(recordings, self.criterion)
 
     @cached_property
     def has_feedback(self) -> bool:
         """Return whether the recorded torque of a pendulum reacts to the motion; simulated rows depend on goals."""
-        return self._is_pendulum and bool(find_feedback([*self.train.recordings, *self.holdout.recordings]))
+        recordings = [*self.train.recordings, *self.holdout.recordings]
+        return self._is_pendulum and bool(find_feedback(recordings, self.criterion))
 
     def holdout_residual(self, terms: Terms) -> Array:
         """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.

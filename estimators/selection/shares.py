@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.data.removed_noise import list_absorbed_noise
+from estimators.decisions.criterion import has_structure
 from estimators.decisions.errors import Terms
 from estimators.memoize import memoized
 from estimators.selection.free_motion import FreeMotion
@@ -89,7 +90,7 @@ class ExplainedShares:
         powers = zip(residuals.parts, self._compute_powers(before), self._compute_powers(after), strict=True)
         structures, shares = [of_part[at] for of_part in residuals.structures(before)], list[float]()
         floors = [residuals.noise_floor(part, at) for part in residuals.parts]
-        structured = list(map(criterion.has_structure, structures, floors))
+        structured = [has_structure(*pair, criterion) for pair in zip(structures, floors, strict=True)]
         for k, (part, olds, news) in enumerate(powers):
             old, new = olds[at], news[at]
             removed = old.total - new.total

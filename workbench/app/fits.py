@@ -53,14 +53,14 @@ def fit_pendulum(
         raise InputError(f"{describe(logged.doubt)} Or give the gain itself.")
     timed = logged.with_timing()
     data = timed if is_aligned else logged
-    step = fit(*data.parts, make_swing_terms(terms, data.recordings))
+    step = fit(*data.parts, make_swing_terms(terms, data.recordings), data.criterion)
     model = restore_known(add_torque_constant(step.model, data.parts[0].data), terms, data.recordings)
     parts = [part.data for part in data.parts[: 2 if holdout else 1]]
     return BaseFit(
         data,
         replace(step, model=model),
         identify_schemes(data.recordings, model),
-        find_disagreements(fit_each_recording(parts, model.terms), only_if_all_fit=True),
+        find_disagreements(fit_each_recording(parts, model.terms, data.criterion), only_if_all_fit=True),
         *(timed.timing.find(is_late) for is_late in (True, False)),
     )
 

@@ -278,7 +278,7 @@ class State:
             return replace(diagnosis, steps=self.steps)
         fitted = data.parts[0]
         residual = fitted.with_link_states(self.model).residual(self.model.terms, self.model.theta)
-        regions = tuple(find_failures(fitted, residual))
+        regions = tuple(find_failures(fitted, residual, data.criterion))
         if diagnosis is not None:
             return replace(diagnosis, steps=self.steps, unexplained=regions)
         return Diagnosis(self.steps, (), (), regions, fitted.floors, self.doubts, data=data)

@@ -25,9 +25,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--significance",
         metavar="P",
         type=options.convert_number(1e-9, 0.5),
-        default=Criterion.p_value,
+        default=Criterion().p_value,
         help="largest p-value of the gain of an effect that is added "
-        f"(default {Criterion.p_value:g}); a smaller one asks for clearer evidence",
+        f"(default {Criterion().p_value:g}); a smaller one asks for clearer evidence",
     )
     parser.add_argument(
         "--horizon",
@@ -63,14 +63,15 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the result, and write the requested files."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     inputs = open_sources(arguments, list_sources(arguments, outputs), terminal)
-    data = inputs.calibrate(terminal, fixed=arguments.fixed)
+    criterion = Criterion(p_value=arguments.significance)
+    data = inputs.calibrate(terminal, fixed=arguments.fixed, criterion=criterion)
     with terminal.progress("diagnosing") as progress:
         diagnosis = diagnose(
             data.recordings,
             data.holdout,
             inputs.model.terms,
             progress,
-            criterion=Criterion(p_value=arguments.significance),
+            criterion=criterion,
             **{name: getattr(arguments, name) for name in ASKED},
         )
     has_signal = diagnosis.suggestion is not None and diagnosis.suggestion.signal is not None

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 from estimators.arms import Payload
 from estimators.checks.homogeneity import Disagreement
-from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Errors, Step, get_single
 from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonRefit
 from estimators.results import Comparison
@@ -137,7 +136,7 @@ def narrate_addition(addition: Addition) -> list[Part]:
     sentences = [narration.describe_addition(addition)]
     if addition.objection is None and (table := narration.describe_table(addition.after)) is not None:
         sentences.append(table)
-    if addition.noise_ratio > Criterion.misfit:
+    if addition.is_misfit:
         sentences.append(
             f"The residual is {addition.noise_ratio:.1f} times the noise floor: another effect is missing. "
             "Run `diagnose`."

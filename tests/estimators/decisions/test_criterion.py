@@ -2,7 +2,7 @@
 
 import pytest
 
-from estimators.decisions.criterion import Criterion, ResidualStructure
+from estimators.decisions.criterion import Criterion, ResidualStructure, has_structure, is_noise
 
 
 @pytest.mark.parametrize(
@@ -17,16 +17,11 @@ from estimators.decisions.criterion import Criterion, ResidualStructure
     ],
 )
 def test_noise_is_white_or_too_little_to_matter_and_never_far_above_the_floor(residual, noise):
-    assert Criterion().is_noise(residual, 1.0) is noise
-    assert (
-        Criterion().is_noise(
-            ResidualStructure(1e-3 * residual.correlated_rms, residual.z_score, 1e-3 * residual.rms), 1e-3
-        )
-        is noise
-    )
+    scaled = ResidualStructure(1e-3 * residual.correlated_rms, residual.z_score, 1e-3 * residual.rms)
+    assert is_noise(residual, 1.0, Criterion()) is is_noise(scaled, 1e-3, Criterion()) is noise
 
 
 def test_from_white_noise_nothing_can_be_learnt():
-    assert not Criterion().has_structure(ResidualStructure(0.4, 4.9, 2.0), 1.0)
-    assert Criterion().has_structure(ResidualStructure(0.4, 5.1, 2.0), 1.0)
-    assert Criterion().has_structure(ResidualStructure(0.0, 0.0, 2.6), 1.0)
+    assert not has_structure(ResidualStructure(0.4, 4.9, 2.0), 1.0, Criterion())
+    assert has_structure(ResidualStructure(0.4, 5.1, 2.0), 1.0, Criterion())
+    assert has_structure(ResidualStructure(0.0, 0.0, 2.6), 1.0, Criterion())
