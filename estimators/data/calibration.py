@@ -129,6 +129,6 @@ def convert_to_model_unit(
             )
     recordings = complete_drives(recordings, model.log_format)
     try:
-        return decide_conventions(recordings).recordings
+        return decide_conventions(recordings, criterion=criterion).recordings
     except IdentificationError:  # the joint moves too little for a decision
         return complete_drives(recordings, {"goal": "held"})

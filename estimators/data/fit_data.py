@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, Self
 
 from estimators.checks.channel import align_each
@@ -87,7 +87,7 @@ class FitData:
         known = find_known_values(base) if known is None else known
         fitted, held_out, doubt = calibrate(recordings, holdout, constant, known, criterion)
         treatments = () if (own := fitted[0].torque_constant) is None else (make_constant_finding(own),)
-        fitted, held_out, findings = decide_open_torque(fitted, held_out, base or BASE)
+        fitted, held_out, findings = decide_open_torque(fitted, held_out, base or BASE, criterion)
         cut = CutSettings(inertia=known.get("inertia"))
         treatments = *treatments, *findings
         return cls(fitted, held_out, doubt, cut=cut, treatments=treatments, criterion=criterion)
@@ -200,7 +200,8 @@ class FitData:
         """
         if self.terms:
             train, holdout = split_arm(self.recordings, self.holdout)
-            return RegressionData.from_arm(train, self.terms), RegressionData.from_arm(holdout, self.terms)
+            cut = partial(RegressionData.from_arm, terms=self.terms, block=self.criterion.block)
+            return cut(train), cut(holdout)
         return self.cut.make_parts(self.recordings, self.holdout, self.criterion)
 
     def __getstate__(self) -> dict[str, Any]:

@@ -82,7 +82,7 @@ def split_recordings(
             f"{names}: torque is never applied, only ratios of parameters are known: take `FitData.from_recordings`"
         )
     try:
-        return _split_into_parts(recordings, holdout, shorter, inertia)
+        return _split_into_parts(recordings, holdout, shorter, inertia, criterion.block)
     except IdentificationError:
         if shorter <= DATA.shortest:
             raise
@@ -90,14 +90,14 @@ def split_recordings(
 
 
 def _split_into_parts(
-    recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float, inertia: float | None
+    recordings: Sequence[Recording], holdout: Sequence[Recording], shorter: float, inertia: float | None, block: float
 ) -> Parts:
     """Return fitted and held-out data; `shorter` scales the chosen window lengths.
 
     Without `holdout`, the last 30 % of each recording is held out. A part may hold less than half of the window
     centres, or too little motion. The split is then at the share of time before which 70 % of all centres lie.
     """
-    cut = partial(RegressionData.from_recordings, inertia=inertia)
+    cut = partial(RegressionData.from_recordings, inertia=inertia, block=block)
     widths, holdout_widths = ([shorter * choose_half_width(r, inertia) for r in part] for part in (recordings, holdout))
     if holdout:
         return cut(recordings, widths), cut(holdout, holdout_widths)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from estimators.decisions.score import BLOCK
+
 
 class ResidualStructure(NamedTuple):
     """Size of a residual and of its correlated part.
@@ -103,7 +105,7 @@ class Criterion:
             between `coarse_share` and `needed_share`.
         coarse_share: explained share on a coarse grid of nonlinear parameters below which they are not refined.
         needed_share: least share that a needed effect explains of the residual of all other effects.
-        kept_inertia: least share of the inertia that a larger model keeps; see `make_base_gates`.
+        kept_inertia: least share of the inertia that a larger model keeps; see `gates.compare_base`.
         noise_ratio: ratio of correlated residual to noise floor below which a correlation does not matter.
         z_score: standard errors from which a correlation of neighbouring windows, the sign of a load torque, a torque
             constant or a difference of two schemes is significant.
@@ -116,6 +118,8 @@ class Criterion:
         max_tried: number of effects that are tried, best score first, until one is confirmed.
         max_ordered: number of effects up to which every order of their steps is tried.
         least_excitation: least ratio of the recorded torque to the smallest significant torque of an effect.
+        block: length of a block of time [s], by which densities are summed and data are folded: residuals of a real
+            machine are correlated for less.
         drift_piece: length of the pieces by which folds predict a drifting torque [s].
         shorter_window: factor on the window lengths in a second search.
         error_margin: relative difference of held-out errors under two treatments that is chance.
@@ -139,6 +143,7 @@ class Criterion:
     max_tried: int = 8
     max_ordered: int = 3
     least_excitation: float = 10.0
+    block: float = BLOCK
     drift_piece: float = 0.2
     shorter_window: float = 0.5
     error_margin: float = 0.05

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import Policy, decide
 from estimators.decisions.gate import Gate, limit_gain
-from estimators.decisions.score import BLOCK, Bootstrap
+from estimators.decisions.score import Bootstrap
 from estimators.findings import Quantity
 from estimators.in_loop.likelihood import compute_log_densities
 from estimators.in_loop.rollout_rows import RolloutRows
@@ -41,7 +41,7 @@ class ConventionFit(NamedTuple):
     def from_rows(cls, settings: Settings, rows: RolloutRows, terms: Terms) -> ConventionFit:
         """Return the fit of the terms by some rows."""
         density = compute_log_densities(rows.rollouts, rows.fits.linearise(terms).error)
-        return cls(settings, rows, terms, np.bincount(rows.rollouts.positions.blocks(BLOCK)[0], density).astype(float))
+        return cls(settings, rows, terms, np.bincount(rows.layout.scored.block, density).astype(float))
 
     def with_effect(self, effect: Term) -> ConventionFit:
         """Return the fit with another effect, whose nonlinear parameters are fitted."""
@@ -91,7 +91,12 @@ def complete_drives(recordings: Sequence[Recording], settings: Mapping[str, Any]
 
 
 def fit_conventions(
-    recordings: Sequence[Recording], settings: Sequence[Settings], base: Terms, part: Part, has_counts: bool = False
+    recordings: Sequence[Recording],
+    settings: Sequence[Settings],
+    base: Terms,
+    part: Part,
+    criterion: Criterion,
+    has_counts: bool = False,
 ) -> list[ConventionFit]:
     """Fit the base model under each of some settings, which drives take for their undeclared conventions.
 
@@ -101,7 +106,8 @@ def fit_conventions(
     for own in settings:
         variant = complete_drives(recordings, own)
         torque = TorqueRows(prepare_windows(variant, part=part))
-        rows = RolloutRows(Rollouts(variant, LOOP.simulation.fine_steps, shares=part, has_counts=has_counts), torque)
+        rollouts = Rollouts(variant, LOOP.simulation.fine_steps, shares=part, has_counts=has_counts)
+        rows = RolloutRows(rollouts, torque, criterion=criterion)
         fits.append(ConventionFit.from_rows(own, rows, rows.fit(base, exactly=True).terms))
     return fits
 
@@ -113,7 +119,7 @@ def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], criterion: C
     `names`.
     """
     best, penalty = max(fits, key=lambda fit: fit.likelihood), float(np.log(len(fits)))
-    bootstrap = Bootstrap(best.rows.rollouts.positions.blocks(BLOCK)[2], np.random.default_rng(0))
+    bootstrap = Bootstrap(best.rows.layout.scored.of_block, np.random.default_rng(0))
 
     def require_gain(after: ConventionFit, before: ConventionFit) -> list[Gate]:
         return limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, criterion.p_value)

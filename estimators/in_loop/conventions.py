@@ -121,7 +121,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
     if len(controllers) == len(goals) == 1:
         return {}, []
     choices = [controller | goal for controller in controllers for goal in goals]
-    fits, findings = fit_conventions(recordings, choices, base, part), []
+    fits, findings = fit_conventions(recordings, choices, base, part, criterion), []
     settings: Settings = {}
     if len(controllers) > 1:
         ranked = sorted(fits, key=lambda fit: (controllers.index(fit.select(CONTROLLER)), -fit.likelihood))
@@ -155,7 +155,7 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part, criterion: C
         return {}, [Finding(Kind.COUNTS_UNSEEN)] if "counts" in readings else []
     if len(choices) == 1:
         return {}, []
-    fits = fit_conventions(recordings, choices, base, part, has_counts=True)
+    fits = fit_conventions(recordings, choices, base, part, criterion, has_counts=True)
     choice = choose_fit(fits, ("reads",), criterion)
     pairs = tuple(choice.fit.settings.items())
     return choice.fit.settings, [Finding(Kind.POSITION_READ, {"gain": choice.gain}, pairs=pairs)]

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Errors
-from estimators.decisions.score import BLOCK, FOLDS
+from estimators.decisions.score import FOLDS
 from estimators.in_loop.likelihood import compute_likelihood_scale
 from estimators.in_loop.linearisation import TypicalSizes, linearise_errors
 from estimators.in_loop.rollout_fits import RolloutFits
@@ -64,7 +64,7 @@ class RolloutRows:
             clusters=positions.clusters,
             precision={"": noise.precision},
             blocks=positions.blocks,
-            block=BLOCK,
+            block=self.criterion.block,
             noise=lambda at, inertia: noise.floor,
             structure=lambda at, residual, inertia: positions.measure_structure(residual),
             errors=Errors(np.nan, np.nan).with_loop_errors,

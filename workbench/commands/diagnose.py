@@ -30,6 +30,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         f"(default {Criterion().p_value:g}); a smaller one asks for clearer evidence",
     )
     parser.add_argument(
+        "--block",
+        metavar="SECONDS",
+        type=options.convert_number(0.1, 60.0),
+        default=Criterion().block,
+        help="length of the blocks of time by which models are scored (default %(default)g): residuals must be correlated "
+        "for less",
+    )
+    parser.add_argument(
         "--horizon",
         type=options.convert_number(1e-3),
         help="refit the final model to free motion over so many seconds under the recorded torque",
@@ -63,7 +71,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Diagnose, print the result, and write the requested files."""
     outputs = [arguments.experiment, arguments.json, arguments.report, arguments.output]
     inputs = open_sources(arguments, list_sources(arguments, outputs), terminal)
-    criterion = Criterion(p_value=arguments.significance)
+    criterion = Criterion(p_value=arguments.significance, block=arguments.block)
     data = inputs.calibrate(terminal, fixed=arguments.fixed, criterion=criterion)
     with terminal.progress("diagnosing") as progress:
         diagnosis = diagnose(
