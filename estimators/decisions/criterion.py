@@ -96,6 +96,27 @@ class ColumnLimits:
 
 
 @dataclass(frozen=True)
+class LoopLimits:
+    """Limits for servos with their controller in the loop.
+
+    Attributes:
+        needed: least share of the squared error that an effect explains; sticking alone changes the error.
+        dominant: the same of a link if the residual is not noise: a link imitates another controller.
+        same: gain between two conventions below which their motion is equal [nat]: the output does not reach its limit.
+        faithful: ratio of a model's error to that of the encoder below which the reading of the goals is kept.
+        slow_rate: assumed rate of a controller of unknown rate [Hz].
+        torque_scale: relative difference of logged and requested torque that is reported.
+    """
+
+    needed: float = 0.3
+    dominant: float = 0.75
+    same: float = 1e-3
+    faithful: float = 2.0
+    slow_rate: float = 200.0
+    torque_scale: float = 0.1
+
+
+@dataclass(frozen=True)
 class Criterion:
     """Thresholds for an effect and for noise, and limits of the search.
 
@@ -124,7 +145,7 @@ class Criterion:
         shorter_window: factor on the window lengths in a second search.
         error_margin: relative difference of held-out errors under two treatments that is chance.
         accuracy: error of a simulation by initial states and integration, share of the motion's standard deviation.
-        white, timing, agreement, columns: limits of questions of their own.
+        white, timing, agreement, columns, loop: limits of questions of their own.
     """
 
     p_value: float = 0.05
@@ -152,6 +173,7 @@ class Criterion:
     timing: TimingLimits = TimingLimits()
     agreement: AgreementLimits = AgreementLimits()
     columns: ColumnLimits = ColumnLimits()
+    loop: LoopLimits = LoopLimits()
 
 
 def has_structure(residual: ResidualStructure, floor: float, criterion: Criterion) -> bool:

@@ -15,7 +15,6 @@ from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
 from estimators.in_loop import decide_conventions
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.settings import LOOP
 from estimators.weak_form.point import Point
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import replace_drive
@@ -39,7 +38,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     data, unseen = trial.data, refine_rows(trial.evidence)[1]
     readings = [treatment for treatment in data.treatments if treatment.kind in GOALS]
     error = trial.result.steps[-1].errors["holdout"].total
-    if len(readings) != 1 or error < LOOP.limits.faithful * unseen.rollouts.noise.encoder_error:
+    if len(readings) != 1 or error < trial.setting.criterion.loop.faithful * unseen.rollouts.noise.encoder_error:
         return None
     gain, is_held = readings[0].numbers.get("gain"), readings[0].kind is Kind.GOALS_HELD
     if is_held and (gain is None or abs(gain.value) > ndtri(1.0 - trial.setting.criterion.p_value) * (gain.std or 0.0)):

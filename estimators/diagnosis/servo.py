@@ -31,7 +31,6 @@ from estimators.diagnosis.setting import Setting
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
-from estimators.in_loop.settings import LOOP
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import search
 from estimators.weak_form.preparation import prepare_windows
@@ -42,12 +41,12 @@ from pendulum_env.recording import Recording
 def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
     """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
 
-    An effect must explain at least the share `LOOP.limits.needed` of the residual.
+    An effect must explain at least the share `criterion.loop.needed` of the residual.
     """
     data = FitData.from_recordings(recordings, holdout, setting.base, criterion=setting.criterion)
     base = make_base(data.recordings, setting.base)
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
-    share = max(setting.criterion.explained_share, LOOP.limits.needed)
+    share = max(setting.criterion.explained_share, setting.criterion.loop.needed)
     criterion = replace(setting.criterion, explained_share=share, needed_share=share)
     data = decide_drives(data, setting)
     return data, replace(setting, base=base, library=library, criterion=criterion)

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.checks.remedies import find_remedies
+from estimators.decisions.criterion import LoopLimits
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop import list_decisions
-from estimators.in_loop.settings import LOOP
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
@@ -27,7 +27,8 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     """
     data = trial.data
     dropped = list_ids(trial.result.terms) - list_ids(trial.final.terms)
-    doubts = (data.doubt, find_speed_rate(diagnosis.model, data.recordings), find_torque_scale(data.recordings))
+    recordings, limits = data.recordings, trial.setting.criterion.loop
+    doubts = data.doubt, find_speed_rate(diagnosis.model, recordings, limits), find_torque_scale(recordings, limits)
     return replace(
         diagnosis,
         candidates=tuple(
@@ -50,24 +51,24 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     )
 
 
-def find_speed_rate(model: Model, recordings: Sequence[Recording]) -> Finding | None:
+def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopLimits) -> Finding | None:
     """Return a finding if a controller of unknown rate may act so late that its gain imitates inertia.
 
-    The imitated inertia is half the speed gain over `LOOP.limits.slow_rate` [Hz]; it counts above one standard error.
+    The imitated inertia is half the speed gain over `slow_rate` [Hz]; it counts above one standard error.
     """
     drives = [r.drive for r in recordings if r.drive is not None and r.drive.rate is None]
     gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
-    imitated_inertia = max(gains, default=0.0) / (2 * LOOP.limits.slow_rate)
+    imitated_inertia = max(gains, default=0.0) / (2 * limits.slow_rate)
     if imitated_inertia <= model.estimates["inertia"].std:
         return None
     inertia = Quantity(imitated_inertia, unit=model.estimates["inertia"].unit)
-    return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(LOOP.limits.slow_rate, unit="Hz"), "inertia": inertia})
+    return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(limits.slow_rate, unit="Hz"), "inertia": inertia})
 
 
-def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
+def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> Finding | None:
     """Return a finding if the logged torque is that requested by the drive times a factor off 1.
 
-    The factor is off by at least `LOOP.limits.torque_scale`. Drives with an integral part are not tested: the requested
+    The factor is off by at least `torque_scale`. Drives with an integral part are not tested: the requested
     torque is that without it.
     """
     logs = [r for r in recordings if r.drive and not r.drive.ki and r.torque_unit == r.drive.unit]
@@ -79,7 +80,7 @@ def find_torque_scale(recordings: Sequence[Recording]) -> Finding | None:
         for series in zip(*((r.torque, compute_commanded_torque(r)) for r in recorded), strict=True)
     )
     factor = float(logged @ requested / max(requested @ requested, np.finfo(float).tiny))
-    if abs(factor - 1.0) < LOOP.limits.torque_scale:
+    if abs(factor - 1.0) < limits.torque_scale:
         return None
     return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(factor)})
 

@@ -9,12 +9,13 @@ from estimators.data.fits import fit_terms
 from estimators.data.model_errors import compute_errors
 from estimators.data.regression_data import RegressionData
 from estimators.data.standard_errors import widen_by_constant
+from estimators.decisions.decision import Decision
 from estimators.decisions.errors import Step, Terms
+from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Trial
 from estimators.findings import Finding
 from estimators.in_loop.profile import LikelihoodProfile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
-from estimators.in_loop.settings import LOOP
 from estimators.memoize import memoized
 from estimators.selection.evidence import Evidence
 from estimators.selection.fits import Fits
@@ -34,8 +35,8 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
     An effect is needed if it predicts better and its size differs from zero by more than 3 standard errors. Prediction
     alone is not sufficient: a servo that sticks a little earlier or later changes seconds of the motion. An effect must
-    also explain the share `LOOP.limits.needed` of the squared error without it, in fitted and held-out data. For a
-    link, the share is `LOOP.limits.dominant` if the residual is not noise.
+    also explain the share `needed` of the squared error without it, in fitted and held-out data. For a
+    link, the share is `dominant` if the residual is not noise.
     """
     result = refit(trial.result)
     last = result.steps[-1]
@@ -48,17 +49,19 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     def without(*left_out: str | None) -> Terms:
         return tuple(term for term in terms if term.id not in left_out)
 
-    def is_needed(id: str | None) -> bool:
+    def decide_need(id: str | None) -> Decision:
         is_link = any(term.link for term in terms if term.id == id)
-        least = LOOP.limits.dominant if is_link and not evidence.residuals.is_noise(terms) else LOOP.limits.needed
+        limits = evidence.criterion.loop
+        least = limits.dominant if is_link and not evidence.residuals.is_noise(terms) else limits.needed
         models = [evidence.fits.fit_model(model_terms) for model_terms in (terms, without(id))]
         errors = [[compute_errors(make_data(part), model).loop[0] for model in models] for part in (train, held_out)]
         share = min(1.0 - (after / before) ** 2 for after, before in errors)
-        return share > least and evidence.decide(terms, without(id), SWAP).passed
+        explained = Decision((Gate("explained_share", share, least, share > least),))
+        return explained.join(evidence.decide(terms, without(id), SWAP)) if explained.passed else explained
 
     def find_idle() -> list[str | None]:
         without_size = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
-        return [id for id in effects if id in without_size or not is_needed(id)]
+        return [id for id in effects if id in without_size or not decide_need(id).passed]
 
     while idle := find_idle():
         effects.remove(idle[-1])

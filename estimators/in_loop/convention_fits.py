@@ -127,7 +127,7 @@ def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], criterion: C
     overrule = Policy("overrule", (require_gain,))
     chosen = next(fit for fit in fits if not decide(best, fit, overrule).passed)
     others = [fit for fit in fits if fit.select(names) != chosen.select(names)]
-    different = [fit for fit in others if abs(fit.likelihood - best.likelihood) > LOOP.limits.same] or others
+    different = [fit for fit in others if abs(fit.likelihood - best.likelihood) > criterion.loop.same] or others
     alternative = max(different, key=lambda fit: fit.likelihood)
     gain = bootstrap.gain(chosen.density, alternative.density)
     return Choice(chosen, alternative, Quantity(gain.total, gain.error))

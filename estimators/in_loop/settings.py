@@ -1,4 +1,4 @@
-"""Numbers of simulations and fits of servos in the loop, and limits of decisions on them."""
+"""Numbers of simulations and fits of servos in the loop; limits of decisions are in `Criterion.loop`."""
 
 from dataclasses import dataclass
 
@@ -75,18 +75,6 @@ class ProfileSettings:
 
 
 @dataclass(frozen=True)
-class LoopLimits:
-    """Limits of decisions: which effects are needed, which conventions hold, and what is reported."""
-
-    needed: float = 0.3  # share of the squared error that an effect must explain; sticking alone changes the error
-    dominant: float = 0.75  # the same for a link if the residual is not noise: a link imitates another controller
-    same: float = 1e-3  # [nat], smaller differences mean equal motion: the output does not reach its limit
-    faithful: float = 2.0  # error of a model over that of the encoder, below which the reading of the goals is kept
-    slow_rate: float = 200.0  # [Hz], assumed rate of a controller of unknown rate
-    torque_scale: float = 0.1  # relative difference of logged and requested torque that is reported
-
-
-@dataclass(frozen=True)
 class LoopSettings:
     """All numbers of fits in the loop."""
 
@@ -95,7 +83,6 @@ class LoopSettings:
     fit: FitSettings = FitSettings()
     link: LinkSettings = LinkSettings()
     profile: ProfileSettings = ProfileSettings()
-    limits: LoopLimits = LoopLimits()
 
 
 LOOP = LoopSettings()

@@ -13,6 +13,7 @@ from estimators import add, compare, diagnose, identify
 from estimators.arguments import apply_limits
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.criterion import LoopLimits
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.goal_reading import reread_goals
 from estimators.diagnosis.servo import SERVO
@@ -577,7 +578,8 @@ def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):
     (scaled,) = (own for own in wrong if own.kind is Kind.TORQUE_SCALED)
     assert scaled.numbers["factor"].value == pytest.approx(1 / 0.75, rel=0.01)
     with_integral = [replace(own, drive=replace(own.drive, ki=0.5)) for own in logs]
-    assert find_torque_scale(logs) is not None and find_torque_scale(with_integral) is None
+    limits = LoopLimits()
+    assert find_torque_scale(logs, limits) is not None and find_torque_scale(with_integral, limits) is None
 
 
 def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
