@@ -16,8 +16,9 @@ from estimators.checks.homogeneity import find_disagreements_with_model, find_mi
 from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_inertia
+from estimators.data.model_errors import compute_errors
 from estimators.data.regions import find_failures
-from estimators.data.regression_data import RegressionData
+from estimators.data.regression_data import RegressionData, drop_unstable_segments
 from estimators.data.split import CutSettings
 from estimators.in_loop.motion import LoopMotion, simulate_in_loop
 from estimators.results import Comparison, Distance
@@ -33,8 +34,8 @@ MAX_REGIONS = 6  # largest number of regions where a model fails, of all joints 
 
 def compute_distance(name: str, data: RegressionData, model: Model, loop: LoopMotion) -> Distance:
     """Compute the errors of a model with inertia on data, with those of its motion in the loop."""
-    steady, unstable = data.with_steady_segments(model)
-    return Distance(name, loop.extend(steady.errors(model)), data.floors, unstable)
+    steady, unstable = drop_unstable_segments(data, model)
+    return Distance(name, loop.extend(compute_errors(steady, model)), data.floors, unstable)
 
 
 @refuse_unknown_arguments

@@ -87,7 +87,7 @@ def _find_scaling_parameter(known: Mapping[str, float]) -> str | None:
 def _compute_ratios(recordings: Sequence[Recording]) -> Array:
     """Return the parameters of the base (4,) over the inertia, both with the known load."""
     swings = [scale_swing(recording, 1.0, PER_INERTIA) for recording in recordings]
-    return TorqueRows(prepare_windows(swings)).solve(make_swing_terms(BASE, swings))
+    return TorqueRows(prepare_windows(swings)).fits.solve(make_swing_terms(BASE, swings))
 
 
 def fit_inertia(recordings: Sequence[Recording]) -> float:

@@ -13,7 +13,7 @@ from estimators.prediction import Prediction, predict_recordings
 from estimators.signals.residual import AXES, Profile, Region
 from estimators.simulation.free_running import HORIZON
 from pendulum_env._typing import JSON
-from pendulum_env.notebook import Shown, summarise
+from pendulum_env.notebook import Summarised
 from pendulum_env.physics import Model
 from pendulum_env.recording import TorqueConstant
 
@@ -53,7 +53,7 @@ class Distance:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Shown):
+class Comparison(Summarised):
     """Comparison of a model with recordings.
 
     Attributes:
@@ -98,14 +98,6 @@ class Comparison(Shown):
     def is_torque_logged(self) -> bool:
         """Return whether a recording has measured torque instead of the command of a controller."""
         return self.data is None or any(recording.has_logged_torque for recording in self.data.recordings)
-
-    @property
-    def headline(self) -> str:
-        """Return the result in one sentence."""
-        return summarise(self)
-
-    def __repr__(self) -> str:
-        return f"<Comparison: {self.headline}>"
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; `joint` has all recordings together."""

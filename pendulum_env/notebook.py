@@ -38,3 +38,17 @@ class Shown:
 
     def _repr_html_(self) -> str:
         return render_html(self)
+
+
+class Summarised(Shown):
+    """Mixin of results with a sentence of their own, by `summarise`."""
+
+    __slots__ = ()
+
+    @property
+    def headline(self) -> str:
+        """Result in one sentence: `Stribeck friction is missing`."""
+        return summarise(self)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.headline}>"

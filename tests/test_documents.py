@@ -3,12 +3,14 @@
 import doctest
 import importlib
 import importlib.util
+import inspect
 import re
 import tomllib
 
 import pytest
 
 from estimators.schemes.six import SCHEMES
+from estimators.selection.search import find_effects, grow
 from pendulum_env.physics import BASE, library
 from tools import prose
 from tools.prose import PAGES, README, ROOT, check, find_missing_line
@@ -80,6 +82,12 @@ def test_the_page_on_the_road_names_classes_and_functions_where_they_are():
     assert len(pairs) > 15
     for name, file in pairs:
         assert re.search(rf"(?m)^(class|def) {name}\b", (ROOT / file).read_text(encoding="utf-8")), (name, file)
+
+
+def test_the_page_on_the_road_shows_the_loop_of_the_search():
+    page = (ROOT / "docs" / "how-it-works.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"(?s)```py\n(.*?)```", page)
+    assert shown.strip() == "\n\n\n".join(inspect.getsource(part).strip() for part in (find_effects, grow))
 
 
 def test_the_extra_all_has_all_that_the_page_lists_and_constraints_pin_it():

@@ -24,7 +24,7 @@ from estimators.checks.alignment import CHANNEL, NO_ALIGNMENT, Alignment
 from estimators.checks.channel_rows import NONLINEAR_GAIN, ChannelRows
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.decisions.criterion import Criterion
-from estimators.decisions.score import BLOCK, Blocks, cross_validate_density
+from estimators.decisions.score import Blocks, cross_validate_density
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
 from estimators.signals.channel import LONGEST, REACH, Channel
@@ -77,7 +77,7 @@ class ChannelFits(ChannelRows):
         if self.by_torque is not None:
             by_torque[:, : self.by_torque.shape[1]] = self.by_torque
         balance = Balance(design, self.compute_torque(law), by_torque, -limits, limits, np.ones(len(design)))
-        block, _, of_block = self.rows.data.blocks(BLOCK)
+        block, _, of_block = self.rows.data.blocks(self.rows.data.block)
         moved, recording = np.unique(of_block[block], return_inverse=True)
         clusters = [self.rows.data.clusters] + [recording] * (len(moved) >= CHANNEL.min_recordings)
         fits = [balance.fit(labels) for labels in clusters]

@@ -62,7 +62,7 @@ def make_channel_rows(
         data = prepare_windows(recordings, margin=margin)
     else:
         data = prepare_arm(recordings, terms[:1], margin)
-        data = replace(data, weights=TorqueRows(data).weights(arm_base(body)))
+        data = replace(data, weights=TorqueRows(data).fits.weights(arm_base(body)))
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
     parts = [(rows, part.columns([law])[0][0]) for rows, part in joints for law in _make_smooth_laws(part)]
     of_torque = list[tuple[slice, Column]]()

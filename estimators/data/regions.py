@@ -41,7 +41,7 @@ def find_failures(
     `floors` are the noise floors of joints by name [N m], by default those of the data.
     """
     regions: list[Region] = []
-    for joint, error in data.joint_errors(residual).items():
+    for joint, error in data.layout.compute_joint_errors(residual).items():
         floor = (floors or data.floors)[joint]
         at_joint = find_regions_at(data, residual, joint, most=most, floor=floor)
         if not at_joint and error > Criterion.misfit * max(floor, compute_negligible_residual(data.data, joint)):

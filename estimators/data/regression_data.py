@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from estimators.decisions.errors import Errors
+from estimators.decisions.score import BLOCK
 from estimators.regression.balance import Balance
 from estimators.simulation.free_running import (
     Segments,
     choose_segments,
-    compute_deviation,
     compute_growth,
-    compute_position_rms,
     refuse_long_horizon,
     select_segments,
 )
@@ -57,7 +55,7 @@ class RegressionData:
         half_widths: Sequence[float] | None = None,
         part: tuple[float, float] = (0.0, 1.0),
         inertia: float | None = None,
-        block: float = RESOLUTION.block,
+        block: float = BLOCK,
     ) -> RegressionData:
         """Cut recordings of a pendulum into windows and segments.
 
@@ -78,21 +76,9 @@ class RegressionData:
             refuse_long_horizon(w, seconds)
         return replace(self, segments=tuple(choose_segments(w, seconds, covers) for w in self.data.windows))
 
-    def with_steady_segments(self, model: Model) -> tuple[RegressionData, float]:
-        """Drop segments in which a small error grows tenfold; return the data and the share of these segments.
-
-        If no others exist, or a model without known inertia cannot simulate, the segments stay.
-        """
-        candidates = self.segments if model.has_known_inertia else ()
-        steady = [compute_growth(segments, model.terms, model.theta) < RESOLUTION.growth for segments in candidates]
-        pairs = zip(candidates, steady, strict=True)
-        steady_segments = tuple(select_segments(*pair) for pair in pairs if pair[1].any())
-        unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
-        return replace(self, segments=steady_segments) if steady_segments else self, unstable
-
     @classmethod
     def from_arm(
-        cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term], block: float = RESOLUTION.block
+        cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term], block: float = BLOCK
     ) -> RegressionData:
         """Cut recordings of an arm into windows for some terms, the links first; raises errors of `prepare_arm`."""
         return cls(prepare_arm(recordings, terms, block=block), base=arm_base(find_body(terms)))
@@ -139,30 +125,6 @@ class RegressionData:
             return self.maker.residual(terms, np.asarray(theta))
         return self.equations(terms).error(self.solve(terms))
 
-    def compute_absorbed_noise(self, terms: Terms) -> list[tuple[slice, float]]:
-        """Return, per term that filters torque, its rows and the variance of noise that it removes [(N m)^2].
-
-        Rows of positions have none.
-        """
-        return self.torque.compute_absorbed_noise(terms) if self.layout.predicts_torque else []
-
-    def compute_removed_noise(self, terms: Terms, theta: Array, inertia: Mapping[str, float]) -> Array:
-        """Return the variance of encoder noise that payload changes remove from each row (R,) [(N m)^2].
-
-        Encoder noise enters the rows times the inertia. An effect must not become likelier by removing it: where
-        nothing accelerates, a payload of minus the inertia leaves torque without noise. `theta` (P,) are the
-        parameters, `inertia` those of the base model by joint [kg m^2].
-        """
-        variance = np.zeros(len(self.layout.scored.fold))
-        columns = [(term, column) for term in terms for column in term.columns]
-        for (term, column), value in zip(columns, theta.tolist(), strict=True):
-            if term.kind == "time-varying" and self.layout.predicts_torque and term.at in inertia:
-                part, before = self.data.part(term.at), inertia[term.at]
-                noise = np.repeat([w.noise.acceleration for w in part.windows], [len(w.centers) for w in part.windows])
-                after = np.clip(before + value * column.mass(part.samples), 0.0, before)
-                variance[self.locate_rows(term.at)] += (before**2 - after**2) * noise**2
-        return variance
-
     @property
     def recordings(self) -> tuple[Recording, ...]:
         """Whole recording of each entry of windows, which may cover a part of it."""
@@ -193,7 +155,7 @@ class RegressionData:
         links, data = base[0], self.data
         if links.id not in data.shared_columns:
             return {at: data.part(at).base_inertia for at in data.joints}
-        theta = self.torque.solve(base)[: len(links.columns)]
+        theta = self.torque.fits.solve(base)[: len(links.columns)]
         return dict(zip(data.joints, np.abs(data.shared_columns[links.id].inertia @ theta).tolist(), strict=True))
 
     @cached_property
@@ -226,30 +188,15 @@ class RegressionData:
         test = ContactTest(model.terms, model.theta, covariance, inertia)
         return replace(self, data=test.add_contacts(self.data, test.find_free_range(self.data)))
 
-    def joint_errors(self, residual: Array) -> dict[str, float]:
-        """Return the root mean square of a residual (R,) at each joint."""
-        return {at: float(np.sqrt(np.mean(residual[rows] ** 2))) for at, rows in self.layout.joints.items()}
 
-    def errors(self, model: Model) -> Errors:
-        """Return the errors of a model in torque, of each joint and of all, and in free-running position.
+def drop_unstable_segments(data: RegressionData, model: Model) -> tuple[RegressionData, float]:
+    """Drop segments in which a small error grows tenfold; return the data and the share of these segments.
 
-        Rollouts have only the error in the loop. The torque of all joints is nan if some slide and others turn; the
-        position is nan without segments or a known inertia.
-        """
-        residual, body = self.residual(model.terms, model.theta), find_body(self.base)
-        if self.layout.errors is not None:
-            return self.layout.errors(residual)
-        torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
-        torque = torque if len({*body.is_prismatic}) == 1 else np.nan
-        joints, sizes = self.joint_errors(residual), self.joint_errors(self.data.torque.recorded)
-        shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
-        if self.segments and model.has_known_inertia:
-            position = compute_position_rms(self.segments, model.terms, model.theta)
-            fit = _compute_fit_percent(position, compute_deviation(self.segments))
-        torque_fit = _compute_fit_percent(torque, float(np.std(self.data.torque.applied)))
-        return Errors(torque, position, torque_fit, fit, joints, shares)
-
-
-def _compute_fit_percent(error: float, deviation: float) -> float:
-    """Return 100 (1 - error / deviation) [%]; 0 without deviation."""
-    return 100.0 * (1.0 - error / deviation) if deviation > 0 else 0.0
+    If no others exist, or a model without known inertia cannot simulate, the segments stay.
+    """
+    candidates = data.segments if model.has_known_inertia else ()
+    steady = [compute_growth(segments, model.terms, model.theta) < RESOLUTION.growth for segments in candidates]
+    pairs = zip(candidates, steady, strict=True)
+    steady_segments = tuple(select_segments(*pair) for pair in pairs if pair[1].any())
+    unstable = 1.0 - float(np.mean(np.concatenate(steady))) if steady else 0.0
+    return replace(data, segments=steady_segments) if steady_segments else data, unstable

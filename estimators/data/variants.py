@@ -37,7 +37,7 @@ def count_tried(data: RegressionData, terms: Terms, effect: type[Term]) -> int:
 
 def _compute_unexplained_torque(data: RegressionData, terms: Terms, effect: type[Term]) -> tuple[Samples, Array]:
     """Return samples at the joint of an effect, and the torque residual of some terms at the joint (R,) [N m]."""
-    residual = data.torque.equations(terms).error(data.torque.solve(terms))
+    residual = data.torque.equations(terms).error(data.torque.fits.solve(terms))
     return data.data.part(effect.at).samples, residual[data.data.locate_rows(effect.at)]
 
 

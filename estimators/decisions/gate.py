@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from estimators.decisions.score import Gain
 from estimators.findings import Finding, Kind, Quantity
 from pendulum_env._typing import JSON
 from pendulum_env.quantity import get_finite
@@ -44,6 +47,18 @@ class Gate:
         numbers = {"value": self.value, "limit": self.limit, "std": self.std}
         finite = {name: get_finite(number) for name, number in numbers.items()}
         return {"name": self.name, **finite, "unit": self.unit, "passed": self.passed}
+
+
+def limit_p_value(name: str, p_value: float, limit: float) -> Gate:
+    """Make a gate on a p-value."""
+    return Gate(name, p_value, limit, p_value <= limit)
+
+
+def limit_gain(gain: Gain, penalty: float, p_value: float) -> list[Gate]:
+    """Make the gates on a gain in prediction: above its penalty [nat], and with a small p-value."""
+    std = gain.error if np.isfinite(gain.error) else None
+    total = Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std)
+    return [total, limit_p_value("p_value", gain.p_value, p_value)]
 
 
 def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.special import gammaln
 
 from estimators.regression.balance import Balance
+from estimators.regression.fold_fits import solve_without
 from estimators.regression.least_squares import SOLVER
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.quantity import get_finite
@@ -113,7 +114,7 @@ def cross_validate_density(
     `hidden` is torque noise that the model removes, which is added to the errors. `without` are the parameters of the
     fits (FOLDS, P), solved unless given. `removed` is the variance of encoder noise that it removes from each row (R,).
     """
-    without = balance.solve_without(blocks.fold, FOLDS) if without is None else without
+    without = solve_without(balance, blocks.fold, FOLDS) if without is None else without
     return _compute_density(balance, without, blocks, hidden, removed)
 
 

@@ -93,7 +93,7 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     payloads = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
     explained = {*residuals, *(term.at for term in terms if term.has_impacts)}
     contacts = find_arm_contacts(
-        evidence, diagnosis.model, [joint for joint in diagnosis.body.joints if joint not in explained]
+        evidence, diagnosis.model, [joint for joint in diagnosis.model.body.joints if joint not in explained]
     )
     rotors = tuple(term.at for term in terms if isinstance(term, Rotor) and term.id in diagnosis.selected)
     findings = (

@@ -33,7 +33,6 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
         floors=trial.evidence.residuals.holdout_floors,
         findings=(),
         alignments=(data.whole or data).timing.alignments,
-        torque_unit=data.recordings[0].torque_unit,
         torque_constant=data.recordings[0].torque_constant,
         data=data.without_history(last.model.terms),
         evidence=trial.evidence,

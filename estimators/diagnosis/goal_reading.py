@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.servo_refit import refine_rows
+from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind
 from estimators.in_loop import decide_conventions
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.settings import LOOP
 from estimators.weak_form.point import Point
-from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import replace_drive
 
 GOALS = {Kind.GOALS_HELD: "ramp", Kind.GOALS_RUN_ON: "held"}  # with the other reading
 
 
-def decide_drives(data: FitData, base: Sequence[Term]) -> FitData:
-    """Return the data with the conventions of their drives, decided by a base model, see `decide_conventions`."""
-    recordings, holdout, findings = decide_conventions(data.recordings, data.holdout, base)
+def decide_drives(data: FitData, setting: Setting) -> FitData:
+    """Return the data with the conventions of their drives, decided by the base model, see `decide_conventions`."""
+    recordings, holdout, findings = decide_conventions(data.recordings, data.holdout, setting.base, setting.criterion)
     return replace(data, recordings=recordings, holdout=holdout, treatments=(*data.treatments, *findings))
 
 
@@ -42,7 +42,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     if len(readings) != 1 or error < LOOP.limits.faithful * unseen.rollouts.noise.encoder_error:
         return None
     gain, is_held = readings[0].numbers.get("gain"), readings[0].kind is Kind.GOALS_HELD
-    if is_held and (gain is None or abs(gain.value) > LOOP.limits.tie * (gain.std or 0.0)):
+    if is_held and (gain is None or abs(gain.value) > ndtri(1.0 - trial.setting.criterion.p_value) * (gain.std or 0.0)):
         return None
     reread = declare_goals(trial, GOALS[readings[0].kind])
     return reread if not is_held or predict_held_out(trial, reread) < error else None
@@ -59,7 +59,7 @@ def declare_goals(trial: Trial, goal: str) -> FitData:
 
     finding = Finding(Kind.GOALS_HELD if goal == "held" else Kind.GOALS_RUN_ON)
     data = data.with_treatment(finding, recordings=declare(data.recordings), holdout=declare(data.holdout))
-    return decide_drives(data, trial.setting.base) if "reads" in changes else data
+    return decide_drives(data, trial.setting) if "reads" in changes else data
 
 
 def predict_held_out(trial: Trial, data: FitData) -> float:

@@ -15,7 +15,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimators.data.regression_data import RegressionData
+from estimators.data.model_errors import compute_errors
+from estimators.data.regression_data import RegressionData, drop_unstable_segments
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.result import HorizonRefit
@@ -71,13 +72,13 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
 
 def _make_step(last: Step, model: Model, data: Sequence[RegressionData]) -> Step:
     """Return a step with a model and its errors on fitted and held-out data."""
-    errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data, strict=True)}
+    errors = {name: compute_errors(part, model) for name, part in zip(("train", "holdout"), data, strict=True)}
     return Step(last.added, model, errors)
 
 
 def _select_steady(part: RegressionData, model: Model) -> RegressionData:
     """Return the data with link states of a model, and without segments in which a small error grows tenfold."""
-    return part.with_link_states(model).with_steady_segments(model)[0]
+    return drop_unstable_segments(part.with_link_states(model), model)[0]
 
 
 def _make_rows(data: RegressionData, seconds: float, model: Model, point: Point) -> tuple[ErrorsOf, Index]:

@@ -152,7 +152,7 @@ def decide_finally(evidence: Evidence, after: Terms, before: Terms, policy: Rule
 def _compute_held_out_rms(evidence: Evidence, terms: Terms, at: str) -> float:
     """Return the held-out RMS torque error, at the joints of a place, of the terms fitted to training data [N m]."""
     error = evidence.holdout.equations(terms, by_noise=True).error(evidence.train.solve(terms))
-    return get_error_at(evidence.holdout.joint_errors(error), at, np.nan)
+    return get_error_at(evidence.holdout.layout.compute_joint_errors(error), at, np.nan)
 
 
 def compute_alternatives(evidence: Evidence, terms: Terms, term: Term) -> dict[str, float]:

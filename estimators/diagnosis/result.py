@@ -8,7 +8,7 @@ from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.decisions.decision import NOTHING_TESTED, Decision
-from estimators.decisions.errors import Step, Terms, get_single
+from estimators.decisions.errors import Step, Terms
 from estimators.decisions.score import Gain
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Verdict
@@ -17,9 +17,9 @@ from estimators.results import make_floors_json, make_result_json
 from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
-from pendulum_env.notebook import Shown, summarise
-from pendulum_env.physics import Mechanism, Model
-from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
+from pendulum_env.notebook import Summarised
+from pendulum_env.physics import Model
+from pendulum_env.recording.channel import TorqueConstant
 
 SCHEMA = "pendulum-ident/diagnosis@2"
 
@@ -96,14 +96,12 @@ class TriedTreatment:
     Attributes:
         treatment: finding that names the treatment.
         decision: tests of the treatment.
-        error_ratio: held-out cost with the treatment over the cost without.
         assumptions: number of assumptions with the treatment, see `count_assumptions`.
         before: number without the treatment.
     """
 
     treatment: Finding
     decision: Decision
-    error_ratio: float
     assumptions: int
     before: int
 
@@ -116,7 +114,6 @@ class TriedTreatment:
         """Return a dictionary for JSON."""
         assumptions = {"with": self.assumptions, "without": self.before}
         return self.treatment.json() | {
-            "error_ratio": self.error_ratio if self.error_ratio < float("inf") else None,
             "assumptions": assumptions,
             "kept": self.is_kept,
             "gates": [gate.json() for gate in self.decision.gates],
@@ -153,7 +150,7 @@ class HorizonRefit:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown):
+class Diagnosis(Summarised):
     """Result of a diagnosis.
 
     Attributes:
@@ -173,7 +170,6 @@ class Diagnosis(Shown):
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque was corrected.
         detectable: absent effects that the data would have shown; only of a complete model.
-        torque_unit: `N m`, or the unit of the log in its place, also in units of parameters.
         torque_constant: constant by which a current was converted; None if torque was logged, or it is unknown.
         data: data of the diagnosis, without excluded recordings; None if it was read from a file.
         joint_residuals: residual of joints of an arm that is not noise [N m], see `find_joint_residuals`.
@@ -195,7 +191,6 @@ class Diagnosis(Shown):
     disagreements: tuple[Disagreement, ...] = ()
     alignments: tuple[Alignment, ...] = ()
     detectable: tuple[Detectable, ...] = ()
-    torque_unit: str = NEWTON_METRE
     torque_constant: TorqueConstant | None = None
     data: FitData | None = field(default=None, compare=False, repr=False)
     joint_residuals: Mapping[str, float] = field(default_factory=dict)
@@ -217,25 +212,6 @@ class Diagnosis(Shown):
         return predict_recordings(self.model, self.data)
 
     @property
-    def noise_floor(self) -> float:
-        """Return the noise floor of a single joint; NaN for several joints."""
-        return get_single(self.floors)
-
-    @property
-    def body(self) -> Mechanism:
-        """Joints of the model."""
-        return self.model.body
-
-    @property
-    def is_in_loop(self) -> bool:
-        """Return whether errors are those of motion simulated with the controller in the loop."""
-        return self.steps[0].errors["holdout"].is_in_loop
-
-    def unit_at(self, joint: str) -> str:
-        """Return the unit of the error at a joint: of torque, of current, or of motion in the loop."""
-        return self.model.units(joint).unit(self.steps[0].errors["holdout"].unit)
-
-    @property
     def selected(self) -> tuple[str, ...]:
         """Ids of the selected effects, in the order of their addition."""
         return tuple(step.added for step in self.steps if step.added is not None)
@@ -245,25 +221,6 @@ class Diagnosis(Shown):
         """Return ids per selected effect: its id, then the ids of effects that the data cannot distinguish from it."""
         rivals = {group[0]: group for group in self.ambiguous}
         return tuple(rivals.get(id, (id,)) for id in self.selected)
-
-    @property
-    def laws(self) -> list[str]:
-        """Laws of the selected effects: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
-        known = {term.id: term.law for term in self.model.terms}
-        return [f"{id}: {known[id]}" for id in self.selected if id in known]
-
-    @property
-    def searched(self) -> bool:
-        """Return whether effects were searched."""
-        return bool(self.candidates or self.joint_residuals)
-
-    @property
-    def headline(self) -> str:
-        """Result in one sentence: `Stribeck friction is missing`."""
-        return summarise(self)
-
-    def __repr__(self) -> str:
-        return f"<Diagnosis: {self.headline}>"
 
     def json(self) -> JSON:
         """Return the diagnosis as a dictionary for JSON.
@@ -302,7 +259,7 @@ class Diagnosis(Shown):
 
 
 @dataclass(frozen=True, repr=False)
-class Addition(Shown):
+class Addition(Summarised):
     """Result of adding an effect to a model.
 
     Attributes:
@@ -329,6 +286,3 @@ class Addition(Shown):
     def model(self) -> Model:
         """Model with the effect."""
         return self.after.model
-
-    def __repr__(self) -> str:
-        return f"<Addition: {summarise(self)}>"

@@ -49,7 +49,7 @@ def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setti
     library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
     share = max(setting.criterion.explained_share, LOOP.limits.needed)
     criterion = replace(setting.criterion, explained_share=share, needed_share=share)
-    data = decide_drives(data, setting.base)
+    data = decide_drives(data, setting)
     return data, replace(setting, base=base, library=library, criterion=criterion)
 
 

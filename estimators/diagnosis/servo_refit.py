@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.fits import fit_terms
+from estimators.data.model_errors import compute_errors
 from estimators.data.regression_data import RegressionData
 from estimators.data.standard_errors import widen_by_constant
 from estimators.decisions.errors import Step, Terms
@@ -51,7 +52,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         is_link = any(term.link for term in terms if term.id == id)
         least = LOOP.limits.dominant if is_link and not evidence.residuals.is_noise(terms) else LOOP.limits.needed
         models = [evidence.fits.fit_model(model_terms) for model_terms in (terms, without(id))]
-        errors = [[make_data(part).errors(model).loop[0] for model in models] for part in (train, held_out)]
+        errors = [[compute_errors(make_data(part), model).loop[0] for model in models] for part in (train, held_out)]
         share = min(1.0 - (after / before) ** 2 for after, before in errors)
         return share > least and evidence.decide(terms, without(id), SWAP).passed
 
@@ -111,7 +112,8 @@ def fit_step(evidence: Evidence, added: str | None, terms: Sequence[Term]) -> St
     model, recording = widen_errors(fit_terms(make_data(train), terms)[0], train, profile), train.rollouts.recordings[0]
     constant = recording.torque_constant  # its error widens all standard errors
     model = model.convert_units(recording.units) if constant is None else widen_by_constant(model, constant)
-    return Step(added, model, {"train": make_data(train).errors(model), "holdout": make_data(held_out).errors(model)})
+    errors = [compute_errors(make_data(rows), model) for rows in (train, held_out)]
+    return Step(added, model, dict(zip(("train", "holdout"), errors, strict=True)))
 
 
 def widen_errors(model: Model, rows: RolloutRows, profile: LikelihoodProfile | None = None) -> Model:

@@ -1,28 +1,28 @@
-"""Candidate treatments of the recordings: functions from a trial to treated data, and the policies that keep them."""
+"""Candidate treatments of the recordings: functions from a trial to treated data, and the decision on each."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
 from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
-from estimators.decisions.decision import Policy, decide
-from estimators.decisions.errors import compute_held_out_cost
+from estimators.decisions.decision import Decision, decide
 from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding, Kind, Quantity
+from estimators.selection.evidence import Hypothesis
+from estimators.selection.policies import ADD_STOP, FOLLOW, SWAP, TIE
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
 from pendulum_env.arms.recording import add_payload
-from pendulum_env.physics import BASE, Term, has_stop, list_ids
+from pendulum_env.physics import BASE, Term, has_link, list_ids
 from pendulum_env.recording.channel import NEWTON_METRE
 
 GOALS = {Kind.GOALS_HELD, Kind.GOALS_RUN_ON}
 INPUTS = {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED, Kind.PAYLOAD, *GOALS}  # treatments of the torque or the goals
-WINDOWS = {Kind.NARROWER_WINDOWS, Kind.IMPACTS_INCLUDED}  # treatments of the windows alone
+PURPOSES = {Kind.IMPACTS_INCLUDED: ADD_STOP, Kind.NARROWER_WINDOWS: FOLLOW}  # windows in contact, and near reversals
 
 
 def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
@@ -43,77 +43,33 @@ def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial
 
 
 def decide_treatment(trial: Trial, best: Trial) -> TriedTreatment:
-    """Decide whether a treated trial takes the place of the best trial so far, see `TREAT`."""
-    treatment = find_treatment(trial, best)
-    decision = decide(trial, best, ADD_CONTACTS if treatment.kind is Kind.IMPACTS_INCLUDED else TREAT)
-    error_ratio, undone = decision.gates[0].value, decide(trial, best, UNDO_TIMING)
-    counts = count_assumptions(trial), count_assumptions(best)
-    return TriedTreatment(treatment, undone if undone.passed else decision, error_ratio, *counts)
+    """Decide whether a treated trial takes the place of the best trial so far.
 
-
-def find_treatment(trial: Trial, best: Trial) -> Finding:
-    """Return the treatment that only the data of the first trial have."""
-    return next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
-
-
-def require_lower_cost(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test the ratio of the held-out costs of two trials.
-
-    Both models are compared on the treated data, unless the treatment changes the torque or the goals: then each has
-    its own data. Likelihoods are not compared: windows of different widths have different blocks.
+    Its model must predict significantly better, or equally well by no more assumptions. Both models are compared on the
+    treated data, unless the treatment changes the torque or the goals: then each has its own data. A treatment with a
+    purpose must serve it, see `PURPOSES`.
     """
-    new, old = after.result.steps[-1], before.result.steps[-1]
-    if find_treatment(after, before).kind not in INPUTS:
-        old = after.evidence.fits.make_step(old.model)
-    ratio = compute_held_out_cost(new) / max(compute_held_out_cost(old), 1e-300)
-    has_more = count_assumptions(after) > count_assumptions(before)
-    yield limit_error_ratio(ratio, has_more, after.evidence.criterion.error_margin)
-
-
-def limit_error_ratio(ratio: float, has_more_assumptions: bool, margin: float) -> Gate:
-    """Make the gate on a ratio of costs: lower, or equal within the margin by no more assumptions."""
-    limit = 1 - margin if has_more_assumptions else 1 + margin
-    return Gate("error_ratio", ratio, limit, ratio < limit)
-
-
-def require_stop(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test that the model has a stop, since only that explains the torque of a contact."""
-    yield Gate("stops", float(has_stop(after.result.terms)), 1, has_stop(after.result.terms))
-
-
-def require_logged_time(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test that `after` leaves torque as logged, where `before` corrects its time and has a lag or delay."""
-    is_undone = before.data.timing.has_moved and not after.data.timing.has_moved
-    is_undone &= any(term.lead or term.delay for term in before.result.terms)
-    yield Gate("undone_timing", float(is_undone), 1, is_undone)
-
-
-def require_fewer_assumptions(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test the number of assumptions."""
-    new, old = count_assumptions(after), count_assumptions(before)
-    yield Gate("assumptions", new, old, new < old)
-
-
-def require_noise(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test that the residual of the model is noise."""
-    is_noise = after.evidence.residuals.is_noise(after.result.terms)
-    yield Gate("noise", float(is_noise), 1, is_noise)
-
-
-TREAT = Policy("treat", (require_lower_cost,))
-# Windows in contact with a stop.
-ADD_CONTACTS = Policy("add contacts", (require_lower_cost, require_stop))
-# After a correction of the timing, a lag or delay in the model may only undo it.
-UNDO_TIMING = Policy("undo timing", (require_logged_time, require_fewer_assumptions, require_noise))
+    treatment = next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
+    is_own = treatment.kind in INPUTS or has_link(best.result.terms)
+    after = Hypothesis(trial.evidence, trial.result.terms)
+    before = Hypothesis(best.evidence if is_own else trial.evidence, best.result.terms)
+    counts = count_assumptions(trial), count_assumptions(best)
+    decision = decide(after, before, SWAP)
+    if not decision.passed:
+        equal = decide(after, before, TIE).join(Decision((Gate("assumptions", *counts, counts[0] <= counts[1]),)))
+        decision = equal if equal.passed else decision.join(equal)
+    if decision.passed and treatment.kind in PURPOSES:
+        decision = decision.join(decide(after, before, PURPOSES[treatment.kind]))
+    return TriedTreatment(treatment, decision, *counts)
 
 
 def count_assumptions(trial: Trial) -> int:
-    """Return the number of effects, payloads, treatments of windows, added base terms, and corrected timing.
+    """Return the number of effects, payloads, windows in contact, added base terms, and corrected timing.
 
     Goals that run on count as one, since held goals are the default. Excluded recordings do not count, as a test
     detected them.
     """
-    counted = (*WINDOWS, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD)
+    counted = Kind.IMPACTS_INCLUDED, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD
     kinds = [treatment.kind for treatment in trial.data.treatments]
     run_on = [kind for kind in kinds if kind in GOALS][-1:] == [Kind.GOALS_RUN_ON]
     return len(trial.result.steps) - 1 + trial.data.timing.has_moved + sum(kind in counted for kind in kinds) + run_on

@@ -7,6 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimators.decisions.criterion import Criterion
+from estimators.decisions.decision import Policy, decide
+from estimators.decisions.gate import Gate, limit_gain
 from estimators.decisions.score import BLOCK, Bootstrap
 from estimators.findings import Quantity
 from estimators.in_loop.likelihood import compute_log_densities
@@ -103,17 +106,20 @@ def fit_conventions(
     return fits
 
 
-def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], ties: float = LOOP.limits.tie) -> Choice:
-    """Choose the first fit that is less likely than the best by at most `ties` standard errors.
+def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], criterion: Criterion) -> Choice:
+    """Choose the first fit that the likeliest one does not overrule by a significant gain.
 
-    A fit that is less likely by at most ln(n) is chosen too, with n fits: the best of n may gain as much by chance.
-    Alternatives differ in settings of `names`.
+    With n fits, the penalty is ln(n): the best of n may gain as much by chance. Alternatives differ in settings of
+    `names`.
     """
-    best = max(fits, key=lambda fit: fit.likelihood)
+    best, penalty = max(fits, key=lambda fit: fit.likelihood), float(np.log(len(fits)))
     bootstrap = Bootstrap(best.rows.rollouts.positions.blocks(BLOCK)[2], np.random.default_rng(0))
-    gains = [bootstrap.gain(best.density, fit.density) for fit in fits]
-    is_tied = [gain.total <= max(ties * gain.error, float(np.log(len(fits)))) for gain in gains]
-    chosen = fits[is_tied.index(True)]
+
+    def require_gain(after: ConventionFit, before: ConventionFit) -> list[Gate]:
+        return limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, criterion.p_value)
+
+    overrule = Policy("overrule", (require_gain,))
+    chosen = next(fit for fit in fits if not decide(best, fit, overrule).passed)
     others = [fit for fit in fits if fit.select(names) != chosen.select(names)]
     different = [fit for fit in others if abs(fit.likelihood - best.likelihood) > LOOP.limits.same] or others
     alternative = max(different, key=lambda fit: fit.likelihood)

@@ -21,11 +21,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop.convention_fits import Settings, choose_fit, complete_drives, fit_conventions, group_by_loop
 from estimators.in_loop.counts import find_encoder_step
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
-from estimators.in_loop.settings import LOOP
 from estimators.weak_form.rows import Terms
 from estimators.weak_form.windows import Part
 from pendulum_env.physics import BASE, Term, list_ids
@@ -36,7 +36,7 @@ from pendulum_env.servo.torque import depends_on_past
 
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
 Recordings = tuple[Recording, ...]
-Decision = tuple[Settings, list[Finding]]
+Decided = tuple[Settings, list[Finding]]
 
 
 class Conventions(NamedTuple):
@@ -48,7 +48,10 @@ class Conventions(NamedTuple):
 
 
 def decide_conventions(
-    recordings: Sequence[Recording], holdout: Sequence[Recording] = (), base: Sequence[Term] = BASE
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording] = (),
+    base: Sequence[Term] = BASE,
+    criterion: Criterion | None = None,
 ) -> Conventions:
     """Decide the undeclared conventions of all drives by fits of the base model to the fitted recordings.
 
@@ -66,7 +69,9 @@ def decide_conventions(
         deciding = [k for k in numbers if k < count] or numbers
         if not are_driven([every[k] for k in deciding]):
             continue
-        group, own_findings = _decide_together([every[k] for k in numbers], len(deciding), base)
+        group, own_findings = _decide_together(
+            [every[k] for k in numbers], len(deciding), base, criterion or Criterion()
+        )
         for k, recording in zip(numbers, group, strict=True):
             every[k] = recording
         names = () if deciding == list(range(count)) else tuple(every[k].name for k in deciding)
@@ -74,11 +79,13 @@ def decide_conventions(
     return Conventions(tuple(every[:count]), tuple(every[count:]), tuple(findings))
 
 
-def decide_open_torque(recordings: Recordings, holdout: Recordings, base: Sequence[Term]) -> Conventions:
+def decide_open_torque(
+    recordings: Recordings, holdout: Recordings, base: Sequence[Term], criterion: Criterion | None = None
+) -> Conventions:
     """Decide conventions if the torque of a recording is that requested by its drive, and depends on them."""
     drives = [r.actuator for r in (*recordings, *holdout) if not r.has_logged_torque]
     if any(depends_on_past(drive) or "derivative" in drive.open_conventions for drive in drives):
-        return decide_conventions(recordings, holdout, base)
+        return decide_conventions(recordings, holdout, base, criterion)
     return Conventions(recordings, holdout, ())
 
 
@@ -91,19 +98,19 @@ def list_decisions(findings: Sequence[Finding]) -> list[Finding]:
 
 
 def _decide_together(
-    recordings: Sequence[Recording], count: int, base: Sequence[Term]
+    recordings: Sequence[Recording], count: int, base: Sequence[Term], criterion: Criterion
 ) -> tuple[Recordings, list[Finding]]:
     """Decide the conventions of drives of one kind by their first `count` recordings; return findings as well."""
     base, part = make_base(recordings[:count], base), choose_parts(recordings[count:])[0]
     result = complete_drives(recordings, {})
     findings: list[Finding] = []
-    for decide in (_decide_controller, _decide_counts):
-        settings, own_findings = decide(result[:count], base, part)
+    for settle in (_decide_controller, _decide_counts):
+        settings, own_findings = settle(result[:count], base, part, criterion)
         result, findings = complete_drives(result, settings), findings + own_findings
     return result, findings
 
 
-def _decide_controller(recordings: Recordings, base: Terms, part: Part) -> Decision:
+def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterion: Criterion) -> Decided:
     """Decide how the controllers act, and whether goals are held from row to row or run on between rows.
 
     Findings have the gain over the likeliest fit under other settings [nat]. That on the goals has the effects of this
@@ -118,14 +125,15 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part) -> Decis
     settings: Settings = {}
     if len(controllers) > 1:
         ranked = sorted(fits, key=lambda fit: (controllers.index(fit.select(CONTROLLER)), -fit.likelihood))
-        choice = choose_fit(ranked, CONTROLLER)
+        choice = choose_fit(ranked, CONTROLLER, criterion)
         settings = choice.fit.select(CONTROLLER)
         findings = [Finding(Kind.CONTROLLER_READ, {"gain": choice.gain}, pairs=tuple(settings.items()))]
         fits = [fit for fit in fits if fit.select(CONTROLLER) == settings]
     if len(goals) > 1:
         late = [effect() for effect in LATE if effect.id not in list_ids(base)]
         fits += [fit.with_effect(effect) for fit in fits for effect in late]
-        choice = choose_fit(sorted(fits, key=lambda fit: (len(fit.terms), -fit.likelihood)), ("goal",))
+        by_size = sorted(fits, key=lambda fit: (len(fit.terms), -fit.likelihood))
+        choice = choose_fit(by_size, ("goal",), criterion)
         added = choice.alternative.terms[len(base) :]
         sizes = {
             name: Quantity(float(value), unit="s") for term in added for name, value in term.nonlinear_values.items()
@@ -136,7 +144,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part) -> Decis
     return settings, findings
 
 
-def _decide_counts(recordings: Recordings, base: Terms, part: Part) -> Decision:
+def _decide_counts(recordings: Recordings, base: Terms, part: Part, criterion: Criterion) -> Decided:
     """Decide whether position controllers read counts of the encoder, if the log shows them.
 
     Declared counts are a finding if the log shows no step of the encoder: then exact positions are simulated.
@@ -148,6 +156,6 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part) -> Decision:
     if len(choices) == 1:
         return {}, []
     fits = fit_conventions(recordings, choices, base, part, has_counts=True)
-    choice = choose_fit(fits, ("reads",), LOOP.limits.counts_tie)
+    choice = choose_fit(fits, ("reads",), criterion)
     pairs = tuple(choice.fit.settings.items())
     return choice.fit.settings, [Finding(Kind.POSITION_READ, {"gain": choice.gain}, pairs=pairs)]

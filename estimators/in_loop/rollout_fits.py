@@ -127,7 +127,7 @@ class RolloutFits:
             self._linear, key=lambda other: (len(ids ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
         if not parents:  # parameters fitted to the torque, with several minimum sizes
-            theta = self.sizes.torque.solve(terms)
+            theta = self.sizes.torque.fits.solve(terms)
             sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
             first_starts = [Point.from_parameters(terms, values) for values in sizes]
             return self._starts.get(terms) or choose_likeliest_point(self.rollouts, first_starts)[0]

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Errors
-from estimators.decisions.score import FOLDS
+from estimators.decisions.score import BLOCK, FOLDS
 from estimators.in_loop.likelihood import compute_likelihood_scale
 from estimators.in_loop.linearisation import linearise_errors
 from estimators.in_loop.rollout_fits import RolloutFits
@@ -21,6 +21,7 @@ from estimators.in_loop.settings import LOOP
 from estimators.in_loop.typical_sizes import TypicalSizes
 from estimators.memoize import memoized
 from estimators.regression.balance import Balance, Columns
+from estimators.regression.fold_fits import solve_without
 from estimators.search_hints import find_hints
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.nonlinear import list_nonlinear_names
@@ -64,6 +65,7 @@ class RolloutRows:
             clusters=positions.clusters,
             precision={"": noise.precision},
             blocks=positions.blocks,
+            block=BLOCK,
             noise=lambda at, inertia: noise.floor,
             structure=lambda at, residual, inertia: positions.measure_structure(residual),
             errors=Errors(np.nan, np.nan).with_loop_errors,
@@ -85,7 +87,7 @@ class RolloutRows:
     def fit_folds(self, terms: Terms) -> FoldFits:
         """Fit some terms without each fold, to first order around their fit."""
         terms, theta = self.fit(terms)
-        return FoldFits(terms, theta, self.equations(terms).solve_without(self.layout.scored.fold, FOLDS))
+        return FoldFits(terms, theta, solve_without(self.equations(terms), self.layout.scored.fold, FOLDS))
 
     def search_basins(self, terms: Terms, variants: Terms) -> ScoredTerms:
         """Fit the terms with each variant of one effect, or with a link from many starts; return the best fit."""

@@ -80,8 +80,6 @@ class LoopLimits:
 
     needed: float = 0.3  # share of the squared error that an effect must explain; sticking alone changes the error
     dominant: float = 0.75  # the same for a link if the residual is not noise: a link imitates another controller
-    tie: float = 1.64  # standard errors of a gain, within which two conventions are tied: a p-value of 5 %
-    counts_tie: float = 1.0  # the same of exact positions with counts, which most controllers read
     same: float = 1e-3  # [nat], smaller differences mean equal motion: the output does not reach its limit
     faithful: float = 2.0  # error of a model over that of the encoder, below which the reading of the goals is kept
     slow_rate: float = 200.0  # [Hz], assumed rate of a controller of unknown rate

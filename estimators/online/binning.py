@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from estimators.online.arm_stream import make_stream
 from estimators.online.rows import HELD, INSTANT, POSITION, TIME, TORQUE, VELOCITY
 from estimators.online.settings import ONLINE
-from estimators.regression.balance import LEAST_SLOPE
+from estimators.regression.response import LEAST_SLOPE
 from estimators.schemes.six import scheme
 from estimators.signals.differentiation import STILL, estimate_scatter
 from estimators.signals.measurements import Smoothing

@@ -36,9 +36,9 @@ from estimators.decisions.score import MAX_ITERATIONS, compute_log_student, weig
 from estimators.online.binning import Bins, ModelRows, PlantBins, is_late
 from estimators.online.recursion import SquareRootLeastSquares
 from estimators.online.settings import ONLINE
-from estimators.regression.balance import LEAST_SLOPE
 from estimators.regression.least_squares import RIDGE, Equations
 from estimators.regression.recursive import PRIOR, compute_history
+from estimators.regression.response import LEAST_SLOPE
 from pendulum_env._typing import Array, ArrayLike, Index, Mask
 from pendulum_env.physics import Term
 

@@ -16,15 +16,12 @@ from estimators.regression.least_squares import (
     compute_condition,
     compute_jackknife,
     reduce_to_triangle,
-    solve_gram,
     solve_least_squares,
     solve_within_bounds,
-    sum_without_each,
     widen_covariance,
 )
+from estimators.regression.response import LEAST_SLOPE, TorqueResponse
 from pendulum_env._typing import Array, Index, Mask
-
-LEAST_SLOPE = 0.05  # lower limit of the derivative of an equation by the torque; keeps errors finite
 
 
 class Columns(NamedTuple):
@@ -65,8 +62,7 @@ class Balance:
         by_torque: derivatives of the regressor by the torque (R, P) [1/(N m)].
         least, most: bounds of the fitted parameters (P,).
         weights: factor of each equation's error in a fit (R,).
-        response: change of the left-hand side under each perturbation (R, J) [N m]; None if equal to it.
-        perturbations: perturbations of the torque in each equation (R, J) [N m], increasing, zero in the middle.
+        response: response to perturbations of the torque; None if all equations are linear in it.
         torque_share: product of `Columns.torque_share` of all terms, per equation (R,) or one number. Errors are
             divided by it, so a filter that only removes torque explains none of it.
         unfiltered: the equations solved for the recorded torque, if a term filters it; else None.
@@ -78,16 +74,17 @@ class Balance:
     least: Array
     most: Array
     weights: Array
-    response: Array | None = None
-    perturbations: Array | None = None
+    response: TorqueResponse | None = None
     torque_share: float | Array = 1.0
     unfiltered: Balance | None = None
 
     def __getitem__(self, rows: Mask) -> Balance:
         """Return the equations of some rows (R,)."""
-        names = "phi", "y", "by_torque", "weights", "response", "perturbations", "torque_share", "unfiltered"
+        names = "phi", "y", "by_torque", "weights", "response", "torque_share", "unfiltered"
         parts = ((name, getattr(self, name)) for name in names)
-        chosen: dict[str, Any] = {name: part[rows] for name, part in parts if isinstance(part, np.ndarray | Balance)}
+        chosen: dict[str, Any] = {
+            name: part[rows] for name, part in parts if isinstance(part, np.ndarray | Balance | TorqueResponse)
+        }
         return replace(self, **chosen)
 
     def error(self, theta: Array) -> Array:
@@ -100,15 +97,16 @@ class Balance:
         Their ratio is a small error of the predicted torque. The derivative is at least `SOLVER.tiny`.
         """
         slope = 1.0 - theta @ self.by_torque.T if self.of_torque.any() else np.ones((len(theta), len(self.y)))
-        curved, steps, response_slopes = self._response_slopes
-        middle = steps.shape[1] // 2
-        slope[:, curved] += 0.5 * response_slopes[:, middle - 1 : middle + 1].sum(axis=1) - 1.0
+        if self.response is not None:
+            curved, steps, response_slopes = self.response.slopes
+            middle = steps.shape[1] // 2
+            slope[:, curved] += 0.5 * response_slopes[:, middle - 1 : middle + 1].sum(axis=1) - 1.0
         return self.y - theta @ self.phi.T, np.maximum(slope * self.torque_share, SOLVER.tiny)
 
     @property
     def reach(self) -> Array:
         """Half of the largest torque perturbation of each equation (R,) [N m]; infinite without perturbations."""
-        return np.full(len(self.y), np.inf) if self.perturbations is None else 0.5 * self.perturbations[:, -1]
+        return np.full(len(self.y), np.inf) if self.response is None else self.response.reach
 
     @cached_property
     def of_torque(self) -> Mask:
@@ -120,26 +118,6 @@ class Balance:
         """Return whether the errors are linear in the parameters."""
         return self.response is None and not self.of_torque.any()
 
-    @cached_property
-    def _response_slopes(self) -> tuple[Index, Array, Array]:
-        """Indices (B,) of equations with a nonlinear response; its slopes over steps of perturbations.
-
-        Returns:
-            Indices, steps between perturbations (B, J - 1) [N m], slopes of the response over them (B, J - 1).
-        """
-        if self.perturbations is None or self.response is None:
-            return np.empty(0, dtype=np.intp), np.empty((0, 0)), np.empty((0, 0))
-        steps = np.diff(self.perturbations, axis=1)
-        slopes = np.diff(self.response, axis=1) / steps
-        curved = np.flatnonzero(np.abs(slopes - 1.0).max(axis=1) >= SOLVER.linear_response)
-        return curved, steps[curved], slopes[curved]
-
-    @cached_property
-    def _steady_changes(self) -> tuple[Array, Array]:
-        """Slopes and changes of the nonlinear equations by `_integrate_slopes`, if no column depends on the torque."""
-        curved, steps, response_slopes = self._response_slopes
-        return _integrate_slopes(steps, response_slopes, np.zeros(len(curved)))
-
     def _compute_error(self, theta: Array) -> tuple[Array, Array]:
         """Return the errors (R,) and the slopes of the equations by the torque (R,)."""
         residual = (self.y - self.phi @ theta) / self.torque_share
@@ -147,36 +125,23 @@ class Balance:
             return residual, np.ones(len(residual))
         column_slope = self.by_torque[:, self.of_torque] @ np.compress(self.of_torque, theta)
         slope = np.maximum(1.0 - column_slope, LEAST_SLOPE)
-        error, (curved, steps, response_slopes) = residual / slope, self._response_slopes
-        if self.perturbations is None or not len(curved):
-            return error, slope
-        slopes, changes = (
-            self._steady_changes
-            if not self.of_torque.any()
-            else _integrate_slopes(steps, response_slopes, column_slope[curved])
-        )
-        interval = np.clip(np.count_nonzero(changes < -residual[curved, None], axis=1) - 1, 0, steps.shape[1] - 1)
-        rows = np.arange(len(curved))
-        slope[curved] = slopes[rows, interval]
-        start = self.perturbations[curved, interval]
-        error[curved] = (residual[curved] + changes[rows, interval]) / slope[curved] - start
+        error = residual / slope
+        if self.response is not None:
+            has_slope = bool(self.of_torque.any())
+            curved, errors, slopes = self.response.find_errors(residual, column_slope if has_slope else None)
+            error[curved], slope[curved] = errors, slopes
         return error, slope
 
     def solve(self, start: Array | None = None) -> Array:
         """Fit parameters (P,) within their bounds by weighted least squares, from a start (P,), or from zero."""
         free = np.ones(self.phi.shape[1], dtype=bool)
         theta = np.zeros(len(free)) if start is None else start
-        condensed = self if self.is_linear else _condense_linear_rows(self)
+        condensed = self if self.is_linear else condense_linear_rows(self)
         return solve_within_bounds(condensed._solve, theta, free, self.least, self.most)[0]
 
     def with_bounds(self, least: Array, most: Array) -> Balance:
         """Return the equations with other bounds of the parameters (P,)."""
         return replace(self, least=least, most=most)
-
-    def compute_least_square(self) -> float:
-        """Return the sum of the squared weighted errors at the solution [(N m)^2]."""
-        condensed = self if self.is_linear else _condense_linear_rows(self)
-        return float(np.sum((condensed.weights * condensed.error(condensed.solve())) ** 2))
 
     @classmethod
     def from_target(cls, y: Array, weights: Array) -> Balance:
@@ -195,13 +160,14 @@ class Balance:
         """
         count = len(self.y)
         y, torque_share = self.y.copy(), np.broadcast_to(self.torque_share, count).copy()
-        response, known_perturbations = self.response, self.perturbations
+        response = self.response
         for rows, columns in parts:
             y[rows] -= columns.fixed
             torque_share[rows] *= columns.torque_share
             if columns.fixed_change is not None and perturbations is not None:
-                response, known_perturbations = (perturbations if response is None else response).copy(), perturbations
-                response[rows] -= columns.fixed_change
+                change = (perturbations if response is None else response.change).copy()
+                change[rows] -= columns.fixed_change
+                response = TorqueResponse(perturbations, change)
         linear = place_columns(count, [(rows, columns.linear) for rows, columns in parts])
         slopes = np.zeros(linear.shape)
         if any(columns.slope.any() for _, columns in parts):
@@ -216,57 +182,9 @@ class Balance:
             least=least,
             most=most,
             response=response,
-            perturbations=known_perturbations,
             torque_share=1.0 if (torque_share == 1.0).all() else torque_share,
             unfiltered=None,
         )
-
-    def solve_without(self, fold: Index, count: int, theta: Array | None = None) -> Array:
-        """Fit parameters (K, P) without each of `count` folds, from the fold of each equation (R,).
-
-        The fit without a fold is one step from the fit to all, by normal equations. It is iterated if the squared error
-        differs from that of the tangent. `theta` (P,) is the fit to all equations, solved unless given.
-        """
-        equations, fold_of_condensed = self._condense_folds(fold, count)
-        tangent = equations.linearise(theta)
-        rows = np.column_stack([tangent.error, tangent.slopes]) * equations.weights[:, None]
-        parts = [rows[fold_of_condensed == k] for k in range(count)]
-        parameters = np.empty((count, len(tangent.theta)))
-        for k, gram in enumerate(sum_without_each(np.array([part.T @ part for part in parts]))):
-            step = solve_gram(gram, self.least - tangent.theta, self.most - tangent.theta)
-            if step is not None:
-                parameters[k] = np.clip(tangent.theta + step, self.least, self.most)
-                combination = np.append(1.0, -step)
-                if self.is_linear or self.fits_tangent(
-                    parameters[k], fold != k, float(combination @ gram @ combination)
-                ):
-                    continue
-            parameters[k] = equations[fold_of_condensed != k].solve(tangent.theta)
-        return parameters
-
-    def _condense_folds(self, fold: Index, count: int) -> tuple[Balance, Index]:
-        """Condense the linear equations of each fold, see `_condense_linear_rows`.
-
-        Returns:
-            The equations, and the fold of each.
-        """
-        parts = [_condense_linear_rows(self[fold == k]) for k in range(count)]
-        names = ["phi", "y", "by_torque", "weights"]
-        names += ["response", "perturbations"] if self.perturbations is not None else []
-        condensed_arrays: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts]) for name in names
-        }
-        shares = [np.broadcast_to(part.torque_share, part.y.shape) for part in parts]
-        of_part = np.repeat(np.arange(count), [len(part.y) for part in parts])
-        return replace(self, **condensed_arrays, torque_share=np.concatenate(shares), unfiltered=None), of_part
-
-    def fits_tangent(self, theta: Array, rows: Mask, square: float) -> bool:
-        """Return whether the squared weighted error of some rows (R,) at parameters (P,) is close to `square`.
-
-        `square` is the squared error by the tangent; close is a log likelihood within `SOLVER.unlikelier` [nat].
-        """
-        squared_error = float(np.sum((self.weights * self.error(theta))[rows] ** 2))
-        return bool(np.count_nonzero(rows) * abs(squared_error - square) < 2 * SOLVER.unlikelier * max(square, 1e-300))
 
     def fit(self, clusters: Index, jacobian: Array | None = None, theta: Array | None = None) -> Fit:
         """Return the fit with the covariance of its parameters by the tangent, from clusters of residuals (R,).
@@ -348,17 +266,6 @@ class Balance:
         return gauss_newton(theta, linearise, choose_step, StopRule(SOLVER.iterations, of_cost=SOLVER.enough))
 
 
-def _integrate_slopes(steps: Array, response_slopes: Array, column_slope: Array) -> tuple[Array, Array]:
-    """Return net slopes of equations between perturbations (B, J - 1), and net changes from zero to each (B, J) [N m].
-
-    `steps` between perturbations (B, J - 1) [N m] have slopes of the response (B, J - 1). The derivative of phi theta
-    by the torque, `column_slope` (B,), is subtracted; the net slope is at least `LEAST_SLOPE`.
-    """
-    slopes = np.maximum(response_slopes - column_slope[:, None], LEAST_SLOPE)
-    changes = np.cumsum(np.column_stack([np.zeros(len(steps)), slopes * steps]), axis=1)
-    return slopes, changes - changes[:, [steps.shape[1] // 2]]
-
-
 def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) -> Balance:
     """Replace L equations by at most P + 1 with the same least-squares solution, after the other equations.
 
@@ -375,23 +282,31 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
     others, ones = balance[~is_linear], np.ones(len(triangle))
     zeros = np.zeros((len(triangle), balance.phi.shape[1]))
     added = {"phi": triangle[:, :-1], "y": triangle[:, -1], "by_torque": zeros, "weights": ones, "torque_share": ones}
-    if balance.perturbations is not None:
-        added["response"] = added["perturbations"] = np.tile(balance.perturbations.max(axis=0), (len(triangle), 1))
     others = replace(others, torque_share=np.broadcast_to(others.torque_share, others.y.shape), unfiltered=None)
     joined_arrays: dict[str, Any] = {
         name: np.concatenate([getattr(others, name), values]) for name, values in added.items()
     }
+    if others.response is not None and balance.response is not None:
+        largest = np.tile(balance.response.perturbations.max(axis=0), (len(triangle), 1))
+        joined_arrays["response"] = TorqueResponse.join([others.response, TorqueResponse(largest, largest)])
     return replace(others, **joined_arrays)
 
 
-def _condense_linear_rows(balance: Balance) -> Balance:
+def condense_linear_rows(balance: Balance) -> Balance:
     """Condense the linear equations to as many as needed, if more than 2 P; the solutions stay equal."""
     is_linear: Mask = np.asarray(~balance.by_torque.any(axis=1))
-    is_linear[balance._response_slopes[0]] = False
+    if balance.response is not None:
+        is_linear[balance.response.slopes[0]] = False
     if np.count_nonzero(is_linear) <= 2 * balance.phi.shape[1]:
         return balance
     share = np.broadcast_to(balance.torque_share, is_linear.shape)[is_linear]
     return condense(balance, is_linear, balance.phi[is_linear] / share[:, None], balance.y[is_linear] / share)
+
+
+def compute_least_square(balance: Balance) -> float:
+    """Return the sum of the squared weighted errors at the solution [(N m)^2]."""
+    condensed = balance if balance.is_linear else condense_linear_rows(balance)
+    return float(np.sum((condensed.weights * condensed.error(condensed.solve())) ** 2))
 
 
 def place_columns(count: int, parts: Sequence[tuple[slice, Array]]) -> Array:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.regression.balance import LEAST_SLOPE, Columns, Tangent
+from estimators.regression.balance import Columns, Tangent
 from estimators.regression.least_squares import RIDGE, solve_gram, solve_within, sum_without_each
+from estimators.regression.response import LEAST_SLOPE
 from pendulum_env._typing import Array, Index
 
 

@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from estimators.data.removed_noise import compute_removed_noise, list_absorbed_noise
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Terms
-from estimators.decisions.score import Bootstrap, Gain, cross_validate_density, predict_density
+from estimators.decisions.score import Bootstrap, cross_validate_density, predict_density
 from estimators.memoize import memoized
 from estimators.selection.fits import Fits
 from estimators.selection.residuals import Residuals, set_grid
@@ -73,14 +74,14 @@ class Densities:
         time constant is added at its joint.
         """
         parts = self.fits.parts
-        absorbed = [part.compute_absorbed_noise(terms) for part in parts]
+        absorbed = [list_absorbed_noise(part, terms) for part in parts]
         if without is not None:
             inertia = self.residuals.inertia[without.at or self.residuals.joints[0]]
             for of_part, part in zip(absorbed, parts, strict=True):
                 noise = [w.noise.compute_rate_std(inertia) for w in part.data.part(without.at).windows]
                 of_part.append((part.locate_rows(without.at), float(np.mean(np.square(noise))) * without.lead**2))
         fits, inertias = self.fits.train.maker.fit_folds(terms), self.residuals.inertia
-        removed = [part.compute_removed_noise(fits.terms, fits.theta, inertias) for part in parts]
+        removed = [compute_removed_noise(part, fits.terms, fits.theta, inertias) for part in parts]
         (train_rows, first), (holdout_rows, second) = (
             (part.equations(terms, by_noise=True), part.layout.scored) for part in parts
         )
@@ -103,35 +104,37 @@ class Densities:
         for part in self.fits.parts:
             terms_on_grid = set_grid(part, terms)
             equations, pieces = part.equations(terms_on_grid), part.layout.make_blocks(self.criterion.drift_piece)
-            parts.append(cross_validate_density(equations, pieces, part.compute_absorbed_noise(terms_on_grid)))
+            parts.append(cross_validate_density(equations, pieces, list_absorbed_noise(part, terms_on_grid)))
         return np.concatenate(parts)
 
-    def compare(self, after: Terms, before: Terms, is_refitted: bool = False) -> tuple[Bootstrap, list[Array]]:
+    def compare(self, after: Terms, before: Terms) -> tuple[Bootstrap, list[Array]]:
         """Return random weights of the blocks by which two models are compared, and the densities of both there.
 
         If the models differ in a table by angle that covers the held-out angles, only held-out data count. Folds of the
-        training data may lack the angles of the part that they predict, and this part alone would decide. With
-        `is_refitted`, both densities are those of `compute_refitted`.
+        training data may lack the angles of the part that they predict, and this part alone would decide.
         """
-        densities = [(self.compute_refitted if is_refitted else self.compute)(terms) for terms in (after, before)]
         has_table = any(isinstance(term, Table) and term.axis == "position" for term in set(after) ^ set(before))
         if has_table and not any(map(self.residuals.are_refitted, (after, before))):
-            return self.bootstrap_of_holdout, [density[self.held_out] for density in densities]
-        return self.bootstrap, densities
+            return self.compare_held_out(after, before)
+        return self.bootstrap, self._compute_pair(after, before)
+
+    def compare_held_out(self, after: Terms, before: Terms) -> tuple[Bootstrap, list[Array]]:
+        """Return random weights of the held-out blocks, and the densities of two models there."""
+        return self._bootstrap_of_holdout, [density[self.held_out] for density in self._compute_pair(after, before)]
+
+    def _compute_pair(self, after: Terms, before: Terms) -> list[Array]:
+        """Return the densities of two models; both are refitted to each part of the data if one of them must be."""
+        is_refitted = any(map(self.residuals.are_refitted, (after, before)))
+        return [(self.compute_refitted if is_refitted else self.compute)(terms) for terms in (after, before)]
 
     @cached_property
-    def bootstrap_of_holdout(self) -> Bootstrap:
+    def _bootstrap_of_holdout(self) -> Bootstrap:
         """Random weights of the held-out blocks alone."""
         return Bootstrap(self.bootstrap.of_block[self.held_out], np.random.default_rng(0))
 
-    def compute_held_out_gain(self, after: Terms, before: Terms, penalty: float) -> Gain:
-        """Return the gain on held-out data alone."""
-        new, old = (self.compute(terms)[self.held_out] for terms in (after, before))
-        return self.bootstrap_of_holdout.gain(new, old, penalty)
-
-    def sum_held_out(self, terms: Terms, is_refitted: bool = False) -> float:
+    def sum_held_out(self, terms: Terms) -> float:
         """Return the log density of the held-out data [nat]."""
-        return float(np.sum((self.compute_refitted if is_refitted else self.compute)(terms)[self.held_out]))
+        return float(np.sum(self.compute(terms)[self.held_out]))
 
 
 def number_recordings(fits: Fits) -> Index:

@@ -131,9 +131,9 @@ class Evidence:
         return -float(self.densities.compute(terms).sum())
 
     @memoized
-    def gain(self, after: Terms, before: Terms, is_refitted: bool = False) -> Gain:
+    def gain(self, after: Terms, before: Terms) -> Gain:
         """Return the gain of a model over another in the density of torque; its p-value includes the `penalty`."""
-        bootstrap, (new, old) = self.densities.compare(after, before, is_refitted)
+        bootstrap, (new, old) = self.densities.compare(after, before)
         return bootstrap.gain(new, old, self.penalty(after, before))
 
     def penalty(self, after: Terms, before: Terms, n_effects: int | None = None) -> float:

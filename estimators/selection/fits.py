@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from estimators.data.fits import fit_terms
+from estimators.data.model_errors import compute_errors
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.errors import Step, Terms
 from estimators.decisions.gate import Gate
@@ -95,9 +96,8 @@ class Fits:
         if self.linked is None and has_link(model.terms):
             parts = self._estimate_link_states(model.terms, tuple(map(float, model.theta)))
         model = make_arm_model(model).convert_units(self.train.recordings[0].units).mark_unknown(self._unknown)
-        return Step(
-            added, model, {name: part.errors(model) for name, part in zip(("train", "holdout"), parts, strict=True)}
-        )
+        errors = [compute_errors(part, model) for part in parts]
+        return Step(added, model, dict(zip(("train", "holdout"), errors, strict=True)))
 
     def refit_to_motion(self, step: Step) -> Step:
         """Return the step with parameters refitted to free-running simulation, memoised by its terms.

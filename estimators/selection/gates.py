@@ -14,32 +14,43 @@ import scipy
 from estimators.checks.signs import compute_significant_sign
 from estimators.data.variants import compute_unique_share
 from estimators.decisions.errors import Step, compute_held_out_cost
-from estimators.decisions.gate import Gate
+from estimators.decisions.gate import Gate, limit_gain, limit_p_value
+from estimators.decisions.score import Bootstrap, Gain
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
-from estimators.selection.evidence import Evidence, Hypothesis, adds_dry_friction
+from estimators.selection.evidence import Hypothesis, adds_dry_friction
 from estimators.selection.physical import find_violations
-from pendulum_env.physics import SIGNIFICANT, Model, Samples, Term, has_link, list_ids, list_loads
+from pendulum_env._typing import Array
+from pendulum_env.physics import SIGNIFICANT, Model, Samples, Term, has_link, has_stop, list_ids, list_loads
 from pendulum_env.physics.terms import count_parameters, list_forms
 
 
 def require_gain(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the gain in prediction: above its penalty, and with a small p-value; see `Evidence.best_gain`."""
-    evidence = after.evidence
-    gain, penalty = evidence.best_gain(after.terms, before.terms), evidence.penalty(after.terms, before.terms)
-    std = gain.error if np.isfinite(gain.error) else None
-    yield Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std)
-    yield _limit_p_value("p_value", gain.p_value, evidence)
+    yield from _limit_gain(after.evidence.best_gain(after.terms, before.terms), after, before)
 
 
 def require_gain_in_torque(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the p-value of the gain in torque; link states of the models may differ."""
+    """Test the gain in prediction by rows alone; link states, and treatments of the rows, may differ."""
+    bootstrap, (new, old) = _compare_densities(after, before)
+    yield from _limit_gain(bootstrap.gain(new, old, before.evidence.penalty(after.terms, before.terms)), after, before)
+
+
+def _compare_densities(after: Hypothesis, before: Hypothesis) -> tuple[Bootstrap, list[Array]]:
+    """Return random weights of the blocks by which two models are compared, and the densities of both there."""
+    if after.evidence is before.evidence:
+        return after.evidence.densities.compare(after.terms, before.terms)
+    bootstraps = [each.evidence.densities.bootstrap for each in (after, before)]
+    densities = [each.evidence.densities.compute(each.terms) for each in (after, before)]
+    if len(densities[0]) != len(densities[1]):  # rows of a treatment do not reach the last blocks
+        densities = [np.bincount(b.of_block, d).astype(float) for b, d in zip(bootstraps, densities, strict=True)]
+        return Bootstrap(np.arange(len(densities[0])), np.random.default_rng(0)), densities
+    return bootstraps[1], densities
+
+
+def _limit_gain(gain: Gain, after: Hypothesis, before: Hypothesis) -> list[Gate]:
+    """Make the gates on the gain of one model over another."""
     evidence = before.evidence
-    if after.evidence is evidence:
-        gain = evidence.gain(after.terms, before.terms)
-    else:
-        new, old = (each.evidence.densities.compute(each.terms) for each in (after, before))
-        gain = evidence.densities.bootstrap.gain(new, old, evidence.penalty(after.terms, before.terms))
-    yield _limit_p_value("p_value", gain.p_value, evidence)
+    return limit_gain(gain, evidence.penalty(after.terms, before.terms), evidence.criterion.p_value)
 
 
 def require_gain_held_out(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -47,34 +58,25 @@ def require_gain_held_out(after: Hypothesis, before: Hypothesis) -> Iterator[Gat
 
     Folds of the training data may lack angles of the part that they predict, and favour laws with few parameters.
     """
-    evidence = after.evidence
-    penalty = evidence.penalty(after.terms, before.terms)
-    gain = evidence.densities.compute_held_out_gain(after.terms, before.terms, penalty)
-    yield _limit_p_value("p_value", gain.p_value, evidence)
+    bootstrap, (new, old) = after.evidence.densities.compare_held_out(after.terms, before.terms)
+    gain = bootstrap.gain(new, old, after.evidence.penalty(after.terms, before.terms))
+    yield limit_p_value("p_value", gain.p_value, after.evidence.criterion.p_value)
 
 
 def require_known_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the gain over `before` with its known parameters free; else `after` imitates other values of them."""
     evidence = after.evidence
     if (freed := evidence.fits.release_known(before.terms)) != before.terms:
-        yield _limit_p_value("known_parameters", evidence.best_gain(after.terms, freed).p_value, evidence)
-
-
-def _limit_p_value(name: str, p_value: float, evidence: Evidence) -> Gate:
-    """Make a gate on a p-value."""
-    return Gate(name, p_value, evidence.criterion.p_value, p_value <= evidence.criterion.p_value)
+        yield limit_p_value(
+            "known_parameters", evidence.best_gain(after.terms, freed).p_value, evidence.criterion.p_value
+        )
 
 
 def require_tie(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the probability of `after` in the place of `before`."""
-    yield _make_tie_gate(after, before, False)
-
-
-def _make_tie_gate(after: Hypothesis, before: Hypothesis, is_refitted: bool) -> Gate:
-    """Make the gate on the probability of a model, with densities of `Densities.compare`."""
-    bootstrap, densities = after.evidence.densities.compare(after.terms, before.terms, is_refitted)
+    bootstrap, densities = _compare_densities(after, before)
     probability, least = float(bootstrap.probabilities(densities)[0]), after.evidence.criterion.tie_probability
-    return Gate("tie_probability", probability, least, probability > least)
+    yield Gate("tie_probability", probability, least, probability > least)
 
 
 def require_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -129,7 +131,7 @@ def require_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
         chance = compute_coefficient_chance(after.terms, fit, list_ids(before.terms))
         if chance > criterion.p_value and adds_dry_friction(*terms):
             chance = evidence.gain_in_friction(*terms).p_value
-        yield _limit_p_value("coefficients", chance, evidence)
+        yield limit_p_value("coefficients", chance, evidence.criterion.p_value)
     yield from require_base(after, before)
 
 
@@ -334,6 +336,11 @@ def require_motion(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     yield Gate("motion_misfit", float(is_misfit), 0, not is_misfit)
 
 
+def require_stop(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that `after` has a stop, since only that explains the torque of a contact."""
+    yield Gate("stops", float(has_stop(after.terms)), 1, has_stop(after.terms))
+
+
 def require_motion_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that `before` does not follow the motion significantly better."""
     share = after.evidence.motion.compute_shares(before.terms, after.terms)[0]
@@ -352,17 +359,6 @@ def _replaces_several(after: Hypothesis, before: Hypothesis) -> bool:
     """Return whether a model that leaves only noise lacks two or more terms of another."""
     n_replaced = len(set(list_ids(before.terms)) - set(list_ids(after.terms)))
     return n_replaced > 1 and after.evidence.residuals.is_noise(after.terms)
-
-
-def require_tie_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the probability of a model with a table; see `require_gain_of_table` for its density."""
-    yield _make_tie_gate(after, before, after.evidence.residuals.are_refitted(after.terms))
-
-
-def require_gain_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the gain of a model with a table; both models are refitted to each part of the data if the table is."""
-    is_refitted = after.evidence.residuals.are_refitted(after.terms)
-    yield _limit_p_value("p_value", after.evidence.gain(after.terms, before.terms, is_refitted).p_value, after.evidence)
 
 
 def require_share_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:

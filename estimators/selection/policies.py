@@ -4,70 +4,51 @@ The stages are in `gates`, their limits in `estimators.decisions.criterion`.
 """
 
 from estimators.decisions.decision import Policy
+from estimators.selection import gates
 from estimators.selection.evidence import Hypothesis
-from estimators.selection.gates import (
-    require_base,
-    require_better_form,
-    require_coarse_gain,
-    require_determined_lag,
-    require_excitation,
-    require_fewer_parameters,
-    require_gain,
-    require_gain_held_out,
-    require_gain_in_torque,
-    require_gain_of_table,
-    require_known_parameters,
-    require_lower_cost,
-    require_lower_errors,
-    require_motion,
-    require_motion_share,
-    require_needed_share,
-    require_noise,
-    require_parameters,
-    require_share,
-    require_share_of_table,
-    require_share_of_torque,
-    require_simpler_table,
-    require_tie,
-    require_tie_of_table,
-    require_torque_error,
-)
 
 Rule = Policy[Hypothesis]
 
 # An effect is added, or kept when it might be dropped.
-ADD = Rule("add", (require_gain, require_known_parameters, require_share, require_parameters))
+ADD = Rule("add", (gates.require_gain, gates.require_known_parameters, gates.require_share, gates.require_parameters))
 # The same beside a residual that another law causes: the effect explains most of it.
-NEED = Rule("need", (require_gain, require_known_parameters, require_needed_share, require_parameters))
+NEED = Rule(
+    "need", (gates.require_gain, gates.require_known_parameters, gates.require_needed_share, gates.require_parameters)
+)
 # A larger model neither loses the inertia nor turns gravity of a smaller one.
-KEEP_BASE = Rule("keep base", (require_base,))
+KEEP_BASE = Rule("keep base", (gates.require_base,))
 # Held-out data confirm a larger model within physical bounds.
-CONFIRM = Rule("confirm", (require_lower_errors,))
+CONFIRM = Rule("confirm", (gates.require_lower_errors,))
 # Another form of one effect is confirmed.
-CHANGE_FORM = Rule("change form", (require_better_form,))
+CHANGE_FORM = Rule("change form", (gates.require_better_form,))
 # A model predicts significantly better.
-SWAP = Rule("swap", (require_gain_in_torque,))
+SWAP = Rule("swap", (gates.require_gain_in_torque,))
 # The same on held-out data alone.
-SWAP_HELD_OUT = Rule("swap held out", (require_gain_held_out,))
+SWAP_HELD_OUT = Rule("swap held out", (gates.require_gain_held_out,))
 # Two models are equally probable.
-TIE = Rule("tie", (require_tie,))
+TIE = Rule("tie", (gates.require_tie,))
 # Other parameters or link states lower the held-out errors.
-REFIT = Rule("refit", (require_lower_cost,))
+REFIT = Rule("refit", (gates.require_lower_cost,))
 # Parameters fitted together with link states do not raise the torque error.
-REFIT_LINK = Rule("refit link", (require_torque_error,))
+REFIT_LINK = Rule("refit link", (gates.require_torque_error,))
 # A variant on a coarse grid is near enough to the data to be refined.
-REFINE = Rule("refine", (require_coarse_gain,))
+REFINE = Rule("refine", (gates.require_coarse_gain,))
 # A law explains enough of the residual torque.
-EXPLAIN_TORQUE = Rule("explain torque", (require_share_of_torque,))
+EXPLAIN_TORQUE = Rule("explain torque", (gates.require_share_of_torque,))
 # An ambiguous effect may take the place of the selected one.
-REPLACE = Rule("replace", (require_base, require_lower_errors, require_determined_lag))
-FOLLOW_MOTION = Rule("follow motion", (require_motion_share,))
+REPLACE = Rule("replace", (gates.require_base, gates.require_lower_errors, gates.require_determined_lag))
+FOLLOW_MOTION = Rule("follow motion", (gates.require_motion_share,))
+# Windows in contact with a stop, and windows near reversals, are of use.
+ADD_STOP = Rule("add stop", (gates.require_stop,))
+FOLLOW = Rule("follow", (gates.require_motion,))
 # A lag or delay is no answer of a controller.
-DETERMINE_LAG = Rule("determine lag", (require_determined_lag,))
+DETERMINE_LAG = Rule("determine lag", (gates.require_determined_lag,))
 # The recorded torque would show the effect.
-EXCITE = Rule("excite", (require_excitation,))
+EXCITE = Rule("excite", (gates.require_excitation,))
 # A simpler model with known parameters free explains the effects.
-IMITATE = Rule("imitate", (require_fewer_parameters, require_noise, require_tie, require_motion))
+IMITATE = Rule(
+    "imitate", (gates.require_fewer_parameters, gates.require_noise, gates.require_tie, gates.require_motion)
+)
 # A table ties with the effects that it replaces, or beats them.
-TIE_TABLE = Rule("tie table", (require_noise, require_simpler_table, require_tie_of_table))
-BEAT_BY_TABLE = Rule("beat by table", (require_gain_of_table, require_share_of_table))
+TIE_TABLE = Rule("tie table", (gates.require_noise, gates.require_simpler_table, gates.require_tie))
+BEAT_BY_TABLE = Rule("beat by table", (gates.require_gain_in_torque, gates.require_share_of_table))

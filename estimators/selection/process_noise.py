@@ -78,7 +78,9 @@ def find_process_noise(
     p_values = compute_white_p_values(np.concatenate(relative), place, last)
     if 4 * min(*p_values, of_neighbours) <= criterion.white_p_value:
         return None
-    raised = tuple(w.with_torque_noise(n.noise.torque) for w, n in zip(data.windows, noisier, strict=True))
+    raised = tuple(
+        replace(w, noise=w.noise.with_torque(n.noise.torque)) for w, n in zip(data.windows, noisier, strict=True)
+    )
     variances = [n.noise.raw_torque**2 - w.noise.raw_torque**2 for w, n in zip(clear, noisier, strict=True)]
     hidden = bound_hidden_effect(np.concatenate(torques), place, criterion.white_p_value)
     return ProcessNoise(replace(data, windows=raised), float(np.sqrt(max(variances))), hidden)
@@ -131,4 +133,4 @@ def _compare_neighbours(w: Windows, residual: Array, inertia: float) -> Array:
 def _raise_noise(w: Windows, residual: Array, inertia: float) -> Windows:
     """Return windows with torque noise raised so that all noise has at least the power of a residual (R,) [N m]."""
     excess = max(float(np.sum(residual**2)) / max(len(residual), 1) - w.noise.compute_std(inertia) ** 2, 0.0)
-    return w.with_torque_noise(float(np.hypot(w.noise.torque, np.sqrt(excess))))
+    return replace(w, noise=w.noise.with_torque(float(np.hypot(w.noise.torque, np.sqrt(excess)))))

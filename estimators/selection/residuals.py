@@ -42,14 +42,14 @@ class Residuals:
         self.parts = (self.train, self.holdout)
         self.joints = tuple(self.train.layout.joints)
         self.inertia = self.train.inertias(self.base)
-        self.floors = self.train.floors
         self._is_pendulum = self.train.layout.predicts_torque and self.joints == ("",)  # torque of one joint
-        self._recordings = [*self.train.recordings, *self.holdout.recordings]
         self.holdout_floors = {at: self.holdout.layout.noise(at, self.inertia[at]) for at in self.joints}
 
     def noise_floor(self, part: RegressionData | None = None, at: str | None = None) -> float:
         """Return the noise floor of a part of the data at a joint [N m], by default the training data, first joint."""
-        return (self.holdout_floors if part is self.holdout else self.floors)[self.joints[0] if at is None else at]
+        return (self.holdout_floors if part is self.holdout else self.train.floors)[
+            self.joints[0] if at is None else at
+        ]
 
     @memoized
     def structures(self, terms: Terms) -> tuple[dict[str, ResidualStructure], dict[str, ResidualStructure]]:
@@ -113,12 +113,12 @@ class Residuals:
     @cached_property
     def has_one_frequency(self) -> bool:
         """Return whether a pendulum moves at one frequency in all recordings; rows of positions are not tested."""
-        return self._is_pendulum and have_one_frequency(self._recordings)
+        return self._is_pendulum and have_one_frequency([*self.train.recordings, *self.holdout.recordings])
 
     @cached_property
     def has_feedback(self) -> bool:
         """Return whether the recorded torque of a pendulum reacts to the motion; simulated rows depend on goals."""
-        return self._is_pendulum and bool(find_feedback(self._recordings))
+        return self._is_pendulum and bool(find_feedback([*self.train.recordings, *self.holdout.recordings]))
 
     def holdout_residual(self, terms: Terms) -> Array:
         """Return the held-out residual (R,) [N m], with the parameters of the fit updated by the held-out data.

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.data.removed_noise import list_absorbed_noise
 from estimators.decisions.errors import Terms
 from estimators.memoize import memoized
 from estimators.selection.free_motion import FreeMotion
@@ -61,7 +62,7 @@ class ExplainedShares:
                 residual = part.equations(terms, by_noise=True).error(self.residuals.train.solve(terms))
             structures, powers = self.residuals.find_structures(part, residual), {}
             for at in self.residuals.joints:
-                absorbed = part.compute_absorbed_noise([term for term in terms if term.at == at])
+                absorbed = list_absorbed_noise(part, [term for term in terms if term.at == at])
                 total = structures[at].rms ** 2 + sum(variance for _, variance in absorbed)
                 powers[at] = Power(total, structures[at].correlated_rms ** 2)
             powers_by_part.append(powers)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.decisions.score import BLOCK
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
 from estimators.weak_form.averages import WindowAverages
 from estimators.weak_form.preparation import choose_half_width, limit_noise, smooth_laws
@@ -31,7 +32,7 @@ def prepare_arm(
     recordings: Sequence[Recording],
     terms: Sequence[type[Term] | Term],
     margin: float = 0.0,
-    block: float = RESOLUTION.block,
+    block: float = BLOCK,
 ) -> TorqueWindows:
     """Cut recordings of an arm into windows, with the columns of its links and couplings; `margin` is that of `cut`.
 

@@ -8,6 +8,7 @@ from functools import cache, partial
 
 import numpy as np
 
+from estimators.decisions.score import BLOCK
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.resolution import RESOLUTION
@@ -30,7 +31,7 @@ def prepare_windows(
     margin: float = 0.0,
     fewest: int = RESOLUTION.fewest,
     inertia: float | None = None,
-    block: float = RESOLUTION.block,
+    block: float = BLOCK,
 ) -> TorqueWindows:
     """Cut recordings into windows, with half widths [s] chosen by their noise unless given; see `cut`.
 

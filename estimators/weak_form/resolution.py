@@ -26,8 +26,8 @@ class WidthSettings:
 
     enough: int = 100  # windows clear of stick that suffice for a window length
     clear: float = 0.3  # share of the recording in these windows that also suffices, half a window each
-    calibrating: int = 40  # least number of windows whose fit gives inertia and noise: some per smooth law
-    quiet: float = 0.7  # largest encoder noise of a window [standard deviations of its torque noise]: adds a quarter
+    calibrating: int = 40  # least number of windows whose fit gives inertia and noise: three per smooth law
+    quiet: float = 0.7  # largest encoder noise of a window [standard deviations of its torque noise]: adds 22 %
     negligible: float = 0.01  # encoder noise that hides no effect of practical use, share of the torque
     negligible_swing: float = 0.002  # the same for a free swing, where friction is a small share of the torque
     decay: float = 2.5  # encoder noise falls with the length to this power: two derivatives, and the mean of samples
@@ -60,7 +60,6 @@ class Resolution:
         cut, width, variants: settings of the steps.
     """
 
-    block: float = 1.0  # length of a block of folds and score [s]: residuals are correlated for less
     precision: float = 5e-4  # error of smoothing and integration, share of the standard deviation of torque
     fewest: int = 10  # least number of windows, to estimate errors
     fewest_of_joint: int = 20  # the same of each joint of an arm, whose links have more parameters

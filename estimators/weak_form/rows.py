@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from estimators.decisions.criterion import ResidualStructure
 from estimators.decisions.errors import Errors
-from estimators.decisions.score import BLOCK, Blocks
+from estimators.decisions.score import Blocks
 from estimators.regression.balance import Balance, Columns
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array, Index
@@ -31,6 +33,7 @@ class RowLayout:
         clusters: block of time of each row (R,), for standard errors under correlated residuals.
         precision: error of the rows of each joint without sensor noise, by its name.
         blocks: maps a length [s] to block and entry of each row, (R,) each, and the recording of each block (S,).
+        block: length of a block of folds and score [s].
         noise: maps a joint and its inertia [kg m^2] to the noise floor of its rows.
         structure: maps a joint, a residual of its rows and its inertia to the structure of the residual.
         errors: maps a residual (R,) of positions to the errors of its model; None for rows of torque.
@@ -43,20 +46,25 @@ class RowLayout:
     clusters: Index
     precision: Mapping[str, float]
     blocks: Callable[[float], tuple[Index, Index, Index]]
+    block: float
     noise: Callable[[str, float], float]
     structure: Callable[[str, Array, float], ResidualStructure]
     errors: Callable[[Array], Errors] | None = None
     predicts_torque: bool = True
     has_fast_fits: bool = True
 
+    def compute_joint_errors(self, residual: Array) -> dict[str, float]:
+        """Return the root mean square of a residual (R,) at each joint."""
+        return {at: float(np.sqrt(np.mean(residual[rows] ** 2))) for at, rows in self.joints.items()}
+
     @cached_property
     def scored(self) -> Blocks:
         """Blocks of the score; the same object gives the folds of the fits, so no fit sees a block that it predicts."""
-        return self.make_blocks(BLOCK)
+        return self.make_blocks(self.block)
 
     def make_blocks(self, piece: float) -> Blocks:
         """Return the blocks of the score, with folds made of pieces of a length [s]."""
-        return Blocks(*self.blocks(BLOCK), self.blocks(piece)[0])
+        return Blocks(*self.blocks(self.block), self.blocks(piece)[0])
 
 
 class FoldFits(NamedTuple):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimators.decisions.score import BLOCK
 from estimators.regression.least_squares import Equations, Fit, solve, weigh_recordings
 from estimators.weak_form.averages import concatenate_samples
 from estimators.weak_form.blocks import list_recordings, number_blocks
@@ -69,7 +70,7 @@ class TorqueWindows:
     link_states: Mapping[str, Sequence[Samples]] = field(default_factory=dict)
     shared_columns: Mapping[str, TermColumns] = field(default_factory=dict)
     payload: PayloadColumns | None = None
-    block: float = RESOLUTION.block
+    block: float = BLOCK
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -149,7 +150,9 @@ class TorqueWindows:
             w.with_torque(factor * w.recording.torque + offset, factor * w.samples.torque + offset)
             for w in self.windows
         )
-        return replace(self, windows=tuple(w.with_torque_noise(factor * w.noise.torque) for w in changed))
+        return replace(
+            self, windows=tuple(replace(w, noise=w.noise.with_torque(factor * w.noise.torque)) for w in changed)
+        )
 
     @cached_property
     def scale(self) -> Array:
@@ -198,7 +201,7 @@ class TorqueWindows:
 
 
 def join_windows(
-    windows: Sequence[Windows], shared_columns: Mapping[str, TermColumns] | None = None, block: float = RESOLUTION.block
+    windows: Sequence[Windows], shared_columns: Mapping[str, TermColumns] | None = None, block: float = BLOCK
 ) -> TorqueWindows:
     """Join windows of several recordings, weighted from 0 to 1 by their noise, with columns of several joints."""
     joints, count = {w.at for w in windows}, sum(columns.linear.shape[1] for columns in (shared_columns or {}).values())

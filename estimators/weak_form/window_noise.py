@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -62,6 +62,10 @@ class WindowNoise:
     def raw_torque(self) -> float:
         """Standard deviation of the white noise of the torque channel [N m]."""
         return self.torque / float(np.linalg.norm(self.log_weights))
+
+    def with_torque(self, std: float) -> WindowNoise:
+        """Return the noise with another standard deviation of the torque [N m]."""
+        return replace(self, torque=std)
 
     def compute_std(self, inertia: float) -> float:
         """Return the standard deviation of a window's residual by noise [N m]; known loads add inertia."""

@@ -138,10 +138,6 @@ class Windows:
         samples = replace(self.samples, torque=averages)
         return replace(self, recording=replace(self.recording, torque=torque), samples=samples)
 
-    def with_torque_noise(self, std: float) -> Windows:
-        """Return the windows with another standard deviation of the torque by noise [N m]."""
-        return replace(self, noise=replace(self.noise, torque=std))
-
     @cached_property
     def unsmoothed(self) -> Samples:
         """Samples with the recorded position and its central differences (N,)."""

@@ -7,6 +7,7 @@ import pytest
 
 from estimators import add, compare, diagnose, identify
 from estimators.data.fits import fit_terms
+from estimators.data.model_errors import compute_errors
 from estimators.data.regression_data import RegressionData
 from estimators.simulation.free_running import compute_deviation, compute_growth, select_segments
 from pendulum_env.backends import record
@@ -67,7 +68,7 @@ def test_add_takes_limits_too(days):
 
 def test_fit_in_percent_is_relative_to_what_there_was_to_explain():
     prepared = RegressionData.from_recordings([run()])
-    errors = prepared.errors(paper_plant({"gravity": 1.0}))
+    errors = compute_errors(prepared, paper_plant({"gravity": 1.0}))
     assert errors.torque_fit == pytest.approx(100 * (1 - errors.torque_rms / np.std(prepared.data.torque.recorded)))
     assert errors.position_fit == pytest.approx(100 * (1 - errors.position_rms / compute_deviation(prepared.segments)))
 
@@ -108,5 +109,5 @@ def test_windows_with_the_arm_upright_are_not_counted():
     held, lifted = compare(model, recording), RegressionData.from_recordings([recording])
     assert 0.3 < held.joint.unstable < 0.6 and "small error grows tenfold" in str(describe_unstable(held))
     assert held.json()["joint"]["unstable"] == held.joint.unstable
-    assert held.joint.errors.position_rms < 0.5 * lifted.errors(model).position_rms
+    assert held.joint.errors.position_rms < 0.5 * compute_errors(lifted, model).position_rms
     assert describe_unstable(compare(paper_plant(), run())) is None

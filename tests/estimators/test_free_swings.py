@@ -157,7 +157,7 @@ def hiding(id: str) -> Recording:
 
 def test_nothing_is_missing():
     found = diagnose(swinging())
-    assert found.selected == () and not found.unexplained and found.torque_unit == "rad/s^2"
+    assert found.selected == () and not found.unexplained and found.model.torque_unit == "rad/s^2"
     assert_recovered(found.model, RATIOS)
     assert not any(is_torque_needed(effects()[candidate.effect]) for candidate in found.candidates)
 
@@ -202,7 +202,7 @@ def test_an_effect_is_found(id):
 
 def test_verdicts_do_not_depend_on_the_inertia():
     relative, absolute = diagnose(hiding("cogging")), diagnose(hiding("cogging"), fixed={"inertia": INERTIA})
-    assert absolute.torque_unit == "N m" and absolute.selected == relative.selected
+    assert absolute.model.torque_unit == "N m" and absolute.selected == relative.selected
     scores = [{one.effect: one.score for one in found.candidates} for found in (relative, absolute)]
     assert scores[0] == pytest.approx(scores[1], abs=0.02)
 
@@ -246,7 +246,7 @@ def test_driven_and_free_recordings_together():
     assert compare(known, swinging()).joint.errors.torque_rms < 1.3 * compare(known, swinging()).joint.noise_floor
     for together in ([pushed(), swinging()], [swinging(), pushed()]):
         found = diagnose(together)
-        assert found.torque_unit == "N m" and found.selected == () and not found.disagreements
+        assert found.model.torque_unit == "N m" and found.selected == () and not found.disagreements
         assert_recovered(found.model, {"inertia": INERTIA} | TRUTH)
     assert diagnose(pushed(), swinging()).selected == ()
     with pytest.raises(IdentificationError, match="pushed: has torque, but no recording that is fitted has any"):

@@ -61,7 +61,7 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):
     for step in diagnosis.steps:
         for errors in step.errors.values():
             assert f"{errors.torque_rms:.4g}" in text and f"{errors.position_rms:.4g}" in text
-    assert format_number(diagnosis.noise_floor, padded=True) in text
+    assert format_number(diagnosis.floors[""], padded=True) in text
     for name, estimate in diagnosis.model.estimates.items():
         assert name in text
         assert f"± {estimate.std:.{1 - int(np.floor(np.log10(estimate.std)))}f}" in text

@@ -6,6 +6,7 @@ from typing import Any
 from estimators import Addition, Diagnosis, FitData, Identification, add, diagnose, fit, identify
 from estimators.arguments import apply_limits
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
+from estimators.data.model_errors import compute_errors
 from estimators.data.split import split_arm
 from estimators.data.standard_errors import add_torque_constant
 from estimators.decisions.errors import Step
@@ -71,7 +72,7 @@ def fit_arm(
     identification = identify(split_arm(recordings, holdout)[0], terms, SCHEMES_OF_ARM)
     model = identification.primary.model
     data = FitData.from_recordings(recordings, holdout, model.terms)
-    errors = {name: part.errors(model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
+    errors = {name: compute_errors(part, model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
     return BaseFit(data, Step(None, model, errors), identification)
 
 

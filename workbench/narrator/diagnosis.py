@@ -84,6 +84,22 @@ def describe_suggestion(suggestion: Suggestion, units: JointUnits = TURNING) -> 
     )
 
 
+def has_searched(diagnosis: Diagnosis) -> bool:
+    """Return whether effects were searched."""
+    return bool(diagnosis.candidates or diagnosis.joint_residuals)
+
+
+def get_error_unit(diagnosis: Diagnosis, joint: str) -> str:
+    """Return the unit of the error at a joint: of torque, of current, or of motion in the loop."""
+    return diagnosis.model.units(joint).unit(diagnosis.steps[0].errors["holdout"].unit)
+
+
+def list_laws(diagnosis: Diagnosis) -> list[str]:
+    """List the laws of the selected effects: `stribeck: fs exp(-|q'/vs|^n) sgn q'`."""
+    known = {term.id: term.law for term in diagnosis.model.terms}
+    return [f"{id}: {known[id]}" for id in diagnosis.selected if id in known]
+
+
 def describe_result(diagnosis: Diagnosis) -> str:
     """State the result in a phrase: `Stribeck friction is missing`, `Cogging at elbow is missing`."""
     joints = join_words([at for at in dict.fromkeys(region.at for region in diagnosis.unexplained) if at])
@@ -95,7 +111,7 @@ def describe_result(diagnosis: Diagnosis) -> str:
         for mass in [finding.numbers["mass"]]
     ]
     groups += [join_words([name_effect(id) for id in group], "or") for group in diagnosis.effects]
-    if diagnosis.searched and diagnosis.unexplained and diagnosis.is_in_loop:
+    if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_in_loop:
         before, after = (diagnosis.steps[k].errors["holdout"].loop[0] for k in (0, -1))
         is_coarse = after > WRONG_DRIVE * max(diagnosis.floors.values(), default=0.0)
         if is_coarse and after > before / 3:  # effects do not explain wrong settings of the drive
@@ -115,8 +131,8 @@ def describe_result(diagnosis: Diagnosis) -> str:
         remainder = "no known effect explains the rest" if diagnosis.unexplained else "nothing else is missing"
         return f"{capitalise(join_words(met))}, and {remainder}"
     if not diagnosis.unexplained:
-        return "Nothing is missing" if diagnosis.searched else "The model explains what was measured"
-    if diagnosis.searched:
+        return "Nothing is missing" if has_searched(diagnosis) else "The model explains what was measured"
+    if has_searched(diagnosis):
         return f"Something is missing{place}, and no known effect explains it"
     return f"Something is missing{place or ' in this model'}"
 
@@ -131,12 +147,11 @@ def describe_errors(diagnosis: Diagnosis) -> str:
         old, new = Quantity(before, unit=unit), Quantity(after, unit="" if np.isnan(after) else unit)
         return measure_change(old, new, 4) if is_new else measure(new, 4)
 
-    floors = {at: to_shown_unit(floor, diagnosis.unit_at(at))[0] for at, floor in diagnosis.floors.items()}
-    changes = {
-        at: format_fall(first.get_joint_error(at), last.get_joint_error(at), diagnosis.unit_at(at)) for at in floors
-    }
+    units = {at: get_error_unit(diagnosis, at) for at in diagnosis.floors}
+    floors = {at: to_shown_unit(floor, units[at])[0] for at, floor in diagnosis.floors.items()}
+    changes = {at: format_fall(first.get_joint_error(at), last.get_joint_error(at), unit) for at, unit in units.items()}
     falls = [f"{at or kind} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
-    if diagnosis.body.can_simulate and not last.is_in_loop:
+    if diagnosis.model.body.can_simulate and not last.is_in_loop:
         angle = diagnosis.model.units().unit("rad")
         falls.append(f"free-running position {format_fall(first.position_rms, last.position_rms, angle)}")
     part = " (last 30 %)" if diagnosis.data is not None and not diagnosis.data.holdout else ""
@@ -161,11 +176,12 @@ def describe_refit(refit: HorizonRefit) -> str:
 
 
 def describe_treatment(treatment: TriedTreatment) -> str:
-    """Describe a treatment of the recordings, its held-out error, and whether it was kept."""
+    """Describe a treatment of the recordings, the test that decided on it, and whether it was kept."""
+    decisive = next((gate for gate in treatment.decision.gates if not gate.passed), treatment.decision.gates[0])
+    name, value, limit, _ = decisive.cells
     return (
-        f"{describe(treatment.treatment)} The held-out error is {treatment.error_ratio:.3g} times that without it, "
-        f"with {treatment.assumptions} instead of {treatment.before} assumptions: "
-        f"{'kept' if treatment.is_kept else 'not kept'}."
+        f"{describe(treatment.treatment)} With {treatment.assumptions} instead of {treatment.before} assumptions, "
+        f"{name} is {value} (limit {limit}): {'kept' if treatment.is_kept else 'not kept'}."
     )
 
 
@@ -200,7 +216,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
 def list_advice(diagnosis: Diagnosis) -> list[str]:
     """List the findings of a diagnosis and the suggested experiment, a text each."""
     texts = []
-    if diagnosis.searched and diagnosis.data is not None:
+    if has_searched(diagnosis) and diagnosis.data is not None:
         notes = [note for recording in diagnosis.data.recordings for note in recording.notes]
         texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
     texts += [describe(finding) for finding in diagnosis.findings]

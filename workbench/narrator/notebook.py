@@ -12,7 +12,7 @@ from pendulum_env.physics import Model
 from pendulum_env.recording import NEWTON_METRE, Note, Recording, TorqueConstant
 from pendulum_env.units import to_shown_unit
 from workbench.narrator import results
-from workbench.narrator.diagnosis import describe_addition, describe_comparison, describe_result
+from workbench.narrator.diagnosis import describe_addition, describe_comparison, describe_result, list_laws
 from workbench.narrator.findings import measure_range
 from workbench.narrator.html import PlotCurve, make_card, make_plot
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
@@ -135,7 +135,7 @@ def show_diagnosis(diagnosis: Diagnosis) -> str:
         *results.narrate_next_step(diagnosis),
     ]
     return make_card(
-        describe_result(diagnosis), note_constant(diagnosis.torque_constant), tuple(diagnosis.laws), *parts
+        describe_result(diagnosis), note_constant(diagnosis.torque_constant), tuple(list_laws(diagnosis)), *parts
     )
 
 

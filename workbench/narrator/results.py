@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from estimators.arms import Payload
 from estimators.checks.homogeneity import Disagreement
 from estimators.decisions.criterion import Criterion
-from estimators.decisions.errors import Errors, Step
+from estimators.decisions.errors import Errors, Step, get_single
 from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonRefit
 from estimators.results import Comparison
 from pendulum_env.arms import Body
@@ -44,7 +44,7 @@ GATE_HEADERS = ("gate", "value", "limit", "result")
 def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:
     """Make the parts of a diagnosis."""
     units = diagnosis.model.units()
-    if not diagnosis.body.can_simulate:
+    if not diagnosis.model.body.can_simulate:
         table = tabulate_joints(get_end_errors(diagnosis.steps), diagnosis.floors, diagnosis.model)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
@@ -91,7 +91,7 @@ def narrate_next_step(diagnosis: Diagnosis) -> list[Part]:
 
 def narrate_errors(diagnosis: Diagnosis) -> Content:
     """Return table, fit and noise floor of the errors of a pendulum or servo after every step."""
-    noise = describe_noise(diagnosis.steps[0], diagnosis.noise_floor)
+    noise = describe_noise(diagnosis.steps[0], get_single(diagnosis.floors))
     return [tabulate_errors(diagnosis.steps, diagnosis.model.units()), describe_fit(diagnosis.steps), noise, LEGEND]
 
 

@@ -9,7 +9,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.results import Comparison
 from pendulum_env.files import write_whole
 from pendulum_env.formatting import join_words
-from workbench.narrator.diagnosis import describe_comparison, describe_loop
+from workbench.narrator.diagnosis import describe_comparison, describe_loop, has_searched
 from workbench.narrator.results import narrate_comparison
 from workbench.report.comparison import make_comparison, make_loop, make_loop_diagnosis
 from workbench.report.data import ReportData, Section
@@ -35,13 +35,13 @@ SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnos
 def render(diagnosis: Diagnosis, command: str = "") -> str:
     """Render the report of a diagnosis as HTML; `command`: equivalent command lines, if known."""
     case = ReportData(diagnosis, command=command)
-    if not diagnosis.body.can_simulate:
+    if not diagnosis.model.body.can_simulate:
         sections = _make_arm_sections(case)
-    elif diagnosis.is_in_loop:
+    elif diagnosis.steps[0].errors["holdout"].is_in_loop:
         sections = [make_loop_diagnosis(case), make_candidates(case), make_parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
-    kind = "diagnosis of" if diagnosis.searched or diagnosis.findings else "comparison with"
+    kind = "diagnosis of" if has_searched(diagnosis) or diagnosis.findings else "comparison with"
     return _render_recordings(case, sections, kind)
 
 
@@ -60,10 +60,9 @@ def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -
 def render_comparison(compared: Comparison) -> str:
     """Render a comparison as HTML: the page of a diagnosis without a search."""
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
-    regions, floors, unit = compared.regions, compared.joint.floors, compared.torque_unit
-    diagnosis = Diagnosis((step,), (), (), regions, floors, (), torque_unit=unit, data=compared.data)
+    diagnosis = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
     case = ReportData(diagnosis, first="model")
-    if not diagnosis.body.can_simulate:
+    if not diagnosis.model.body.can_simulate:
         return _render_recordings(case, _make_arm_sections(case), "comparison with")
     parts = narrate_comparison(compared, is_drawn=True)
     result = Section("result", "Result", describe_comparison(compared), parts)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.decisions.errors import get_single
 from estimators.in_loop.motion import simulate_in_loop
 from estimators.simulation.free_running import HORIZON, Segments, simulate_errors
 from pendulum_env._typing import Array
@@ -26,7 +27,7 @@ def make_comparison(case: ReportData) -> Section:
     ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
     split = [np.split(residual, ends) for residual in residuals]
     torque = np.split(prepared.data.torque.applied, ends)
-    noise = case.diagnosis.noise_floor
+    noise = get_single(case.diagnosis.floors)
     usable = [k for k, w in enumerate(prepared.data.windows) if len(w.centers) > 1]
     order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[:COMPARED]
     runs: list[Part] = []

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.decisions.errors import get_single
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import capitalise, format_unit
@@ -29,7 +30,7 @@ def make_errors(case: ReportData) -> Section:
     """Make the section on errors after every step."""
     diagnosis, steps, units = case.diagnosis, case.diagnosis.steps, case.units
     is_simulated = np.isfinite([error.position_rms for step in steps for error in step.errors.values()]).all()
-    plots = [plot_errors(case, "torque_rms", f"torque error [{units.unit('N m')}]", diagnosis.noise_floor)]
+    plots = [plot_errors(case, "torque_rms", f"torque error [{units.unit('N m')}]", get_single(diagnosis.floors))]
     if is_simulated:
         factor, angle = case.angle
         plots.append(plot_errors(case, "position_rms", f"free-running position error [{angle}]", None, factor))

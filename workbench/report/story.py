@@ -4,12 +4,19 @@ from typing import Any
 
 import numpy as np
 
+from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, format_number, join_words
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
-from workbench.narrator.diagnosis import describe_errors, describe_refit, describe_result, describe_suggestion
+from workbench.narrator.diagnosis import (
+    describe_errors,
+    describe_refit,
+    describe_result,
+    describe_suggestion,
+    has_searched,
+)
 from workbench.narrator.effects import name_effect
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
@@ -27,8 +34,8 @@ def make_story(case: ReportData) -> Section:
         "misled": list_biased_parameters(diagnosis),
         "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
-        "noise_floor": diagnosis.noise_floor,
-        "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / diagnosis.noise_floor,
+        "noise_floor": get_single(diagnosis.floors),
+        "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / get_single(diagnosis.floors),
         "torque_constant": constant.text if constant is not None else None,
     }
     parts = [
@@ -51,11 +58,11 @@ def make_joints(case: ReportData) -> Section:
     errors = [step.errors["holdout"] for step in case.ends]
     content: list[Any] = [
         *([Part("Added effects", [selected])] if selected else []),
-        f"Torque errors (RMS) on {'held-out data' if diagnosis.searched else 'all data'}, {results.CLEAR}",
+        f"Torque errors (RMS) on {'held-out data' if has_searched(diagnosis) else 'all data'}, {results.CLEAR}",
         tabulate_joints(errors, diagnosis.floors, diagnosis.model, [label for label, _ in case.model_labels]),
         JOINT_LEGEND,
     ]
-    if diagnosis.searched:
+    if has_searched(diagnosis):
         content += [*results.narrate_unexplained(diagnosis), *results.narrate_next_step(diagnosis)]
     return Section("joints", "Result", describe_result(diagnosis), content)
 

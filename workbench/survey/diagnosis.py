@@ -18,6 +18,7 @@ from pendulum_env.recording import Source
 from workbench.cli import find_version
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import open_sources
+from workbench.narrator.diagnosis import get_error_unit
 from workbench.terminal import Terminal
 
 ASKED = ("only", "without", "fixed", "bounds")  # options passed on to `diagnose`
@@ -123,7 +124,7 @@ def make_rows(diagnosis: Diagnosis) -> list[JSON]:
                 "error_before": get_finite(first.get_joint_error(joint)),
                 "error_after": get_finite(last.get_joint_error(joint)),
                 "noise_floor": get_finite(diagnosis.floors[joint]),
-                "error_unit": diagnosis.unit_at(joint),
+                "error_unit": get_error_unit(diagnosis, joint),
                 "position_rms_before": get_finite(first.position_rms),
                 "position_rms_after": get_finite(last.position_rms),
                 "parameters": {

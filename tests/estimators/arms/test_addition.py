@@ -67,7 +67,7 @@ def test_every_command_has_the_same_held_out_noise_floor_and_the_same_errors(bod
     added, found = add(lacking, "quadratic_drag@elbow", recording, other), diagnose(recording, other, arm_base(body))
     assert found.selected == ("quadratic_drag@elbow",)
     compared, unseen = (compare(found.model, run).joint for run in (recording, other))
-    assert found.floors == added.floors and np.isnan(found.noise_floor)
+    assert found.floors == added.floors and np.isnan(compared.noise_floor)
     assert unseen.floors == pytest.approx(found.floors, rel=1e-6)
     for own, part in ((compared, "train"), (unseen, "holdout")):
         for step in (found.steps[-1], added.after):

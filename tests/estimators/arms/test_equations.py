@@ -14,6 +14,7 @@ from estimators.regression.balance import Columns
 from estimators.schemes.balance import compute_balances
 from estimators.selection.search import search
 from estimators.signals.measurements import measure_joints
+from estimators.weak_form.variant_rows import VariantRows
 from pendulum_env.arms.joints import Links, arm_base, choose_coupling, list_couplings, place_effect, place_term
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import Column, Term, Viscous, effect
@@ -41,7 +42,7 @@ def prepared(run, base):
 @pytest.mark.parametrize("counts", [4096, 65_536])
 def test_a_whole_model_leaves_what_the_sensors_of_all_joints_give(body, base, counts):
     coarse = RegressionData.from_arm([record_arm(seconds=8.0, noise=1e-3, counts=counts)], base)
-    left = coarse.joint_errors(coarse.residual(base))
+    left = coarse.layout.compute_joint_errors(coarse.residual(base))
     assert left == pytest.approx(coarse.floors, rel=0.25)
 
 
@@ -56,10 +57,10 @@ def test_what_other_joints_share_may_be_condensed_wherever_a_law_acts(body, prep
     terms = base if other is None else (*base, place_effect(effect(other), elsewhere)())
     variant = place_effect(effect(law), at)()
     (own,) = regression.columns([variant])
-    whole = regression.assemble(
-        (*terms, variant), [*regression.list_term_columns(terms), own], regression.weights(terms)
+    whole = regression.regressor.assemble(
+        (*terms, variant), [*regression.regressor.list_term_columns(terms), own], regression.fits.weights(terms)
     )
-    small = regression.with_variant(terms, prepared.data.locate_rows(at))(variant, own)
+    small = VariantRows(regression.fits, terms).with_variant(prepared.data.locate_rows(at))(variant, own)
     assert isinstance(own, Columns) and len(small.y) <= len(whole.y)
     left, full = (np.linalg.norm(one.weights * one.error(one.solve())) for one in (small, whole))
     # a law that takes torque away counts to first order, and a law of another joint by its tangent

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
+from estimators.data.model_errors import compute_errors
 from estimators.data.split import add_contacts, make_contact_finder, split_recordings
 from estimators.findings import Kind
 from estimators.selection.evidence import Evidence
@@ -24,7 +25,7 @@ TIMING = {Kind.TORQUE_LATE, Kind.TORQUE_LATE_CORRECTED, Kind.ACTS_LATE}
 @pytest.mark.slow
 def test_torque_that_jumps_every_sample_is_not_taken_for_noise():
     clean, spoiled = (diagnosed(name) for name in ("jumpy", "jumpy, drag and tilt"))
-    assert clean.selected == () and clean.noise_floor < 0.05
+    assert clean.selected == () and clean.floors[""] < 0.05
     assert set(spoiled.selected) == set(DRAG_AND_TILT)
 
 
@@ -108,7 +109,7 @@ def test_stops_that_turn_the_joint_round_within_a_few_samples_are_found():
     assert last.position_rms < 0.1 * base.position_rms
     (windows,) = prepare_windows([recording("bouncing")]).windows
     floor = compute_noise_floor([windows], 0.03)
-    assert found.noise_floor == pytest.approx(floor, rel=0.1)  # however wrong the base model is
+    assert found.floors[""] == pytest.approx(floor, rel=0.1)  # however wrong the base model is
 
 
 @pytest.mark.slow
@@ -134,9 +135,9 @@ def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out
     position = model.simulate(2e-3, torque, 0.0, 0.0).position[:-1, 0]
     noisy = Recording(time, np.round(position, 6), torque + 0.02 * rng.standard_normal(5000), name="ringing")
     train, holdout = split_recordings([noisy])
-    assert train.errors(model).torque_rms < 0.05
-    assert holdout.errors(model).torque_rms < 0.05
-    assert holdout.errors(model).position_rms < 0.01
+    assert compute_errors(train, model).torque_rms < 0.05
+    assert compute_errors(holdout, model).torque_rms < 0.05
+    assert compute_errors(holdout, model).position_rms < 0.01
 
 
 def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named():

@@ -56,7 +56,7 @@ def assert_errors_fall(found: Diagnosis) -> None:
             course = [getattr(step.errors[part], error) for step in found.steps]
             assert course[-1] < course[0] / 1.5
             assert part == "train" or course == sorted(course, reverse=True)
-    assert found.steps[-1].errors["holdout"].torque_rms < 2 * found.noise_floor
+    assert found.steps[-1].errors["holdout"].torque_rms < 2 * found.floors[""]
 
 
 FEW = (*TRANSMISSIONS, "stribeck")  # a search among them is quick
@@ -94,7 +94,7 @@ def test_what_no_effect_of_the_library_explains_is_reported_with_its_place_and_f
     found = diagnosed(name)
     assert found.selected == () and axis in {region.axis for region in found.unexplained}
     assert found.suggestion is None  # no experiment would name it
-    assert found.steps[-1].errors["holdout"].torque_rms > 2 * found.noise_floor
+    assert found.steps[-1].errors["holdout"].torque_rms > 2 * found.floors[""]
 
 
 @pytest.mark.slow

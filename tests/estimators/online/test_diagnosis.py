@@ -114,14 +114,14 @@ def test_the_floor_is_the_error_of_the_true_model():
 
 
 @cache
-def diagnosed_at_random(hidden, library):
+def diagnosed_at_random(hidden, library, **options):
     """Diagnosis with a torque that is drawn anew for each sample, as from `env.action_space.sample()`."""
     experiment = Experiment(rate=RATE, seconds=12.0, counts=COUNTS, torque_noise=0.02, seed=3)
     time = np.arange(experiment.samples) / RATE
     command = np.random.default_rng(0).uniform(-6.0, 6.0, experiment.samples) + 3.0 * np.sin(2.25 * time)
     plant = Plant(effects={hidden: HIDDEN[hidden][0]} if hidden else {})
     (measured,) = simulate([(plant, experiment)], [command])
-    return run(diagnoser(library={id: FEW[id] for id in library}), measured, last=12.0)
+    return run(diagnoser(library={id: FEW[id] for id in library}, **options), measured, last=12.0)
 
 
 def test_a_random_torque_is_no_noise():
@@ -130,6 +130,11 @@ def test_a_random_torque_is_no_noise():
     said = diagnosed_at_random("torque_offset", ("quadratic_drag",))
     assert said.kind == "unexplained" and not said.group and said.floor < 0.4 * said.error
     assert diagnosed_at_random("dead_time", tuple(FEW)).group == ("dead_time",)
+
+
+def test_the_misfit_of_a_criterion_decides_which_error_is_unexplained():
+    said = diagnosed_at_random("torque_offset", ("quadratic_drag",), criterion=Criterion(misfit=100.0))
+    assert said.kind == "nothing" and said.error > 2.5 * said.floor
 
 
 def test_without_noise_an_effect_is_named_up_to_the_error_of_discretisation():

@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from estimators.regression.balance import Balance
+from estimators.regression.fold_fits import solve_without
 from estimators.regression.least_squares import (
     Equations,
     Fit,
@@ -157,7 +158,7 @@ def test_each_fold_is_left_out_as_if_it_were_not_there(most, twins):
     weights, fold = np.linspace(0.5, 1.0, len(y)), np.arange(len(y)) // 7 % 10
     free = np.full(4, np.inf)
     balance = Balance(phi, y, np.zeros_like(phi), -free, np.array([np.inf, most, np.inf, np.inf]), weights)
-    for k, theta in enumerate(balance.solve_without(fold, 10)):
+    for k, theta in enumerate(solve_without(balance, fold, 10)):
         kept = fold != k
         rows = phi[kept, : 4 - twins] * weights[kept, None], y[kept] * weights[kept]
         found = lsq_linear(*rows, (-free[twins:], balance.most[: 4 - twins]), tol=1e-14).x
@@ -168,7 +169,7 @@ def test_each_fold_of_a_bent_law_is_left_out_as_well_and_weights_multiply_the_er
     balance, _ = loaded(0.2, 0.5)
     fold, early = np.arange(len(balance.y)) // 7 % 10, np.arange(len(balance.y)) < 500
     whole = balance.solve()
-    for k, theta in enumerate(balance.solve_without(fold, 10)):
+    for k, theta in enumerate(solve_without(balance, fold, 10)):
         others = balance[fold != k]
         best, found = (np.sum((others.weights * others.error(own)) ** 2) for own in (others.solve(whole), theta))
         assert len(others.y) * (found / best - 1) / 2 < 0.2  # [nat]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
+from estimators.data.model_errors import compute_errors
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_recordings
 from estimators.selection.evidence import Evidence
@@ -59,7 +60,7 @@ def test_an_error_of_rounding_in_the_recording_does_not_change_the_fit(loose: Re
 
 def test_a_link_that_is_watched_leaves_less_unexplained_than_one_that_is_carried_along(loose: RegressionData):
     true = model(np.array([*BASIC.values(), LINK]), **SHAPE)
-    carried, watched = loose.errors(true), loose.with_link_states(true).errors(true)
+    carried, watched = compute_errors(loose, true), compute_errors(loose.with_link_states(true), true)
     assert watched.torque_rms < 0.2 * carried.torque_rms
     assert watched.position_rms < carried.position_rms
 
@@ -68,15 +69,15 @@ def test_a_link_is_watched_behind_a_command_that_is_late_and_in_a_short_part(loo
     true = model(np.array([*BASIC.values(), LINK]), **SHAPE)
     late = Model.build((*true.terms, effect("dead_time")(dead_time=0.002)), true.theta)
     assert (
-        loose.with_link_states(late).errors(late).position_rms
-        > 2 * loose.with_link_states(true).errors(true).position_rms
+        compute_errors(loose.with_link_states(late), late).position_rms
+        > 2 * compute_errors(loose.with_link_states(true), true).position_rms
     )
     (recording,) = (windows.recording for windows in loose.data.windows)
     short = Recording(
         *(series[:900] for series in (recording.time, recording.position, recording.torque)), name="short"
     )
     part = RegressionData.from_recordings([short], part=(0.7, 1.0)).with_link_states(true)
-    assert np.isfinite(part.errors(true).torque_rms)
+    assert np.isfinite(compute_errors(part, true).torque_rms)
 
 
 ELASTIC = {"Jm": 0.03, "bl_k": 22.0, "bl_d": 0.05}

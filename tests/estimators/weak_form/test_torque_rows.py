@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import split_recordings
-from estimators.regression.balance import Balance
+from estimators.regression.balance import Balance, compute_least_square
 from estimators.search_hints import make_grid
 from estimators.selection.evidence import Evidence
 from estimators.weak_form.columns import is_torque_dependent
@@ -100,7 +100,7 @@ def test_a_bent_torque_is_solved_for_what_was_recorded(regression: TorqueRows):
     limit = 2.0 * float(np.abs(regression.data.torque.recorded).max())
     term = effects()["torque_saturation"](limit)
     balance = regression.equations((*BASE, term))
-    theta = regression.solve(BASE)
+    theta = regression.fits.solve(BASE)
     need = regression.data.equations(BASE).phi @ theta
     exact = regression.data.torque.recorded - limit * np.arctanh(need / limit)
     np.testing.assert_allclose(unpredicted(balance, theta), exact, atol=5e-3 * limit)
@@ -144,10 +144,11 @@ def test_beside_a_linear_model_variants_compare_by_their_exact_errors(
 ):
     variants = make_grid(effects()[id], regression.data.samples, regression.data.torque.recorded)[:6]
     base = tuple(limit_term(term, known) for term in BASE)
-    weights = regression.weights(base)
+    weights = regression.fits.weights(base)
     for variant, error in zip(variants, regression.compare(base, variants), strict=True):
         terms = (*base, variant)
-        exact = regression.assemble(terms, regression.list_term_columns(terms), weights).compute_least_square()
+        rows = regression.regressor.assemble(terms, regression.regressor.list_term_columns(terms), weights)
+        exact = compute_least_square(rows)
         assert error == pytest.approx(np.sqrt(exact / (weights @ weights)), rel=1e-9)
 
 

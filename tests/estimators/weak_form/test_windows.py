@@ -237,6 +237,12 @@ def test_motion_of_one_frequency_keeps_its_inertia_though_tilted_gravity_fits_be
     assert RegressionData.from_recordings([run]).inertias(BASE)[""] == pytest.approx(0.09, rel=0.03)
 
 
+def test_the_score_has_blocks_of_the_length_of_its_data():
+    (run,) = recorded(Plant(), Experiment(rate=500, seconds=8))
+    counts = [len(RegressionData.from_recordings([run], block=block).layout.scored.of_block) for block in (1.0, 0.5)]
+    assert counts == [8, 16]
+
+
 def knocked(prepared: RegressionData, terms: Sequence[Term] = BASE) -> TorqueWindows:
     return add_contacts((prepared, prepared), terms)[0].data
 

@@ -243,7 +243,7 @@ def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(s
     after = session.state
     assert "corrected in all that follows" in str(data.show(session))
     errors = [one.steps[-1].errors["holdout"].torque_rms for one in (before, after)]
-    assert errors[1] < 1.15 * after.result.noise_floor < 0.5 * errors[0]
+    assert errors[1] < 1.15 * after.result.floors[""] < 0.5 * errors[0]
     session.run_action(lambda: session.add_recordings(loaded(replace(late, name="again"), held_out=True)))
     assert session.state.is_aligned and all("aligned: " in list_notes(one)[-1] for one in session.state.recordings)
 
