@@ -80,8 +80,6 @@ def _convert_by_constant(
     unit = find_torque_unit(combined)
     if unit == NEWTON_METRE:
         return combined, None
-    if constant is not None and constant.of != unit:
-        raise IdentificationError(f"torque is in {unit}, but the torque constant is of {constant.of}: convert the log")
     estimated = constant or estimate_torque_constant(combined[:count], criterion)
     if isinstance(estimated, Finding):
         return combined, estimated

@@ -22,7 +22,7 @@ from estimators.free_swings import find_known_values
 from estimators.in_loop import decide_open_torque
 from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import BASE, Term
-from pendulum_env.recording import Recording, TorqueConstant
+from pendulum_env.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +60,10 @@ class FitData:
         holdout: Sequence[Recording] = (),
         terms: Sequence[Term | type[Term]] = (),
         *,
-        constant: TorqueConstant | None = None,
         known: Mapping[str, float] | None = None,
         criterion: Criterion = Criterion(),
     ) -> Self:
-        """Return data with torque in N m, by the known torque constant or the known loads of fitted recordings.
+        """Return data with torque in N m, by the known loads of fitted recordings.
 
         Free swings alone are in N m if a parameter is known, else relative to the inertia. Currents of an arm, and of
         a controller with an integral part, are not converted.
@@ -73,19 +72,18 @@ class FitData:
             recordings: to fit.
             holdout: to check on.
             terms: of the base model; of an arm all terms that may be fitted, the links first.
-            constant: known torque constant.
             known: known parameters by name, which scale free swings; by default those of the terms.
             criterion: limits of the decisions.
 
         Raises:
-            IdentificationError: if units differ, also from that of the constant; if the joint moves too little; or if
+            IdentificationError: if units differ; if the joint moves too little; or if
                 torque is applied in held-out recordings only and no parameter is known.
         """
         if not find_body(terms).can_simulate:
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms), criterion=criterion)
         base = [term for term in terms if isinstance(term, Term)]
         known = find_known_values(base) if known is None else known
-        fitted, held_out, doubt = calibrate(recordings, holdout, constant, known, criterion)
+        fitted, held_out, doubt = calibrate(recordings, holdout, None, known, criterion)
         treatments = () if (own := fitted[0].torque_constant) is None else (make_constant_finding(own),)
         fitted, held_out, findings = decide_open_torque(fitted, held_out, base or BASE, criterion)
         cut = CutSettings(inertia=known.get("inertia"))

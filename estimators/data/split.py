@@ -112,11 +112,11 @@ def _split_into_parts(
     return split(float(np.quantile(center_shares, 1 - HELD_OUT)))
 
 
-def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = DATA.repeated) -> Parts:
+def add_contacts(data: Parts, terms: Sequence[Term]) -> Parts:
     """Return fitted and held-out data with contacts with a stop, see `ContactTest`.
 
-    The same `data` are returned with fewer than `repeated` contacts, which may be accidents, and for terms with a link,
-    which has impacts. A stop is found in fitted data, and confirmed in held-out data. If less than half of the contacts
+    The same `data` are returned with fewer than `DATA.repeated` contacts, which may be accidents, and for terms with a
+    link, which has impacts. A stop is found in fitted data, and confirmed in held-out data. If less than half of the contacts
     are fitted or none is held out, the same recordings are therefore split again by `split_at_contacts`.
     """
     if has_link(terms):
@@ -125,14 +125,14 @@ def add_contacts(data: Parts, terms: Sequence[Term], repeated: int = DATA.repeat
     with_windows = find_contacts(data[0]), find_contacts(data[1])
     counts = [count_contacts(part.data) for part in with_windows]
     is_uneven = counts[0] < DATA.motion * sum(counts) or counts[1] == 0
-    if is_uneven and sum(counts) >= repeated and data[0].recordings == data[1].recordings:
+    if is_uneven and sum(counts) >= DATA.repeated and data[0].recordings == data[1].recordings:
         contacts = np.concatenate([instants for part in with_windows for instants in list_contact_instants(part.data)])
         motion = np.concatenate([w.centers / len(w.recording) for part in data for w in part.data.windows])
         split = split_at_contacts(motion, contacts)
         if split is not None:
             with_windows = find_contacts(_cut_again(data[0], split[0])), find_contacts(_cut_again(data[1], split[1]))
             counts = [count_contacts(part.data) for part in with_windows]
-    return with_windows if counts[0] >= 1 and sum(counts) >= repeated else data
+    return with_windows if counts[0] >= 1 and sum(counts) >= DATA.repeated else data
 
 
 def make_contact_finder(data: Parts, terms: Sequence[Term]) -> Callable[[RegressionData], RegressionData]:

@@ -42,18 +42,18 @@ def choose_indices(count: int, points: int) -> Index:
     return np.unique(np.linspace(0, count - 1, min(points, count) + 1).round().astype(np.intp)[1:])
 
 
-def compute_history(equations: Equations, mask: Mask, points: Index, prior: float = PRIOR) -> History:
+def compute_history(equations: Equations, mask: Mask, points: Index) -> History:
     """Return the estimates of the recursion, (6) in the paper, after the equations at ascending `points` (K,).
 
-    Equations outside `mask` (R,) are not used. The estimate minimises |theta|^2 / prior plus the squared errors so far.
-    The rows up to each point are reduced by QR to the triangle R, the square root of information, R'R = 1 / P.
+    Equations outside `mask` (R,) are not used. The estimate minimises |theta|^2 / `PRIOR` plus the squared errors
+    so far. The rows up to each point are reduced by QR to the triangle R, the square root of information, R'R = 1 / P.
 
     Source: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, chapter IV.
     """
     parameters = equations.phi.shape[1]
     rows = np.column_stack([equations.phi, equations.y]) * mask[:, None]  # (R, P + 1)
     ends = np.asarray(points, dtype=np.intp) + 1
-    triangle = np.eye(parameters + 1) / np.sqrt(prior)
+    triangle = np.eye(parameters + 1) / np.sqrt(PRIOR)
     triangle[-1, -1] = 0.0
     theta, root = np.empty((len(ends), parameters)), np.empty((len(ends), parameters, parameters))
     for k, (begin, end) in enumerate(zip(np.r_[0, ends[:-1]], ends, strict=True)):

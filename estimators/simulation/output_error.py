@@ -31,6 +31,7 @@ from pendulum_env.physics import Model
 DRAWS = 16  # number of noise draws; ratios to a mean of fewer draws are biased
 OUTPUT_ERROR_SHARES = (1.0, 0.5, 0.2, 0.05)  # tried shares of a Gauss-Newton step
 OUTPUT_ERROR_DAMPING = 1e-6  # damping of this step
+OUTPUT_ERROR_ITERATIONS = 12  # largest number of Gauss-Newton steps
 OUTPUT_ERROR_DIFFERENCE = 1e-4  # relative change of a parameter for derivatives; larger ones cross events of stick
 MAX_STEP_FROM_ZERO = 0.5  # largest step of a parameter from zero, in the unit of the parameter
 MIN_SIZE = 1e-3  # least size to which changes of a parameter are relative, in the unit of the parameter
@@ -125,13 +126,13 @@ def _weigh_errors(segments: Sequence[Segments], point: Point, filters: Filters) 
     return errors_of
 
 
-def fit_segments(segments: Sequence[Segments], start: Point, iterations: int = 12, filters: Filters = ()) -> Point:
+def fit_segments(segments: Sequence[Segments], start: Point, filters: Filters = ()) -> Point:
     """Fit the linear and the continuous nonlinear parameters to the segments, with free initial states."""
-    return minimise(_weigh_errors(segments, start, filters), start, iterations)
+    return minimise(_weigh_errors(segments, start, filters), start)
 
 
-def minimise(errors_of: ErrorsOf, start: Point, iterations: int = 12) -> Point:
-    """Minimise the sum of squared errors by Gauss-Newton from a point, in at most `iterations` iterations."""
+def minimise(errors_of: ErrorsOf, start: Point) -> Point:
+    """Minimise the sum of squared errors by Gauss-Newton from a point."""
 
     def linearise(point: Point) -> LocalErrors[Point]:
         error, slopes = compute_slopes(errors_of, point)
@@ -146,7 +147,9 @@ def minimise(errors_of: ErrorsOf, start: Point, iterations: int = 12) -> Point:
         points = [local.known.with_values(values + share * step) for share in OUTPUT_ERROR_SHARES]
         return choose_least(points, np.sum(errors_of(points) ** 2, axis=0))
 
-    return gauss_newton(start, linearise, choose_step, StopRule(iterations, (OUTPUT_ERROR_DAMPING,), by_offset=True))
+    return gauss_newton(
+        start, linearise, choose_step, StopRule(OUTPUT_ERROR_ITERATIONS, (OUTPUT_ERROR_DAMPING,), by_offset=True)
+    )
 
 
 def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:

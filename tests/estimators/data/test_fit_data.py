@@ -10,11 +10,9 @@ import pytest
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.findings import Kind
-from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
-from pendulum_env.recording.channel import TorqueConstant
 from tests.cases import recording
 
 LATE = 4  # samples
@@ -61,19 +59,3 @@ def test_data_that_come_from_another_process_are_prepared_again_alike():
     for one, other in zip(data.parts, again.parts, strict=True):
         np.testing.assert_array_equal(one.data.torque.recorded, other.data.torque.recorded)
         assert count_contacts(one.data) == count_contacts(other.data)
-
-
-def test_a_torque_constant_that_is_known_is_not_asked_of_loads():
-    current = replace(recording("moving"), torque_unit="A")
-    assert FitData.from_recordings([current]).doubt.kind is Kind.LOADS_UNKNOWN
-    known = FitData.from_recordings([current], [current], constant=TorqueConstant(2.0, 0.1, "A"))
-    (converted,) = known.recordings
-    assert known.doubt is None and converted.torque_unit == "N m" and converted.torque_constant.value == 2.0
-    for one in (*known.recordings, *known.holdout):
-        np.testing.assert_array_equal(one.torque, 2.0 * current.torque)
-
-
-def test_a_constant_of_another_unit_is_refused():
-    volts = replace(recording("moving"), torque_unit="V")
-    with pytest.raises(IdentificationError, match="torque is in V, but the torque constant is of A"):
-        FitData.from_recordings([volts], constant=TorqueConstant(2.0, 0.1, "A"))

@@ -24,7 +24,7 @@ def prepared_of(effects: dict[str, dict[str, float]], **experiment: float) -> Re
 def test_a_wrong_start_leads_to_the_true_parameters():
     prepared = prepared_of({}, counts=1_024_000, torque_noise=0.02)
     start = np.array(list(TRUTH.values())) * [1.1, 0.9, 1.2, 0.85]
-    point = output_error.fit_segments(prepared.segments, Point(BASE, start), iterations=10)
+    point = output_error.fit_segments(prepared.segments, Point(BASE, start))
     assert point.theta == pytest.approx(list(TRUTH.values()), rel=3e-3)
 
 
@@ -44,7 +44,7 @@ def test_friction_that_windows_hardly_see_is_found_by_what_it_does_to_motion():
     prepared = prepared_of({"presliding": {"dahl_sigma": stiffness}}, counts=8192, torque_noise=0.02)
     terms = (*BASE, effect("presliding")(displacement=0.008))
     start = np.array([*TRUTH.values(), TRUTH["coulomb"]]) * [1.0, 1.0, 1.0, 1.0, 0.8]
-    point = output_error.fit_segments(prepared.segments, Point(terms, start), iterations=12)
+    point = output_error.fit_segments(prepared.segments, Point(terms, start))
     assert point.theta[-1] == pytest.approx(TRUTH["coulomb"], rel=0.05)
     assert point.terms[-1].nonlinear_values["displacement"] == pytest.approx(TRUTH["coulomb"] / stiffness, rel=0.05)
 
