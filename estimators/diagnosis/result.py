@@ -10,7 +10,7 @@ from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms, get_single
-from estimators.decisions.score import Gain
+from estimators.decisions.score import BLOCK, Gain
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Verdict
 from estimators.prediction import Prediction, predict_recordings
@@ -270,12 +270,14 @@ class Diagnosis(Shown):
         """Return the diagnosis as a dictionary for JSON.
 
         `regions` lists the unexplained regions, `unexplained` sums them up. `table` is the first of `tables`. The joint
-        of a pendulum is "".
+        of a pendulum is "". `criterion` is null without data.
         """
-        base = self.steps[0].model
+        base, known = self.steps[0].model, self.data
+        criterion = None if known is None else {"significance": known.criterion.p_value, "block": BLOCK}
         unlisted = [] if self.no_experiment is None or self.no_experiment in self.findings else [self.no_experiment]
         return make_result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
             "schema": SCHEMA,
+            "criterion": criterion,
             "base": {
                 "terms": [term.id for term in base.terms],
                 "theta": {name: estimate.json() for name, estimate in base.estimates.items()},
