@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from estimators.checks.settings import CHECKS
-from estimators.decisions.criterion import AgreementLimits, Criterion
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import Equations, invert_covariance, solve
 from estimators.weak_form.resolution import RESOLUTION
@@ -115,7 +115,7 @@ class RecordingFit:
         z_limit: standard errors above which a difference is significant.
         is_free: whether the recording is a free swing; its parameters are relative to the inertia.
         units: units of parameters and residual.
-        limits: limits of the comparison.
+        criterion: limits of the comparison.
     """
 
     number: int
@@ -128,7 +128,7 @@ class RecordingFit:
     z_limit: float
     is_free: bool = False
     units: JointUnits = TURNING
-    limits: AgreementLimits = Criterion().agreement
+    criterion: Criterion = Criterion()
 
     @property
     def noise_ratio(self) -> float:
@@ -138,16 +138,16 @@ class RecordingFit:
     @property
     def is_explained(self) -> bool:
         """Return whether the residual of this recording is noise."""
-        return self.noise_ratio <= self.limits.explained
+        return self.noise_ratio <= self.criterion.agreement.explained
 
     def find_differences(self, other: ComparedParameters) -> tuple[Difference, ...]:
         """Return the parameters that differ from `other` significantly, the most significant first.
 
-        A difference counts above `limits.difference` of the other value, above the sum of the biases, and above
+        A difference counts above `agreement.difference` of the other value, above the sum of the biases, and above
         `z_limit` standard errors.
         """
         gap, std = self._compute_gap(other)
-        least = np.maximum(self.limits.difference * np.abs(other.theta), self.estimates.bias + other.bias)
+        least = np.maximum(self.criterion.agreement.difference * np.abs(other.theta), self.estimates.bias + other.bias)
         significant = np.flatnonzero((np.abs(gap) > least) & (np.abs(gap) > self.z_limit * std))
         order = sorted(significant, key=lambda j: -abs(gap[j]) / std[j])
         sizes = zip(self.columns, self.estimates.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
@@ -165,9 +165,9 @@ class RecordingFit:
         scale = float(other.theta @ weight @ other.theta)
         factor = float(other.theta @ weight @ self.estimates.theta) / max(scale, 1e-300)
         scaled = other._replace(theta=factor * other.theta, covariance=factor**2 * other.covariance)
-        gap, std = self._compute_gap(scaled)
-        is_equal = np.abs(gap) <= np.maximum(self.limits.difference * np.abs(scaled.theta), self.z_limit * std)
-        if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= self.limits.difference:
+        (gap, std), least = self._compute_gap(scaled), self.criterion.agreement.difference
+        is_equal = np.abs(gap) <= np.maximum(least * np.abs(scaled.theta), self.z_limit * std)
+        if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= least:
             return Kind.OUTLIER_RECORDING, {}
         if self.is_free and factor > 0:
             return Kind.SCALED_INERTIA, {"factor": Quantity(1 / factor)}
@@ -223,7 +223,7 @@ def _select_differing(
 def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     """Find the recordings that the terms do not explain; none if fewer recordings are explained.
 
-    A residual between `limits.explained` and `RESOLUTION.unexplained` noise floors is neither explained nor not.
+    A residual between `agreement.explained` and `RESOLUTION.unexplained` noise floors is neither explained nor not.
     """
     others = tuple(fit.name for fit in fits if fit.is_explained)
     poor = [fit for fit in fits if fit.noise_ratio > RESOLUTION.unexplained]
@@ -295,7 +295,7 @@ def fit_each_recording(
                     z_limit,
                     bool(w.recording.known_inertia),
                     w.recording.units,
-                    limits,
+                    criterion,
                 )
             )
     return fits

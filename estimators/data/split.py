@@ -116,8 +116,8 @@ def add_contacts(data: Parts, terms: Sequence[Term]) -> Parts:
     """Return fitted and held-out data with contacts with a stop, see `ContactTest`.
 
     The same `data` are returned with fewer than `DATA.repeated` contacts, which may be accidents, and for terms with a
-    link, which has impacts. A stop is found in fitted data, and confirmed in held-out data. If less than half of the contacts
-    are fitted or none is held out, the same recordings are therefore split again by `split_at_contacts`.
+    link, which has impacts. A stop is found in fitted data, and confirmed in held-out data. If less than half of the
+    contacts are fitted or none is held out, the same recordings are therefore split again by `split_at_contacts`.
     """
     if has_link(terms):
         return data

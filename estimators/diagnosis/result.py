@@ -227,12 +227,14 @@ class Diagnosis(Summarised):
         """Return the diagnosis as a dictionary for JSON.
 
         `regions` lists the unexplained regions, `unexplained` sums them up. `table` is the first of `tables`. The joint
-        of a pendulum is "".
+        of a pendulum is "". `criterion` is null without data.
         """
-        base = self.steps[0].model
+        base, known = self.steps[0].model, self.data
+        criterion = None if known is None else {"significance": known.criterion.p_value, "block": known.criterion.block}
         unlisted = [] if self.no_experiment is None or self.no_experiment in self.findings else [self.no_experiment]
         return make_result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
             "schema": SCHEMA,
+            "criterion": criterion,
             "base": {
                 "terms": [term.id for term in base.terms],
                 "theta": {name: estimate.json() for name, estimate in base.estimates.items()},

@@ -9,6 +9,7 @@ import pytest
 
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
+from estimators.decisions.criterion import Criterion, TimingLimits
 from estimators.findings import Kind
 from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import BASE
@@ -42,6 +43,15 @@ def test_held_out_recordings_tell_the_timing_of_the_log_too():
     still = late(good).slice(0, 400)  # too short to tell
     assert not FitData.from_recordings([still]).with_timing().timing.has_moved
     assert all(one.is_late for one in FitData.from_recordings([still], [late(good)]).with_timing().timing.alignments)
+
+
+@pytest.mark.parametrize(
+    "criterion", [Criterion(p_value=0.0), Criterion(timing=TimingLimits(z_score=1e3))], ids=["gain", "delay"]
+)
+def test_a_stricter_criterion_needs_clearer_evidence_of_late_torque(criterion):
+    logged = FitData.from_recordings([late(recording("moving"))], criterion=criterion)
+    assert not logged.with_timing().timing.has_moved
+    assert logged.parts[0].recordings == logged.recordings
 
 
 def test_what_is_said_of_recordings_goes_with_them_when_others_are_left_out():
