@@ -51,7 +51,7 @@ def decide_conventions(
     recordings: Sequence[Recording],
     holdout: Sequence[Recording] = (),
     base: Sequence[Term] = BASE,
-    criterion: Criterion | None = None,
+    criterion: Criterion = Criterion(),
 ) -> Conventions:
     """Decide the undeclared conventions of all drives by fits of the base model to the fitted recordings.
 
@@ -69,9 +69,7 @@ def decide_conventions(
         deciding = [k for k in numbers if k < count] or numbers
         if not are_driven([every[k] for k in deciding]):
             continue
-        group, own_findings = _decide_together(
-            [every[k] for k in numbers], len(deciding), base, criterion or Criterion()
-        )
+        group, own_findings = _decide_together([every[k] for k in numbers], len(deciding), base, criterion)
         for k, recording in zip(numbers, group, strict=True):
             every[k] = recording
         names = () if deciding == list(range(count)) else tuple(every[k].name for k in deciding)
@@ -80,7 +78,7 @@ def decide_conventions(
 
 
 def decide_open_torque(
-    recordings: Recordings, holdout: Recordings, base: Sequence[Term], criterion: Criterion | None = None
+    recordings: Recordings, holdout: Recordings, base: Sequence[Term], criterion: Criterion
 ) -> Conventions:
     """Decide conventions if the torque of a recording is that requested by its drive, and depends on them."""
     drives = [r.actuator for r in (*recordings, *holdout) if not r.has_logged_torque]
