@@ -14,16 +14,20 @@ Torque that is sampled while it changes is half a sample late. An example is eve
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtr
 
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.settings import CHECKS
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.decision import Policy, decide
+from estimators.decisions.gate import Gate, limit_gain
+from estimators.decisions.score import Gain
 from estimators.findings import Finding, Kind, Quantity
 from estimators.signals.channel import LONGEST, REACH, UNMIXED_SAMPLES, Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_noise_slope, estimate_white_noise
@@ -81,36 +85,33 @@ class Alignment:
         """Return whether torque acts late, which belongs to the drive instead of the log."""
         return self.is_found and not self.is_late
 
-    def beats(self, other: Alignment, by_chance: float = 0.0) -> bool:
-        """Return whether it predicts significantly better, by the scatter between stretches of time.
+    @property
+    def z_score(self) -> float:
+        """Standard errors from which a delay or lag is significant."""
+        return self.criterion.timing.z_score
 
-        `by_chance` is a gain that counts as zero [nat].
-        """
-        gain = self.density - other.density
-        if gain.shape[1] < self.criterion.timing.least_blocks:
-            return False
-        spread = np.sqrt(gain.shape[1]) * gain.std(axis=1)
-        z_score = ndtri(1 - self.criterion.p_value)
-        return bool((gain.sum(axis=1) - by_chance > z_score * spread).all())
+    def beats(self, other: Alignment) -> bool:
+        """Return whether it predicts significantly better."""
+        return decide(self, other, OVERRULE).passed
 
     def predicts_better(self, other: Alignment) -> bool:
         """Return whether it predicts better, significantly or not."""
         return bool((self.density.sum(axis=1) > other.density.sum(axis=1)).all())
 
     @property
-    def z_score(self) -> float:
-        """Standard errors from which a delay or lag is significant."""
-        return self.criterion.timing.z_score
-
-    @property
     def is_significant(self) -> bool:
-        """Return whether each parameter differs significantly from zero, and lies inside the search range."""
-        parts, z_score = ((self.delay, self.delay_std, LONGEST), (self.lag, self.lag_std, REACH)), self.z_score
-        return all(z_score * std < abs(value) and -REACH < value < most for value, std, most in parts if std > 0)
+        """Return whether delay and lag differ significantly from zero, see `require_size`."""
+        return all(gate.passed for gate in require_size(self, self))
 
     def is_supported(self, none: Alignment) -> bool:
         """Return whether it predicts significantly better than no shift, with significant parameters."""
-        return self.is_significant and self.beats(none, float(np.log(CHECKS.channel.candidates)))
+        return decide(self, none, SHIFT).passed
+
+    @property
+    def sizes(self) -> dict[str, tuple[float, float, float]]:
+        """Return the free parameters by name: value, standard error and end of the search range [s]."""
+        parts = {"delay": (self.delay, self.delay_std, LONGEST), "lag": (self.lag, self.lag_std, REACH)}
+        return {name: part for name, part in parts.items() if part[1] > 0}
 
     def agrees(self, other: Alignment) -> bool:
         """Return whether delay plus lag agree with those of another alignment within their errors."""
@@ -182,6 +183,35 @@ class Alignment:
             "lag": Quantity(self.lag, self.lag_std, "s").json(),
             "sampled": self.channel.is_sampled,
         }
+
+
+def require_gain(after: Alignment, before: Alignment, penalty: float = 0.0) -> Iterator[Gate]:
+    """Test the gain in prediction, by its scatter between blocks of time, in torque and in noise of the log."""
+    gains, limits = after.density - before.density, after.criterion
+    least, count = limits.timing.least_blocks, gains.shape[1]
+    yield Gate("blocks", count, least, count >= least)
+    for gain in gains if count >= least else ():
+        total, spread = float(gain.sum()), float(np.sqrt(count) * gain.std())
+        p_value = float(ndtr(-(total - penalty) / max(spread, 1e-300)))
+        yield from limit_gain(Gain(total, spread, p_value), penalty, limits.p_value)
+
+
+def require_gain_over_chance(after: Alignment, before: Alignment) -> Iterator[Gate]:
+    """Test the same gain with a penalty: the logarithm of the number of tried delays and lags."""
+    yield from require_gain(after, before, float(np.log(CHECKS.channel.candidates)))
+
+
+def require_size(after: Alignment, before: Alignment) -> Iterator[Gate]:
+    """Test that delay and lag differ significantly from zero, and lie inside the search range."""
+    for name, (value, std, most) in after.sizes.items():
+        limit = after.z_score * std
+        yield Gate(name, abs(value), limit, limit < abs(value) and -REACH < value < most, "s", std)
+
+
+# One law of the channel predicts significantly better than another.
+OVERRULE = Policy("overrule", (require_gain,))
+# Torque and motion are shifted in time.
+SHIFT = Policy("shift", (require_size, require_gain_over_chance))
 
 
 def make_moved_torque(recording: Recording, response: Array, is_sampled: bool, criterion: Criterion) -> MovedTorque:
