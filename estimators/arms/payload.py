@@ -157,7 +157,6 @@ class PayloadRows(NamedTuple):
     Attributes:
         body: links of the arm.
         joint: joint in front of the link.
-        terms: terms of the model.
         equations: equations of the model's parameters.
         friction_columns: indices of the columns of friction (P,).
         row_joint: number of the joint in each row (R,).
@@ -167,7 +166,6 @@ class PayloadRows(NamedTuple):
 
     body: Body
     joint: str
-    terms: Sequence[Term]
     equations: Equations
     friction_columns: Index
     row_joint: Index
@@ -192,7 +190,7 @@ class PayloadRows(NamedTuple):
         is_friction = np.repeat([term.kind == "dissipative" for term in terms], [len(term.columns) for term in terms])
         equations = Equations(np.concatenate(phi), np.concatenate(y))
         indices = (np.concatenate(series) for series in (row_joint, recording, clusters))
-        return cls(body, joint, terms, equations, np.flatnonzero(is_friction), *indices)
+        return cls(body, joint, equations, np.flatnonzero(is_friction), *indices)
 
     @property
     def basis(self) -> Array:

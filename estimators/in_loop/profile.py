@@ -37,14 +37,12 @@ class LikelihoodProfile:
 
     Attributes:
         name: of the parameter, `id.parameter`.
-        place: of the parameter among all free parameters.
         point: fit at the estimate.
         variance: of the estimate.
         slopes: change of each free parameter with the estimate (P + S,).
     """
 
     name: str
-    place: int
     point: Point
     variance: float
     slopes: Array
@@ -86,7 +84,7 @@ def scan_profile(rollouts: Rollouts, start: Point, typical: Array) -> Likelihood
     slopes = shifts @ (paths - paths.mean(axis=0)) / (shifts @ shifts)
     # a controller that reads counts at the output does not see motion of the motor within a count
     in_counts = rollouts.noise.resolution if parameter.unit == "rad" and rollouts.servos.at_output else 0.0
-    return LikelihoodProfile(name, place, release(last), variance * estimate**2 + in_counts**2, slopes)
+    return LikelihoodProfile(name, release(last), variance * estimate**2 + in_counts**2, slopes)
 
 
 @dataclass(eq=False)

@@ -27,11 +27,6 @@ class History(NamedTuple):
     root: Array
 
     @property
-    def P(self) -> Array:
-        """Covariance for unit noise (K, P, P)."""
-        return self.root @ np.swapaxes(self.root, 1, 2)
-
-    @property
     def std(self) -> Array:
         """Standard errors for unit noise (K, P)."""
         return np.sqrt(np.einsum("kij,kij->ki", self.root, self.root))

@@ -44,7 +44,6 @@ class Stack:
         usable: mask of the equations away from stick (R,).
         weights: weight of each equation (R,).
         joint: number of the joint (R,), 0 if the balances of the joints are summed.
-        recording: number of the recording (R,).
         clusters: number of the short stretch of time (R,), within one recording.
         time: duration of all segments up to the equation (R,) [s].
         starts: index of the first equation of each segment.
@@ -54,7 +53,6 @@ class Stack:
     usable: Mask
     weights: Array
     joint: Index
-    recording: Index
     clusters: Index
     time: Array
     starts: tuple[int, ...]
@@ -222,7 +220,7 @@ def stack_equations(
         weights = weigh_recordings(squares, np.bincount(recording, usable), 0.0)[recording]
     cluster_of_row, time = (np.repeat(np.concatenate(series), count) for series in (clusters, times))
     starts = tuple((count * np.cumsum([0, *(len(m) for m in measured[:-1])])).tolist())
-    return Stack(equations, usable, weights, joint, recording, cluster_of_row, time, starts)
+    return Stack(equations, usable, weights, joint, cluster_of_row, time, starts)
 
 
 def _interleave_rows(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

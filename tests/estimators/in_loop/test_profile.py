@@ -51,7 +51,7 @@ def test_gap_comes_back_within_its_profile_interval(case):
     found = rows.search_basins(TERMS, make_grid(Backlash, x, x.torque)[::3])
     profile = rows.fits.fit_by_profile(found.terms)
     assert profile is not None
-    gap, std = profile.point.values[profile.place], np.sqrt(profile.variance)
+    gap, std = profile.point.named_values[profile.name], np.sqrt(profile.variance)
     assert abs(gap - case["gap"]) < 3 * std < (0.3 if case["rate"] > 50 else 0.75) * case["gap"]
     values = profile.point.named_values  # all dry friction is that of the motor
     assert values.get("backlash.friction", 0.0) * values["backlash"] < 0.1 * values["coulomb"]

@@ -19,12 +19,13 @@ def test_history_equals_the_recursion():
         for j in np.flatnonzero(points == k):
             np.testing.assert_allclose(course.theta[j], state.theta.astype(float), rtol=1e-9)
             scale = np.sqrt(np.outer(*2 * [np.diag(state.P)])).astype(float)
-            np.testing.assert_allclose(course.P[j] / scale, state.P.astype(float) / scale, atol=1e-9)
+            covariance = course.root[j] @ course.root[j].T
+            np.testing.assert_allclose(covariance / scale, state.P.astype(float) / scale, atol=1e-9)
 
 
 def test_history_before_any_equation_is_the_prior_and_its_points_end_at_the_last_one():
     course = compute_history(Equations(np.ones((10, 2)), np.ones(10)), np.arange(10) >= 5, np.array([3, 9]))
     np.testing.assert_allclose(course.theta[0], 0, atol=1e-12)
-    np.testing.assert_allclose(course.P[0], PRIOR * np.eye(2))
+    np.testing.assert_allclose(course.root[0] @ course.root[0].T, PRIOR * np.eye(2))
     np.testing.assert_allclose(course.theta[1], 0.5, rtol=1e-6)  # two equal columns share what they explain
     assert (choose_indices(1000, 4).tolist(), choose_indices(3, 200).tolist()) == ([250, 500, 749, 999], [1, 2])
