@@ -32,7 +32,7 @@ def test_from_white_noise_nothing_can_be_learnt():
 
 
 FILES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "estimators").rglob("*.py"))}
-PENDING = {"likeness.py", "online/diagnosis.py", "rollout_rows.py"}  # read or make a criterion of their own so far
+PENDING = {"likeness.py", "online/diagnosis.py", "in_loop/convention_fits.py"}  # still to follow
 
 
 def walk(*kinds):
