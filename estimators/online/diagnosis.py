@@ -131,7 +131,7 @@ class Diagnoser:
         smoothing: Smoothing | None = None,
         given: ParameterFit | None = None,
         alarms_per_hour: float = 1.0,
-        criterion: Criterion | None = None,
+        criterion: Criterion = Criterion(),
     ) -> None:
         """Create the diagnosis of a model.
 
@@ -164,7 +164,7 @@ class Diagnoser:
         plant = self._binner.plant
         self.threshold = compute_threshold(alarms_per_hour, ONLINE.bins.chunk * plant.length)
         blank = OnlineDiagnosis("calibrating", threshold=self.threshold, not_run=self.not_run)
-        arguments = terms, library, plant, blank, criterion or Criterion(), given
+        arguments = terms, library, plant, blank, criterion, given
         self.each = tuple(EffectMonitor(*arguments) for _ in range(batch))
 
     @property

@@ -50,7 +50,7 @@ class DiagnoseOnline(MeasurementWrapper):
         alarms_per_hour: float = 1.0,
         model: Model | str | Path | None = None,
         robot: str | None = None,
-        criterion: Criterion | None = None,
+        criterion: Criterion = Criterion(),
     ) -> None:
         """Wrap an environment with `time`, `position` and `torque` in `info`.
 
