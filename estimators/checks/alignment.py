@@ -46,7 +46,7 @@ class Alignment:
         is_half_sample: whether torque was sampled with the position, so it is half of any sampling period late. The
             standard error is that of a free delay.
         gain: parameter of the first column, and its standard error.
-        density: log predictive density of each stretch (2, C) [nat]: with the residual as torque, and with it as
+        density: log predictive density of each block (2, C) [nat]: with the residual as torque, and with it as
             noise of the log, which the channel's inverse filter amplifies.
         criterion: limits of its comparisons with others.
     """

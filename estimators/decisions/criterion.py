@@ -1,4 +1,4 @@
-"""Numbers that decide which effect is selected."""
+"""Limits of all decisions: on models, recordings, timing, columns of a log and servos."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -102,6 +102,8 @@ class LoopLimits:
     Attributes:
         needed: least share of the squared error that an effect explains; sticking alone changes the error.
         dominant: the same of a link if the residual is not noise: a link imitates another controller.
+        counts_p_value: largest p-value of a gain by which counts overrule exact positions: most controllers read
+            counts.
         same: gain between two conventions below which their motion is equal [nat]: the output does not reach its limit.
         faithful: ratio of a model's error to that of the encoder below which the reading of the goals is kept.
         slow_rate: assumed rate of a controller of unknown rate [Hz].
@@ -110,6 +112,7 @@ class LoopLimits:
 
     needed: float = 0.3
     dominant: float = 0.75
+    counts_p_value: float = 0.16
     same: float = 1e-3
     faithful: float = 2.0
     slow_rate: float = 200.0
@@ -143,7 +146,8 @@ class Criterion:
             machine are correlated for less.
         drift_piece: length of the pieces by which folds predict a drifting torque [s].
         shorter_window: factor on the window lengths in a second search.
-        error_margin: relative difference of held-out errors under two treatments that is chance.
+        error_margin: relative difference of errors or noise floors that is chance: of torque errors with an effect that
+            only free motion shows, of a negligible delay, and of torque that is moved in time.
         accuracy: error of a simulation by initial states and integration, share of the motion's standard deviation.
         white, timing, agreement, columns, loop: limits of questions of their own.
     """

@@ -221,7 +221,8 @@ class Bootstrap:
         difference = after - before
         draws = self.weights @ difference
         error = float(draws.std()) if len(difference) > 1 else np.inf
-        return Gain(float(difference.sum()), error, float(np.mean(draws <= penalty)))
+        p_value = float(np.mean(draws <= penalty)) if len(difference) > 1 else 1.0  # one block has no scatter
+        return Gain(float(difference.sum()), error, p_value)
 
     def probabilities(self, densities: Sequence[Array]) -> Array:
         """Return the probability of each of M models (M,), from the log densities of each (S,), by pseudo-BMA+."""

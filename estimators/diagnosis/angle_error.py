@@ -54,7 +54,7 @@ def widen_by_law(model: Model, evidence: Evidence) -> Model:
 def _list_rivals(evidence: Evidence, terms: Terms, effect: Term) -> Iterator[Estimate]:
     """Yield gravity with another law in the place of an effect of the angle, where held-out data allow that law.
 
-    The law must keep the inertia and the sign of gravity of the model without the effect, see `keeps_base`. Its
+    The law must keep the inertia and the sign of gravity of the model without the effect, see `KEEP_BASE`. Its
     gravity is at most twice that of this model. A law that contains the effect, as a spring that may harden, counts
     only if it changes gravity significantly: the simpler law is likelier.
     """

@@ -7,10 +7,14 @@ import numpy as np
 
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.score import BLOCK
 from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.progress import Progress, no_progress
+from estimators.regression.least_squares import IdentificationError
 from estimators.selection.evidence import Evidence
 from pendulum_env.physics import Term
+
+LEAST_BLOCKS = 5  # least number of blocks longer than the default: folds and scatter need several
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,12 @@ class Setting:
         self, parts: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()
     ) -> Evidence:
         """Return the evidence of fitted and held-out data, with tables that compete with the effects."""
+        blocks = parts[0].layout.scored.of_block
+        if self.criterion.block > BLOCK and len(blocks) < LEAST_BLOCKS:
+            raise IdentificationError(
+                f"blocks of {self.criterion.block:g} s are too long: the fitted recordings have {len(blocks)} of them, "
+                f"and need at least {LEAST_BLOCKS}: give shorter blocks or more recordings"
+            )
         return Evidence.from_data(
             *parts,
             base=tuple(self.base),

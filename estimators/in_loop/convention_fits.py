@@ -112,8 +112,8 @@ def fit_conventions(
     return fits
 
 
-def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], criterion: Criterion) -> Choice:
-    """Choose the first fit that the likeliest one does not overrule by a significant gain.
+def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], p_value: float, criterion: Criterion) -> Choice:
+    """Choose the first fit that the likeliest one does not overrule by a gain with at most some p-value.
 
     With n fits, the penalty is ln(n): the best of n may gain as much by chance. Alternatives differ in settings of
     `names`.
@@ -122,7 +122,7 @@ def choose_fit(fits: Sequence[ConventionFit], names: Sequence[str], criterion: C
     bootstrap = Bootstrap(best.rows.layout.scored.of_block, np.random.default_rng(0))
 
     def require_gain(after: ConventionFit, before: ConventionFit) -> list[Gate]:
-        return limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, criterion.p_value)
+        return limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, p_value)
 
     overrule = Policy("overrule", (require_gain,))
     chosen = next(fit for fit in fits if not decide(best, fit, overrule).passed)

@@ -123,7 +123,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
     settings: Settings = {}
     if len(controllers) > 1:
         ranked = sorted(fits, key=lambda fit: (controllers.index(fit.select(CONTROLLER)), -fit.likelihood))
-        choice = choose_fit(ranked, CONTROLLER, criterion)
+        choice = choose_fit(ranked, CONTROLLER, criterion.p_value, criterion)
         settings = choice.fit.select(CONTROLLER)
         findings = [Finding(Kind.CONTROLLER_READ, {"gain": choice.gain}, pairs=tuple(settings.items()))]
         fits = [fit for fit in fits if fit.select(CONTROLLER) == settings]
@@ -131,7 +131,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
         late = [effect() for effect in LATE if effect.id not in list_ids(base)]
         fits += [fit.with_effect(effect) for fit in fits for effect in late]
         by_size = sorted(fits, key=lambda fit: (len(fit.terms), -fit.likelihood))
-        choice = choose_fit(by_size, ("goal",), criterion)
+        choice = choose_fit(by_size, ("goal",), criterion.p_value, criterion)
         added = choice.alternative.terms[len(base) :]
         sizes = {
             name: Quantity(float(value), unit="s") for term in added for name, value in term.nonlinear_values.items()
@@ -154,6 +154,6 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part, criterion: C
     if len(choices) == 1:
         return {}, []
     fits = fit_conventions(recordings, choices, base, part, criterion, has_counts=True)
-    choice = choose_fit(fits, ("reads",), criterion)
+    choice = choose_fit(fits, ("reads",), criterion.loop.counts_p_value, criterion)
     pairs = tuple(choice.fit.settings.items())
     return choice.fit.settings, [Finding(Kind.POSITION_READ, {"gain": choice.gain}, pairs=pairs)]

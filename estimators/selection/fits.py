@@ -35,7 +35,7 @@ class Fits:
     holdout: RegressionData
     base: Terms = BASE
     linked: Step | None = None
-    _in_motion: dict[Terms, Step] = field(default_factory=dict)
+    _in_motion: dict[Terms, Step] = field(init=False, default_factory=dict)
 
     @property
     def parts(self) -> tuple[RegressionData, RegressionData]:

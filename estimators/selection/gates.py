@@ -30,21 +30,30 @@ def require_gain(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
 
 
 def require_gain_in_torque(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the gain in prediction by rows alone; link states, and treatments of the rows, may differ."""
-    bootstrap, (new, old) = _compare_densities(after, before)
-    yield from _limit_gain(bootstrap.gain(new, old, before.evidence.penalty(after.terms, before.terms)), after, before)
+    """Test the gain in prediction by rows alone; link states may differ, and treatments that leave the same rows."""
+    if (rows := _compare_rows(after, before)).passed:
+        bootstrap, (new, old) = _compare_densities(after, before)
+        gain = bootstrap.gain(new, old, before.evidence.penalty(after.terms, before.terms))
+        yield from _limit_gain(gain, after, before)
+    else:
+        yield rows
+
+
+def _compare_rows(after: Hypothesis, before: Hypothesis) -> Gate:
+    """Make the gate on the rows of two models: densities are sums over rows, so their blocks must have equal numbers."""
+    parts = zip(after.evidence.fits.parts, before.evidence.fits.parts, strict=True)
+    counts = [[np.bincount(part.layout.scored.block) for part in pair] for pair in parts]
+    is_same = all(map(np.array_equal, *zip(*counts, strict=True)))
+    new, old = (float(sum(of_part[k].sum() for of_part in counts)) for k in range(2))
+    return Gate("rows", new, old, is_same)
 
 
 def _compare_densities(after: Hypothesis, before: Hypothesis) -> tuple[Bootstrap, list[Array]]:
     """Return random weights of the blocks by which two models are compared, and the densities of both there."""
     if after.evidence is before.evidence:
         return after.evidence.densities.compare(after.terms, before.terms)
-    bootstraps = [each.evidence.densities.bootstrap for each in (after, before)]
     densities = [each.evidence.densities.compute(each.terms) for each in (after, before)]
-    if len(densities[0]) != len(densities[1]):  # rows of a treatment do not reach the last blocks
-        densities = [np.bincount(b.of_block, d).astype(float) for b, d in zip(bootstraps, densities, strict=True)]
-        return Bootstrap(np.arange(len(densities[0])), np.random.default_rng(0)), densities
-    return bootstraps[1], densities
+    return before.evidence.densities.bootstrap, densities
 
 
 def _limit_gain(gain: Gain, after: Hypothesis, before: Hypothesis) -> list[Gate]:
@@ -74,9 +83,12 @@ def require_known_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[
 
 def require_tie(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the probability of `after` in the place of `before`."""
-    bootstrap, densities = _compare_densities(after, before)
-    probability, least = float(bootstrap.probabilities(densities)[0]), after.evidence.criterion.tie_probability
-    yield Gate("tie_probability", probability, least, probability > least)
+    if (rows := _compare_rows(after, before)).passed:
+        bootstrap, densities = _compare_densities(after, before)
+        probability, least = float(bootstrap.probabilities(densities)[0]), after.evidence.criterion.tie_probability
+        yield Gate("tie_probability", probability, least, probability > least)
+    else:
+        yield rows
 
 
 def require_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -267,7 +279,7 @@ def require_better_form(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]
     if is_form and len(ids) == 1:
         (effect,) = (term for term in after.terms if term.id in ids)
         new, old = (evidence.fits.fit(each).errors["holdout"].get_joint_error(effect.at) for each in terms)
-        yield Gate("holdout_torque", new, old, new < old, after.step.model.units(effect.at).unit("N m"))
+        yield Gate("holdout_torque", new, old, new < old, evidence.train.units(effect.at).unit("N m"))
         if new < old:
             without = tuple(term for term in after.terms if term is not effect)
             yield from require_lower_errors(after, Hypothesis(evidence, without))
@@ -282,7 +294,7 @@ def require_lower_cost(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
 def require_torque_error(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that the held-out torque error does not rise."""
     new, old = (each.step.errors["holdout"].torque_rms for each in (after, before))
-    yield Gate("holdout_torque", new, old, new <= old, after.step.model.units().unit("N m"))
+    yield Gate("holdout_torque", new, old, new <= old, after.evidence.train.units().unit("N m"))
 
 
 def require_determined_lag(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -332,7 +344,8 @@ def require_fewer_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[
 
 def require_motion(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that `after` is no misfit to the motion."""
-    is_misfit = after.evidence.motion.has_misfit(after.terms)
+    evidence = after.evidence
+    is_misfit = evidence.motion.is_misfit(after.fitted) if after.fitted else evidence.motion.has_misfit(after.terms)
     yield Gate("motion_misfit", float(is_misfit), 0, not is_misfit)
 
 

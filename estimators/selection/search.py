@@ -67,7 +67,7 @@ def find_effects(evidence: Evidence) -> SearchState:
 
 
 def grow(state: SearchState) -> SearchState:
-    """Extend a model until no extension is decided; after each, drop and swap effects."""
+    """Extend a model until no extension passes; after each, drop and swap effects."""
     visited = {list_forms(state.terms)}
     while state.has_room(1) and (longer := extend_model(state)) is not None:
         revised = revise(longer)

@@ -35,8 +35,10 @@ class SearchState:
 
     @property
     def hypothesis(self) -> Hypothesis:
-        """Model as one side of a decision, with its estimated link states."""
-        return Hypothesis(self.evidence, self.terms, self.evidence.fits.linked)
+        """Model as one side of a decision, with the step that estimated its link states."""
+        linked = self.evidence.fits.linked
+        is_own = linked is not None and linked.model.terms == self.terms
+        return Hypothesis(self.evidence, self.terms, linked if is_own else None)
 
     @property
     def is_noise(self) -> bool:

@@ -137,7 +137,7 @@ def find_explaining_law(evidence: Evidence, terms: Terms, laws: Iterable[type[Te
     """Return the id of the law that, added to the terms, has the highest held-out density.
 
     Candidates are laws that are supported and lower the held-out errors of the terms. They explain the share
-    `criterion.explained_share` of the residual torque, or are needed, see `Evidence.is_needed`. Return None
+    `criterion.explained_share` of the residual torque, or pass `NEED`. Return None
     without candidates.
     """
     trials = [find_best_variant(evidence, terms, law) for law in laws if law.id not in list_ids(terms)]

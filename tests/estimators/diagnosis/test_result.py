@@ -55,7 +55,7 @@ def test_progress_is_told_in_words_and_shares():
     assert "screening stribeck" in dict(told)
 
 
-def test_the_evaluator_of_a_diagnosis_holds_the_model_of_each_candidate_and_is_not_pickled():
+def test_the_evidence_of_a_diagnosis_holds_the_model_of_each_candidate_and_is_not_pickled():
     found = diagnose([recording("stribeck")], only=["stribeck", "quadratic_drag"])
     for candidate in (one for one in found.candidates if one.terms):
         fitted = found.evidence.fits.fit_model(candidate.terms)
