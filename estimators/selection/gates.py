@@ -31,21 +31,20 @@ def require_gain(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
 
 def require_gain_in_torque(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the gain in prediction by rows alone; link states may differ, and treatments that leave the same rows."""
-    if (rows := _compare_rows(after, before)).passed:
-        bootstrap, (new, old) = _compare_densities(after, before)
-        gain = bootstrap.gain(new, old, before.evidence.penalty(after.terms, before.terms))
-        yield from _limit_gain(gain, after, before)
-    else:
-        yield rows
+    if not have_same_rows(after, before):
+        yield Gate("same_rows", 0, 1, False)
+        return
+    bootstrap, (new, old) = _compare_densities(after, before)
+    gain = bootstrap.gain(new, old, before.evidence.penalty(after.terms, before.terms))
+    yield from _limit_gain(gain, after, before)
 
 
-def _compare_rows(after: Hypothesis, before: Hypothesis) -> Gate:
-    """Make the gate on the rows of two models: densities are sums over rows, so their blocks must have equal numbers."""
+def have_same_rows(after: Hypothesis, before: Hypothesis) -> bool:
+    """Return whether the blocks of two models have equal numbers of rows; densities are sums over rows."""
+    if after.evidence is before.evidence:
+        return True
     parts = zip(after.evidence.fits.parts, before.evidence.fits.parts, strict=True)
-    counts = [[np.bincount(part.layout.scored.block) for part in pair] for pair in parts]
-    is_same = all(map(np.array_equal, *zip(*counts, strict=True)))
-    new, old = (float(sum(of_part[k].sum() for of_part in counts)) for k in range(2))
-    return Gate("rows", new, old, is_same)
+    return all(np.array_equal(*(np.bincount(part.layout.scored.block) for part in pair)) for pair in parts)
 
 
 def _compare_densities(after: Hypothesis, before: Hypothesis) -> tuple[Bootstrap, list[Array]]:
@@ -82,13 +81,12 @@ def require_known_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[
 
 
 def require_tie(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the probability of `after` in the place of `before`."""
-    if (rows := _compare_rows(after, before)).passed:
+    """Test the probability of `after` in the place of `before`; zero if their rows differ."""
+    probability, least = 0.0, after.evidence.criterion.tie_probability
+    if have_same_rows(after, before):
         bootstrap, densities = _compare_densities(after, before)
-        probability, least = float(bootstrap.probabilities(densities)[0]), after.evidence.criterion.tie_probability
-        yield Gate("tie_probability", probability, least, probability > least)
-    else:
-        yield rows
+        probability = float(bootstrap.probabilities(densities)[0])
+    yield Gate("tie_probability", probability, least, probability > least)
 
 
 def require_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
