@@ -43,8 +43,8 @@ def have_same_rows(after: Hypothesis, before: Hypothesis) -> bool:
     """Return whether the blocks of two models have equal numbers of rows; densities are sums over rows."""
     if after.evidence is before.evidence:
         return True
-    parts = zip(after.evidence.fits.parts, before.evidence.fits.parts, strict=True)
-    return all(np.array_equal(*(np.bincount(part.layout.scored.block) for part in pair)) for pair in parts)
+    counts = ([np.bincount(p.layout.scored.block) for p in each.evidence.fits.parts] for each in (after, before))
+    return all(np.array_equal(new, old) for new, old in zip(*counts, strict=True))
 
 
 def _compare_densities(after: Hypothesis, before: Hypothesis) -> tuple[Bootstrap, list[Array]]:
