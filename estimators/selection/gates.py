@@ -273,8 +273,9 @@ def require_better_form(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]
     evidence, terms = after.evidence, (after.terms, before.terms)
     ids = {id for id, *_ in list_forms(after.terms) ^ list_forms(before.terms)}
     is_form = list_ids(after.terms) == list_ids(before.terms) and evidence.fits.train.layout.predicts_torque
-    yield Gate("changed_forms", len(ids), 1, is_form and len(ids) == 1)
-    if is_form and len(ids) == 1:
+    n_changed = len(ids) if is_form else 0
+    yield Gate("changed_forms", n_changed, 1, n_changed == 1)
+    if n_changed == 1:
         (effect,) = (term for term in after.terms if term.id in ids)
         new, old = (evidence.fits.fit(each).errors["holdout"].get_joint_error(effect.at) for each in terms)
         yield Gate("holdout_torque", new, old, new < old, evidence.train.units(effect.at).unit("N m"))
@@ -361,15 +362,17 @@ def require_motion_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
 
 def require_simpler_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that a model with a table has fewer parameters, or replaces two or more effects that leave structure."""
-    new, old = count_parameters(after.terms), count_parameters(before.terms)
-    replaces_structure = _replaces_several(after, before) and not after.evidence.residuals.is_noise(before.terms)
-    yield Gate("parameters", new, old, new < old or replaces_structure)
+    n_replaced = _count_replaced(after, before)
+    if n_replaced > 1 and not after.evidence.residuals.is_noise(before.terms):
+        yield Gate("replaced_effects", n_replaced, 1, True)
+    else:
+        yield from require_fewer_parameters(after, before)
 
 
-def _replaces_several(after: Hypothesis, before: Hypothesis) -> bool:
-    """Return whether a model that leaves only noise lacks two or more terms of another."""
+def _count_replaced(after: Hypothesis, before: Hypothesis) -> int:
+    """Return the number of terms that a model lacks of another, if it leaves only noise; else 0."""
     n_replaced = len(set(list_ids(before.terms)) - set(list_ids(after.terms)))
-    return n_replaced > 1 and after.evidence.residuals.is_noise(after.terms)
+    return n_replaced if after.evidence.residuals.is_noise(after.terms) else 0
 
 
 def require_share_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
@@ -379,8 +382,11 @@ def require_share_of_table(after: Hypothesis, before: Hypothesis) -> Iterator[Ga
     place of two or more effects needs no share.
     """
     residuals, criterion = after.evidence.residuals, after.evidence.criterion
+    if (n_replaced := _count_replaced(after, before)) > 1:
+        yield Gate("replaced_effects", n_replaced, 1, True)
+        return
     is_noise, leaves_noise = (residuals.is_noise(each.terms) for each in (before, after))
     above_floor = not (is_noise or leaves_noise)
     share = after.evidence.shares.compute_of_torque(after.terms, before.terms, above_floor=above_floor)
     least = criterion.explained_share if is_noise else criterion.needed_share
-    yield Gate("explained_share", share, least, share > least or _replaces_several(after, before))
+    yield Gate("explained_share", share, least, share > least)
