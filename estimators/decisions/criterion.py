@@ -3,7 +3,10 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from estimators.decisions.score import BLOCK
+from pendulum_env.errors import UserError
 
 
 class ResidualStructure(NamedTuple):
@@ -18,6 +21,23 @@ class ResidualStructure(NamedTuple):
     correlated_rms: float
     z_score: float
     rms: float
+
+
+@dataclass(frozen=True)
+class SearchLimits:
+    """Extent of the search.
+
+    Attributes:
+        max_effects: largest number of effects in one model.
+        beam: number of first effects from which the search is repeated if the first search leaves structure.
+        max_tried: number of effects that are tried, best score first, until one is confirmed.
+        max_ordered: number of effects up to which every order of their steps is tried.
+    """
+
+    max_effects: int = 6
+    beam: int = 3
+    max_tried: int = 8
+    max_ordered: int = 3
 
 
 @dataclass(frozen=True)
@@ -136,11 +156,7 @@ class Criterion:
         tie_probability: probability above which a model ties with another.
         misfit: ratio of an error to its noise floor above which it is more than noise.
         max_score: upper limit of any reported score, the hit rate of the best verdicts.
-        max_effects: largest number of effects in one model.
-        beam: number of first effects from which the search is repeated if the first search leaves structure.
         coarse_p_value: p-value on a coarse grid of nonlinear parameters above which they are not refined.
-        max_tried: number of effects that are tried, best score first, until one is confirmed.
-        max_ordered: number of effects up to which every order of their steps is tried.
         least_excitation: least ratio of the recorded torque to the smallest significant torque of an effect.
         block: length of a block of time [s], by which densities are summed and data are folded: residuals of a real
             machine are correlated for less.
@@ -149,7 +165,7 @@ class Criterion:
         error_margin: relative difference of errors or noise floors that is chance: of torque errors with an effect that
             only free motion shows, of a negligible delay, and of torque that is moved in time.
         accuracy: error of a simulation by initial states and integration, share of the motion's standard deviation.
-        white, timing, agreement, columns, loop: limits of questions of their own.
+        search, white, timing, agreement, columns, loop: limits of questions of their own.
     """
 
     p_value: float = 0.05
@@ -162,22 +178,25 @@ class Criterion:
     tie_probability: float = 0.05
     misfit: float = 2.5
     max_score: float = 0.98
-    max_effects: int = 6
-    beam: int = 3
     coarse_p_value: float = 0.5
-    max_tried: int = 8
-    max_ordered: int = 3
     least_excitation: float = 10.0
     block: float = BLOCK
     drift_piece: float = 0.2
     shorter_window: float = 0.5
     error_margin: float = 0.05
     accuracy: float = 0.001
+    search: SearchLimits = SearchLimits()
     white: WhiteNoiseLimits = WhiteNoiseLimits()
     timing: TimingLimits = TimingLimits()
     agreement: AgreementLimits = AgreementLimits()
     columns: ColumnLimits = ColumnLimits()
     loop: LoopLimits = LoopLimits()
+
+    def __post_init__(self) -> None:
+        if not 0 < self.p_value < 1:
+            raise UserError(f"p_value of a criterion cannot be {self.p_value}: give a number between 0 and 1")
+        if not 0 < self.block < np.inf:
+            raise UserError(f"block of a criterion cannot be {self.block}: give a positive length in seconds")
 
 
 def has_structure(residual: ResidualStructure, floor: float, criterion: Criterion) -> bool:

@@ -18,7 +18,7 @@ from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Table, Term
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Densities:
     """Log densities of each block under models, those of the training data first, (S,) [nat]; results are memoised.
 

@@ -23,7 +23,7 @@ from estimators.selection.shares import ExplainedShares
 from pendulum_env.physics import BASE, COMPETING, Term, effects, is_dry, list_ids
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Evidence:
     """Evidence for models of the same data, and decisions between them, each computed once.
 

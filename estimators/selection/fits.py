@@ -20,7 +20,7 @@ from pendulum_env.arms.model import make_arm_model
 from pendulum_env.physics import BASE, Model, has_link, has_transmission, list_ids, list_loads, release_term
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Fits:
     """Fits of terms to training data, with errors on training and held-out data; results are memoised.
 

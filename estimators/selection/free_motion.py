@@ -23,7 +23,7 @@ from pendulum_env.physics import has_transmission
 NO_GAIN = Gain(0.0, 0.0, 1.0)
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class FreeMotion:
     """Errors of simulated segments under models fitted to the motion; results are memoised.
 

@@ -32,10 +32,10 @@ def extend_model(state: SearchState) -> SearchState | None:
 def add_effect(state: SearchState) -> SearchState | None:
     """Add the effect, or another form of an effect, with the fewest parameters of those that tie with the best one.
 
-    The best `criterion.max_tried` proposals are tried. A link that comes before any other is added by `add_link`.
+    The best `criterion.search.max_tried` proposals are tried. A link that comes before any other is added by `add_link`.
     """
     evidence, confirmed = state.evidence, list[Terms]()
-    for longer in propose_additions(state)[: evidence.criterion.max_tried]:
+    for longer in propose_additions(state)[: evidence.criterion.search.max_tried]:
         if confirmed and not evidence.decide(longer, confirmed[0], TIE).passed:
             break
         if not (state.accepts(longer, ADD) and evidence.decide(longer, state.start, KEEP_BASE).passed):
@@ -87,7 +87,7 @@ def propose_pairs(state: SearchState) -> Iterator[tuple[Terms, Terms, Terms]]:
     evidence, terms = state.evidence, state.terms
     if not state.has_room(2) or state.is_noise or not evidence.train.layout.has_fast_fits:
         return
-    firsts = screen_effects(evidence, terms)[: evidence.criterion.beam]
+    firsts = screen_effects(evidence, terms)[: evidence.criterion.search.beam]
     for first in (model for model in firsts if not has_link(model)):
         elsewhere = [id for id, effect in evidence.library.items() if effect.at != first[-1].at]
         for pair in [model for model in screen_effects(evidence, first, elsewhere) if not has_link(model)][:1]:
@@ -100,7 +100,7 @@ def add_dry_friction(state: SearchState) -> SearchState | None:
     If it leaves a misfit to the motion, it must explain more than `criterion.needed_share`.
     """
     evidence, fits = state.evidence, state.evidence.fits
-    for longer in screen_dry_friction(evidence, state.terms)[: evidence.criterion.beam]:
+    for longer in screen_dry_friction(evidence, state.terms)[: evidence.criterion.search.beam]:
         is_misfit = evidence.motion.is_misfit(fits.refit_to_motion(fits.fit(longer)))
         if state.accepts(longer, NEED if is_misfit else ADD) and state.accepts(longer, CONFIRM):
             return state.with_terms(longer)
@@ -109,7 +109,7 @@ def add_dry_friction(state: SearchState) -> SearchState | None:
 
 def revise(state: SearchState) -> SearchState:
     """Drop and swap effects, and refit nonlinear parameters, until neither move changes the state."""
-    for _ in range(2 * state.evidence.criterion.max_effects):
+    for _ in range(2 * state.evidence.criterion.search.max_effects):
         revision = drop_effect(state) or swap_effect(state)
         if revision is None:
             break

@@ -50,7 +50,7 @@ def find_model_path(state: SearchState) -> list[Step]:
         shorter = min((remove_term(remaining, effect) for effect in effects), key=evidence.screening_score)
         order.insert(0, next(term for term in remaining if term not in shorter))
         remaining = shorter
-    has_few = len(order) <= evidence.criterion.max_ordered
+    has_few = len(order) <= evidence.criterion.search.max_ordered
     orders = list(permutations(order)) if has_few else [tuple(order)]
     step_of_terms: dict[Terms, Step] = {}
 

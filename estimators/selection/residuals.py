@@ -22,7 +22,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Table, Term
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class Residuals:
     """Residuals of models on training and held-out data; results are memoised.
 

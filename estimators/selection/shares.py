@@ -27,7 +27,7 @@ class Power(NamedTuple):
     correlated: float
 
 
-@dataclass
+@dataclass(eq=False, repr=False)
 class ExplainedShares:
     """Shares that a larger model explains; powers of residuals are memoised.
 

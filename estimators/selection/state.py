@@ -53,7 +53,7 @@ class SearchState:
 
     def has_room(self, count: int) -> bool:
         """Return whether the model may have some more effects."""
-        return len(self.effects) + count <= self.evidence.criterion.max_effects
+        return len(self.effects) + count <= self.evidence.criterion.search.max_effects
 
     def accepts(self, terms: Terms, policy: Policy[Hypothesis]) -> bool:
         """Return whether some terms may take the place of those of the state."""

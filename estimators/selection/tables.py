@@ -80,9 +80,9 @@ def add_beside_table(state: SearchState) -> SearchState:
     No effect is added if another table predicts significantly better, or another form of the same table ties with it.
     """
     evidence = state.evidence
-    while len(state.effects) <= evidence.criterion.max_effects and not state.is_noise:
+    while len(state.effects) <= evidence.criterion.search.max_effects and not state.is_noise:
         terms = state.terms
-        candidates = screen_effects(evidence, terms)[: evidence.criterion.max_tried]
+        candidates = screen_effects(evidence, terms)[: evidence.criterion.search.max_tried]
         longer = next((candidate for candidate in candidates if evidence.decide(candidate, terms, NEED).passed), None)
         if longer is None:
             break

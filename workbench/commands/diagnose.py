@@ -34,8 +34,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         type=options.convert_number(0.1, 60.0),
         default=Criterion().block,
-        help="length of the blocks of time by which models are scored (default %(default)g); residuals must be "
-        "correlated for less",
+        help="length of the blocks of time by which models are scored (default %(default)g); longer blocks suit "
+        "residuals that are correlated for longer",
     )
     parser.add_argument(
         "--horizon",
