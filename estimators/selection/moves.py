@@ -32,7 +32,7 @@ def extend_model(state: SearchState) -> SearchState | None:
 def add_effect(state: SearchState) -> SearchState | None:
     """Add the effect, or another form of an effect, with the fewest parameters of those that tie with the best one.
 
-    The best `criterion.search.max_tried` proposals are tried. A link that comes before any other is added by `add_link`.
+    The best `search.max_tried` proposals are tried. A link that comes before any other is added by `add_link`.
     """
     evidence, confirmed = state.evidence, list[Terms]()
     for longer in propose_additions(state)[: evidence.criterion.search.max_tried]:

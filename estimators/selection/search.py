@@ -88,7 +88,7 @@ def is_confirmed(state: SearchState) -> bool:
 def propose_starts(evidence: Evidence, state: SearchState) -> Iterator[SearchState]:
     """Yield states with another first effect, if the state leaves structure.
 
-    The best `criterion.search.beam` first effects are tried if they tie with the found ones and keep the base parameters.
+    The best `search.beam` first effects are tried if they tie with the found ones and keep the base parameters.
     `evidence` has no states of a link.
     """
     start, ids = state.start, list_ids(state.terms)
