@@ -17,6 +17,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.decision import NOTHING_TESTED, Decision
+from estimators.decisions.gate import Gate
 from estimators.decisions.score import BLOCK, Bootstrap
 from estimators.findings import Obstacle
 from estimators.online.binning import Bin, Binner, PlantBins
@@ -73,6 +75,7 @@ class OnlineDiagnosis:
         terms: terms of the running model.
         theta: its parameters by name.
         ranking: scores of effects, the most probable first.
+        decision: tests of the most probable effect.
         group: ids of the most probable effect and its competitors; empty unless an effect is missing.
         none: probability that no effect predicts better than the running model.
         motion: time of motion since the model began to run [s].
@@ -89,6 +92,7 @@ class OnlineDiagnosis:
     terms: tuple[Term, ...] = ()
     theta: Mapping[str, float] = field(default_factory=dict)
     ranking: tuple[RankingEntry, ...] = ()
+    decision: Decision = NOTHING_TESTED
     group: tuple[str, ...] = ()
     none: float = 1.0
     evidence: float = -np.inf
@@ -385,9 +389,13 @@ class EffectMonitor:
             ranking.append(RankingEntry(term.id, *numbers, residual, term, self._name_parameters((term,), theta)))
         ranking.sort(key=lambda entry: (-round(entry.probability, 3), -entry.gain))
         is_changing = bool(e_process.log_wealth[-1] >= ONLINE.limits.change_evidence)
-        is_missing = bool(ranking) and ranking[0].gain > 0 and self._has_missing_effect(is_changing)
+        decision = self._decide(ranking, is_changing)
+        is_missing, is_unexplained = bool(ranking) and decision.passed, False
         if is_missing:
+            ratio = ranking[0].residual / max(verdict.floor, 1e-300)
             is_unexplained = ranking[0].residual > criterion.misfit * verdict.floor
+            left = Gate("residual_over_noise", ratio, criterion.misfit, not is_unexplained)
+            decision = decision.join(Decision((left,)))
         else:  # a suspected change, which raises the error, is accepted or rejected within this time
             n_since_rise = ONLINE.bins.chunk * comparison.gains.n_since_rise
             n_bins = n_since_rise if is_changing else comparison.n_predicted
@@ -403,6 +411,7 @@ class EffectMonitor:
             verdict,
             kind="missing" if is_missing else "changed" if changed else "unexplained" if is_unexplained else "nothing",
             ranking=tuple(ranking),
+            decision=decision,
             group=tuple(dict.fromkeys(group)),
             none=no_effect,
             evidence=e_process.log_mean_wealth,
@@ -410,19 +419,22 @@ class EffectMonitor:
             since=None if change is None else change.since,
         )
 
-    def _has_missing_effect(self, is_changing: bool) -> bool:
-        """Return whether the evidence of effects reaches the threshold, or half of it after a change with an alarm.
+    def _decide(self, ranking: Sequence[RankingEntry], is_changing: bool) -> Decision:
+        """Decide on the most probable effect by its gain, and by the evidence of all effects.
 
-        While another change is suspected, the whole threshold applies, because effects imitate a change. A suspicion
-        since the first second of predictions does not count as another change.
+        The limit of the evidence is the threshold, or half of it after a change with an alarm. While another change is
+        suspected, the whole threshold applies, because effects imitate a change. A suspicion since the first second of
+        predictions does not count as another change.
         """
         gains, fit_bins = self._comparison.gains, self._comparison.fit_bins
         after_change = self._change is not None and self._change.since is not None
         after_change &= len(fit_bins.bins) < fit_bins.n_most
         n_before = self._comparison.n_predicted - ONLINE.bins.chunk * gains.n_since_rise
         after_change &= not (is_changing and n_before >= self._plant.count_bins(BLOCK))
-        share = ONLINE.limits.share_after_change if after_change else 1.0
-        return gains.effect_evidence >= share * self._blank.threshold
+        limit = (ONLINE.limits.share_after_change if after_change else 1.0) * self._blank.threshold
+        evidence = Gate("evidence", gains.effect_evidence, limit, gains.effect_evidence >= limit, "nat")
+        best = [Gate("gain", entry.gain, 0.0, entry.gain > 0, "nat", entry.error) for entry in ranking[:1]]
+        return Decision((*best, evidence))
 
     def _name_parameters(self, added: tuple[Term, ...], theta: Array) -> dict[str, float]:
         """Return parameters of the running model and of added terms by name."""

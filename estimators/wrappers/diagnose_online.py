@@ -50,7 +50,7 @@ class DiagnoseOnline(MeasurementWrapper):
         alarms_per_hour: float = 1.0,
         model: Model | str | Path | None = None,
         robot: str | None = None,
-        criterion: Criterion = Criterion(),
+        criterion: Criterion | None = None,
     ) -> None:
         """Wrap an environment with `time`, `position` and `torque` in `info`.
 
@@ -66,7 +66,7 @@ class DiagnoseOnline(MeasurementWrapper):
                 significantly from those of the model are reported as changed after five seconds of motion. `add`,
                 `undo` and an accepted change end this comparison until the next reset.
             robot: URDF or MJCF file of an arm; None reads it from the environment.
-            criterion: thresholds of the decisions, as of `diagnose`.
+            criterion: limits of the decisions, as of `diagnose`; `env.spec` of an environment cannot hold them.
 
         Raises:
             ValueError: if a name is unknown, a number is out of its range, a term of the model depends on the past,
@@ -74,7 +74,9 @@ class DiagnoseOnline(MeasurementWrapper):
                 wrong, or a file holds no model; while running, if samples are off the rate.
         """
         arguments: dict[str, Any] = {"terms": terms, "candidates": candidates, "rate": rate, "robot": robot}
-        arguments |= {"alarms_per_hour": alarms_per_hour, "model": model, "criterion": criterion}
+        arguments |= {"alarms_per_hour": alarms_per_hour, "model": model}
+        if criterion is not None:
+            arguments["criterion"] = criterion
         diagnoser = make_diagnoser(env, **arguments)
         super().__init__(env, diagnoser, **arguments)
         (self.diagnoser,) = diagnoser.each

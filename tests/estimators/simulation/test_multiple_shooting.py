@@ -95,9 +95,8 @@ def elastic() -> SearchResult:
     shape = {name.split(".")[1]: value for name, value in SWINGING.items() if "." in name}
     terms = (*BASE, effect("joint_flexibility")(**shape))
     linear = [value for name, value in SWINGING.items() if "." not in name]
-    evidence = evidence.with_link(
-        evidence.fits.make_step(Model.build(terms, np.array(linear)), added="joint_flexibility")
-    )
+    linked = evidence.fits.make_step(Model.build(terms, np.array(linear)), added="joint_flexibility")
+    evidence = evidence.with_fits(evidence.fits.with_link(linked))
     return SearchResult(
         evidence, [evidence.fits.fit_with_std(BASE), evidence.fits.fit_with_std(terms, added="joint_flexibility")]
     )
