@@ -18,7 +18,7 @@ class ChannelSettings:
 
     @property
     def candidates(self) -> float:
-        """Number of delays of a first search, the best of which gains its logarithm by chance [nat]."""
+        """Number of delays of a first search; the best one gains the logarithm of this number by chance [nat]."""
         return 2 * REACH * self.starts
 
 

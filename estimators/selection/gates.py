@@ -136,7 +136,7 @@ def require_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """
     evidence, terms, criterion = after.evidence, (after.terms, before.terms), after.evidence.criterion
     if not has_link(after.terms) and evidence.gain(*terms).p_value <= criterion.p_value:
-        train = evidence.fits.train
+        train = evidence.train
         fit = train.equations(after.terms).fit(train.layout.clusters)
         chance = compute_coefficient_chance(after.terms, fit, list_ids(before.terms))
         if chance > criterion.p_value and adds_dry_friction(*terms):
@@ -170,7 +170,7 @@ def require_base(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the base parameters that a larger model of a pendulum keeps, see `compare_base`."""
     evidence = after.evidence
     larger, smaller = (evidence.fits.fit_model_with_std(each.terms) for each in (after, before))
-    yield from compare_base(larger, smaller, evidence.fits.train.motions, evidence.criterion.kept_inertia)
+    yield from compare_base(larger, smaller, evidence.train.motions, evidence.criterion.kept_inertia)
 
 
 def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], least_inertia: float) -> list[Gate]:
@@ -222,7 +222,7 @@ def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
     evidence, criterion = after.evidence, after.evidence.criterion
 
     def compare(new: Step, old: Step) -> list[Gate]:
-        terms, motions = (new.model.terms, old.model.terms), evidence.fits.train.motions
+        terms, motions = (new.model.terms, old.model.terms), evidence.train.motions
         is_hidden = evidence.gain(*terms).p_value > criterion.p_value and evidence.may_act_at_rest(*terms)
         margin = criterion.error_margin if is_hidden else 0.0
         gates = compare_errors(new, old, motions, margin)
@@ -231,9 +231,10 @@ def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
             gates = compare_errors(new, old, motions, margin)
         return gates
 
-    gates = compare(after.step, before.step)
+    steps = after.step, before.step  # fitted and simulated at each access
+    gates = compare(*steps)
     if after.fitted is None and before.fitted is None and not all(gate.passed for gate in gates):
-        gates = compare(*map(evidence.fits.refit_to_motion, (after.step, before.step)))
+        gates = compare(*map(evidence.fits.refit_to_motion, steps))
     yield from gates
 
 
@@ -272,7 +273,7 @@ def require_better_form(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]
     """
     evidence, terms = after.evidence, (after.terms, before.terms)
     ids = {id for id, *_ in list_forms(after.terms) ^ list_forms(before.terms)}
-    is_form = list_ids(after.terms) == list_ids(before.terms) and evidence.fits.train.layout.predicts_torque
+    is_form = list_ids(after.terms) == list_ids(before.terms) and evidence.train.layout.predicts_torque
     n_changed = len(ids) if is_form else 0
     yield Gate("changed_forms", n_changed, 1, n_changed == 1)
     if n_changed == 1:
@@ -318,7 +319,7 @@ def require_excitation(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     of s / (u sqrt(N)).
     """
     *others, term = after.terms
-    evidence, train = after.evidence, after.evidence.fits.train
+    evidence, train = after.evidence, after.evidence.train
     rows, least = train.locate_rows(term.at), evidence.criterion.least_excitation
     residual, recorded = train.residual(tuple(others))[rows], train.equations(others).y[rows]
     if not recorded.any():  # a free swing
