@@ -7,7 +7,6 @@ import numpy as np
 from estimators.checks.settings import CHECKS
 from estimators.checks.signs import compute_significant_sign, find_driving_friction, is_significantly_negative
 from estimators.decisions.criterion import Criterion
-from estimators.decisions.score import BLOCK
 from estimators.findings import Finding, Kind, Quantity, Remedy
 from estimators.regression.least_squares import Equations, IdentificationError, solve
 from estimators.weak_form.preparation import prepare_windows
@@ -104,7 +103,7 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording], criter
     equations = data.equations([term for term in model.terms if term.id in base])
     averages = data.window_columns.averages
     phi = np.column_stack([equations.phi, averages.column(LOAD_TORQUE, averages.samples)])
-    fit = solve(Equations(phi, equations.y), data.weights, data.blocks(BLOCK)[0])
+    fit = solve(Equations(phi, equations.y), data.weights, data.blocks(criterion.block)[0])
     excess = -1.0 - float(fit.theta[-1])  # l^2 / (l^2 + s^2) if the sensor has the opposite sign
     least = max(criterion.columns.turned_share, criterion.z_score * float(fit.std[-1]))
     return fit.condition < CHECKS.dependent and excess > least

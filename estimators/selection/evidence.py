@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -204,7 +205,7 @@ class Hypothesis:
         """Return the hypothesis of some terms or of a step."""
         return cls(evidence, model.model.terms, model) if isinstance(model, Step) else cls(evidence, model)
 
-    @property
+    @cached_property
     def step(self) -> Step:
         """Parameters and errors of the model."""
         return self.fitted or self.evidence.fits.fit(self.terms)

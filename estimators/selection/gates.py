@@ -231,7 +231,7 @@ def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
             gates = compare_errors(new, old, motions, margin)
         return gates
 
-    steps = after.step, before.step  # fitted and simulated at each access
+    steps = after.step, before.step
     gates = compare(*steps)
     if after.fitted is None and before.fitted is None and not all(gate.passed for gate in gates):
         gates = compare(*map(evidence.fits.refit_to_motion, steps))
