@@ -14,7 +14,7 @@ from pendulum_env.lookup import find
 from pendulum_env.settings import use_writer
 from pendulum_env.units import show_angles
 from workbench.errors import USER_ERRORS, InputError, format_mistake, write_option
-from workbench.terminal import Terminal, abandon
+from workbench.terminal import STANDARD_OUTPUT, Terminal, abandon
 
 SUCCESS, BAD_INPUT, INTERRUPTED = 0, 2, 130
 PROGRAM = "pendulum-ident"
@@ -139,7 +139,8 @@ def _run(argv: Sequence[str]) -> None:
             return
         raise
     with show_angles("deg" if getattr(arguments, "degrees", False) else "rad"):
-        arguments.run(arguments, Terminal())
+        has_output = getattr(arguments, "json", None) != STANDARD_OUTPUT  # standard output has the JSON alone
+        arguments.run(arguments, Terminal(has_output=has_output))
 
 
 def _find_effect_fault(error: BaseException) -> Exception | None:

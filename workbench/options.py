@@ -17,6 +17,7 @@ from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import UNIT_NAMES
 from pendulum_env.servo import KEYS, TEXT_KEYS, ServoDrive
 from workbench.errors import InputError
+from workbench.terminal import parse_json_output
 
 T = TypeVar("T")
 COUPLING = "coupling"  # effect between two joints
@@ -26,6 +27,13 @@ KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 DRIVE = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
 OF_ARMS = ("rotors", "joints", "no_gravity")  # options that need --robot
 OF_PENDULUMS = ("drive", "theta", "fixed", "bounds")  # options that exclude --robot
+
+
+def add_json(parser: argparse.ArgumentParser, help: str) -> None:
+    """Add the option for a JSON file."""
+    parser.add_argument(
+        "--json", metavar="FILE", type=parse_json_output, help=f"{help}; - for standard output, texts go to stderr"
+    )
 
 
 class MergeAction(argparse.Action):

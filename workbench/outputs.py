@@ -1,6 +1,7 @@
 """Files that a command writes."""
 
 import os
+import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -13,17 +14,18 @@ from pendulum_env.formatting import format_estimate, join_words
 from pendulum_env.physics import Model
 from workbench.errors import InputError
 from workbench.narrator.findings import advise_inertia, describe
-from workbench.terminal import Terminal
+from workbench.terminal import STANDARD_OUTPUT, Terminal
 
 
 def check_outputs(outputs: Sequence[str | None], inputs: Sequence[str] = ()) -> None:
     """Check output paths before the work begins.
 
     Raises InputError if an output is `-`, is named twice, or is an input, and OSError if it cannot be written.
+    `STANDARD_OUTPUT` is not checked.
     """
     if "-" in outputs:
         raise InputError("results are written to files: give a name such as result.json instead of '-'")
-    paths = [check_output(path) for path in outputs if path is not None]
+    paths = [check_output(path) for path in outputs if path is not None and path != STANDARD_OUTPUT]
     resolved = [os.path.realpath(path) for path in paths]  # Path.resolve fails on cyclic links
     for path, place in zip(paths, resolved, strict=True):
         if place in map(os.path.realpath, inputs):
@@ -51,8 +53,10 @@ def write_model(model: Model, path: str | None, findings: Sequence[Finding] = ()
 
 
 def write_json(path: str | None, content: JSON) -> None:
-    """Write data as JSON, if a path is given."""
-    if path is not None:
+    """Write data as JSON, if a path is given, or to standard output."""
+    if path == STANDARD_OUTPUT:
+        print(format_json(content).rstrip("\n"), file=sys.stdout)
+    elif path is not None:
         write_whole(path, format_json(content))
 
 
@@ -67,6 +71,6 @@ def write_page(path: str | None, terminal: Terminal, page: str, *results: Any) -
 
 def report_files(paths: Sequence[str | Path | None], terminal: Terminal) -> None:
     """Print the names of the files that were written."""
-    names = [str(path) for path in paths if path is not None]
+    names = [str(path) for path in paths if path not in (None, STANDARD_OUTPUT)]
     if names:
         terminal.print(f"\nwrote {join_words(names)}")

@@ -14,17 +14,23 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 PLAIN_WIDTH = 1000  # line width in a pipe [characters], so long that lines are not wrapped
+STANDARD_OUTPUT = "<standard output>"  # in the place of a path
+
+
+def parse_json_output(text: str) -> str:
+    """Return the path of a JSON file, or `STANDARD_OUTPUT` for `-` and its device."""
+    return STANDARD_OUTPUT if text in ("-", "/dev/stdout") else text
 
 
 class Terminal:
     """Standard output and standard error of one command."""
 
-    def __init__(self, *, quiet: bool = False) -> None:
-        """Open both streams; `quiet` suppresses all output."""
+    def __init__(self, *, quiet: bool = False, has_output: bool = True) -> None:
+        """Open both streams; `quiet` suppresses all output, without `has_output` results go to standard error."""
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):
                 stream.reconfigure(errors="replace")  # an unencodable character must not raise
-        self._out = _make_console(stderr=False, quiet=quiet)
+        self._out = _make_console(stderr=not has_output, quiet=quiet)
         self._err = _make_console(stderr=True, quiet=quiet)
 
     def print_heading(self, text: str) -> None:

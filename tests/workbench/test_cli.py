@@ -111,6 +111,24 @@ def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, run_comman
     assert "The model is off by" in told and "base model" not in told and "Where it fails" in told
 
 
+@pytest.mark.parametrize(
+    "line", ["identify train.csv", "compare base.json holdout.csv", "compare base.json --report c.html holdout.csv"]
+)
+def test_json_alone_goes_to_standard_output(runs, line, capsys):
+    """The same as in a file; a pipe reads one JSON document, and a person the texts on standard error."""
+    assert main([*line.split(), "--json", "there.json"]) == 0
+    printed = capsys.readouterr().out
+    for output in ("-", "/dev/stdout"):
+        assert main([*line.split(), "--json", output]) == 0
+        out = capsys.readouterr()
+        assert json.loads(out.out) == held("there.json")
+        assert (
+            out.err.strip()
+            == printed.replace("wrote there.json and ", "wrote ").replace("wrote there.json", "").strip()
+        )
+    assert not Path("-").exists()
+
+
 def test_diagnose_finds_the_hidden_effect_and_writes_everything(runs, few_effects, monkeypatch, run_command):
     made = []  # once for both ways to tell it
     monkeypatch.setattr(

@@ -42,7 +42,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="with --payload: a recording without the load (may be repeated), to which the model is refitted",
     )
-    parser.add_argument("--json", metavar="FILE", help="write errors, profiles and regions")
+    options.add_json(parser, "write errors, profiles and regions")
     options.add_robot(parser, arms=["payload", "without"], pendulums=["horizon"])
 
 

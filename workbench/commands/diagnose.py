@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     options.declare(parser, "--degrees")
     options.add_verbose(parser)
-    parser.add_argument("--json", metavar="FILE", help="write the diagnosis")
+    options.add_json(parser, "write the diagnosis")
     options.declare(parser, "--report")
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the final model")
     group = parser.add_argument_group("the next experiment")

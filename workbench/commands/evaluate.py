@@ -40,7 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     options.declare(parser, "--seed", help="of plants, noise and signals (default 0)")
     options.declare(parser, "--effect", "--workers")
-    parser.add_argument("--json", metavar="FILE", help="write all figures there")
+    options.add_json(parser, "write all figures there")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -29,7 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=SCHEMES,
         help=f"{', '.join(item.id for item in SCHEMES)}; all (default), or paper: all six, set up as in the paper",
     )
-    parser.add_argument("--json", metavar="FILE", help="write estimates, warnings and how the estimates converge")
+    options.add_json(parser, "write estimates, warnings and how the estimates converge")
     parser.add_argument(
         "-o",
         "--output",
