@@ -43,7 +43,7 @@ ANGLE_LAWS = [Cogging(float(order)) for order in range(1, 49)]  # waves of the a
 
 
 def make_channel_rows(
-    recordings: Sequence[Recording], terms: Sequence[Term], latest: float, limits: ColumnLimits
+    recordings: Sequence[Recording], terms: Sequence[Term], latest: float, criterion: Criterion
 ) -> tuple[TorqueRows, Array, LawsOfRows]:
     """Make the rows of recordings, clear of the ends of segments under every delay up to `latest` [s].
 
@@ -51,7 +51,7 @@ def make_channel_rows(
         recordings: with known torque.
         terms: effects of the joint; for an arm all terms of the model, the links first. Fixed columns are left out.
         latest: largest delay [s].
-        limits: limits of driven and braked motion.
+        criterion: length of a block, and limits of driven and braked motion.
 
     Returns:
         Rows, columns of motion alone (R, P), and columns of `terms` that depend on the torque.
@@ -61,10 +61,11 @@ def make_channel_rows(
     """
     body, margin = find_body(terms), latest + 2.0 / min(recording.rate for recording in recordings)
     if body.can_simulate:
-        data = prepare_windows(recordings, margin=margin)
+        data = prepare_windows(recordings, margin=margin, block=criterion.block)
     else:
         data = prepare_arm(recordings, terms[:1], margin)
-        data = replace(data, weights=TorqueRows(data).fits.weights(arm_base(body)))
+        weights = TorqueRows(data).fits.weights(arm_base(body))
+        data = replace(data, weights=weights, block=criterion.block)
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
     parts = [(rows, part.columns([law])[0][0]) for rows, part in joints for law in _make_smooth_laws(part)]
     of_torque = list[tuple[slice, Column]]()
@@ -74,7 +75,7 @@ def make_channel_rows(
             of_torque += [(rows, column) for column in term.columns]
         else:
             parts.append((rows, data.columns([term])[0][0]))
-    for friction in (OWN_FRICTION, *list_load_friction(data, limits)) if body.can_simulate else ():
+    for friction in (OWN_FRICTION, *list_load_friction(data, criterion.columns)) if body.can_simulate else ():
         averages = data.window_columns.averages
         parts.append((slice(None), averages.column(friction, averages.samples)[:, None]))
     return TorqueRows(data), place_columns(len(data.weights), parts), of_torque
@@ -135,7 +136,7 @@ class ChannelRows:
         criterion: Criterion = Criterion(),
     ) -> Self | None:
         """Prepare rows of recordings, see `make_channel_rows`; None if there are too few windows."""
-        rows, phi, of_torque = make_channel_rows(recordings, terms, latest, criterion.columns)
+        rows, phi, of_torque = make_channel_rows(recordings, terms, latest, criterion)
         if len(phi) < CHANNEL.min_equations * phi.shape[1]:
             return None
         fits = cls(rows, phi * rows.data.weights[:, None], latest=latest, criterion=criterion)

@@ -19,7 +19,7 @@ import numpy as np
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.gate import Gate
-from estimators.decisions.score import BLOCK, Bootstrap
+from estimators.decisions.score import Bootstrap
 from estimators.findings import Obstacle
 from estimators.online.binning import Bin, Binner, PlantBins
 from estimators.online.change import ParameterChange, ParameterFit, find_change, fit_rows
@@ -225,7 +225,7 @@ class EffectMonitor:
         self._begin_comparison()
         self._recent: deque[Bin] = deque(maxlen=2 * self._comparison.fit_bins.n_most)
         if self._given is not None:
-            self._change = self._make_change(self._given, ONLINE.limits.time)
+            self._change = self._make_change(self._given, ONLINE.limits.blocks * self._criterion.block)
 
     def _begin_comparison(self, bins: Sequence[Bin] = ()) -> None:
         """Begin a comparison of models with kept bins; the comparison with given parameters ends."""
@@ -237,7 +237,7 @@ class EffectMonitor:
     ) -> ModelComparison:
         """Create a comparison of the running model with the effects that it lacks."""
         library = {id: effect for id, effect in self._library.items() if id not in self._added}
-        return ModelComparison(self.terms, library, self._plant, bins, reference)
+        return ModelComparison(self.terms, library, self._plant, bins, reference, block=self._criterion.block)
 
     def _make_change(self, before: ParameterFit, seconds: float, since: float | None = None) -> ParameterChange:
         """Create the change from former parameters; it is reported after a time of motion [s]."""
@@ -323,7 +323,7 @@ class EffectMonitor:
         """
         recent, chunk = list(self._recent), ONLINE.bins.chunk
         n_since_rise, n_calibration = chunk * self._comparison.gains.n_since_rise, self._comparison.fit_bins.n_needed
-        needed = n_calibration + self._plant.count_bins(BLOCK)
+        needed = n_calibration + self._plant.count_bins(self._criterion.block)
         if n_since_rise < needed:
             return None
         last = len(recent) - needed
@@ -399,7 +399,7 @@ class EffectMonitor:
         else:  # a suspected change, which raises the error, is accepted or rejected within this time
             n_since_rise = ONLINE.bins.chunk * comparison.gains.n_since_rise
             n_bins = n_since_rise if is_changing else comparison.n_predicted
-            is_unexplained = n_bins >= self._plant.count_bins(ONLINE.limits.time)
+            is_unexplained = n_bins >= self._plant.count_bins(ONLINE.limits.blocks * criterion.block)
             is_unexplained &= verdict.error > criterion.misfit * verdict.floor
         is_missing &= not is_unexplained
         group = [ranking[0].effect] if is_missing else []
@@ -430,7 +430,7 @@ class EffectMonitor:
         after_change = self._change is not None and self._change.since is not None
         after_change &= len(fit_bins.bins) < fit_bins.n_most
         n_before = self._comparison.n_predicted - ONLINE.bins.chunk * gains.n_since_rise
-        after_change &= not (is_changing and n_before >= self._plant.count_bins(BLOCK))
+        after_change &= not (is_changing and n_before >= self._plant.count_bins(self._criterion.block))
         limit = (ONLINE.limits.share_after_change if after_change else 1.0) * self._blank.threshold
         evidence = Gate("evidence", gains.effect_evidence, limit, gains.effect_evidence >= limit, "nat")
         best = [Gate("gain", entry.gain, 0.0, entry.gain > 0, "nat", entry.error) for entry in ranking[:1]]

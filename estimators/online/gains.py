@@ -7,7 +7,6 @@ from copy import deepcopy
 
 import numpy as np
 
-from estimators.decisions.score import BLOCK
 from estimators.online.evidence import EProcess, ReferenceDistribution
 from estimators.online.settings import ONLINE
 from pendulum_env._typing import Array
@@ -25,9 +24,11 @@ class Gains:
         n_since_rise: number of chunks since the evidence of a change began to rise.
     """
 
-    def __init__(self, competitors: int, chunk_time: float, reference: ReferenceDistribution | None = None) -> None:
-        """Begin with chunks of some duration [s]; the gains have their own copy of a known reference."""
-        self.chunks_per_block = max(1, round(BLOCK / chunk_time))
+    def __init__(
+        self, competitors: int, chunk_time: float, block: float, reference: ReferenceDistribution | None = None
+    ) -> None:
+        """Begin with chunks and blocks of some duration [s]; the gains have their own copy of a known reference."""
+        self.chunks_per_block = max(1, round(block / chunk_time))
         self.chunks: deque[Array] = deque(maxlen=ONLINE.models.blocks * self.chunks_per_block)
         self.e_process, self.reference = EProcess(competitors), deepcopy(reference) or ReferenceDistribution()
         self.n_chunks = self.n_since_rise = 0

@@ -41,13 +41,16 @@ class ModelComparison:
         plant: PlantBins,
         bins: Sequence[Bin] = (),
         reference: ReferenceDistribution | None = None,
+        *,
+        block: float,
     ) -> None:
         """Begin a comparison of terms with effects of a library; all models are fitted to the kept bins.
 
-        The reference is the distribution of the gain of forgetting, if it is known.
+        The reference is the distribution of the gain of forgetting, if it is known. Gains are summed over a
+        `block` [s].
         """
         self.terms, self._library, self._plant, self._reference = tuple(terms), library, plant, reference
-        self.fit_bins = FitBins(plant, bins)
+        self.fit_bins, self._block = FitBins(plant, bins), block
         self._models: CompetingModels | None = None
         self._waiting_bins: list[Bin] = []  # not yet predicted
         self._chunk_density: Array | float = 0.0  # log predictive densities in the chunk to come (F,)
@@ -140,7 +143,7 @@ class ModelComparison:
             if id not in variants
         }
         self._n_fitted, chunk_time = len(self.fit_bins.bins), ONLINE.bins.chunk * self._plant.length
-        self.gains = Gains(len(variants) + 1, chunk_time, self._reference)
+        self.gains = Gains(len(variants) + 1, chunk_time, self._block, self._reference)
         memories = [seconds / self._plant.length for seconds in ONLINE.models.memories]
         self._models = CompetingModels(self.terms, bins, [thin_variants(grid) for grid in variants.values()], memories)
 

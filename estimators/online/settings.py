@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-from estimators.decisions.score import BLOCK
-
 
 @dataclass(frozen=True)
 class StreamSettings:
@@ -103,11 +101,6 @@ class OnlineLimits:
     share_after_change: float = 0.5  # share of the threshold that an effect must reach after a change
     blocks: int = 5  # before parameters are compared with given ones, an error is unexplained, or blocks are compared
     report_time: float = 2.0  # [s] of motion between a change and its report
-
-    @property
-    def time(self) -> float:
-        """Time of motion in these blocks [s]."""
-        return self.blocks * BLOCK
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
+from estimators.checks.channel import align
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.score import FOLDS
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.setting import Setting
+from estimators.online.gains import Gains
 from estimators.regression.fold_fits import solve_without
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE, Term
@@ -59,3 +61,19 @@ def test_folds_and_score_have_the_same_blocks_of_the_given_length(name, block):
     assert FOLDS > 1 and 0 < kept.sum() < len(rows.y)
     fits = evidence.train.maker.fit_folds(tuple(setting.base))
     assert np.allclose(fits.theta_without_fold, solve_without(rows, scored.fold, FOLDS), rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["pendulum", "arm"])
+def test_laws_of_the_torque_channel_are_compared_by_the_same_blocks(name):
+    run, base = CASES[name]()
+    counts = [align([run], base, Criterion(block=block)).density.shape[1] for block in (1.0, 2.0)]
+    assert counts[0] == pytest.approx(run.duration, abs=1.0) and counts[1] == pytest.approx(counts[0] / 2, abs=1.0)
+
+
+def test_online_gains_are_summed_over_the_same_blocks():
+    gains = Gains(2, chunk_time=0.2, block=3.0)
+    ends = []
+    for k in range(1, 31):
+        gains.take(np.zeros(3))
+        ends += [k] if gains.has_block_ended else []
+    assert ends == [15, 30]
