@@ -1,6 +1,6 @@
 """Refits of models of servos with shorter steps of the integrator."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +9,6 @@ from estimators.data.fits import fit_terms
 from estimators.data.model_errors import compute_errors
 from estimators.data.regression_data import RegressionData
 from estimators.data.standard_errors import widen_by_constant
-from estimators.decisions.decision import Decision
 from estimators.decisions.errors import Step, Terms
 from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Trial
@@ -17,9 +16,10 @@ from estimators.findings import Finding
 from estimators.in_loop.profile import LikelihoodProfile, widen_by_profile
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.memoize import memoized
-from estimators.selection.evidence import Evidence
+from estimators.selection.evidence import Evidence, Hypothesis
 from estimators.selection.fits import Fits
-from estimators.selection.policies import SWAP
+from estimators.selection.gates import require_gain_in_torque
+from estimators.selection.policies import Rule
 from estimators.selection.search import SearchResult
 from estimators.weak_form.point import Point
 from pendulum_env.physics import SIGNIFICANT, Model, Term, list_ids
@@ -30,13 +30,29 @@ def refit(result: SearchResult, start: Model | None = None) -> SearchResult:
     return replace(result, steps=[refit_step(result.evidence, step) for step in result.steps])
 
 
+def require_share_in_loop(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the share of the squared error in the loop that `after` explains, in fitted and in held-out data.
+
+    The share is at least `needed`; for a link `dominant` if the residual is not noise.
+    """
+    evidence, limits, ids = after.evidence, after.evidence.criterion.loop, list_ids(before.terms)
+    adds_link = any(term.link for term in after.terms if term.id not in ids)
+    least = limits.dominant if adds_link and not evidence.residuals.is_noise(after.terms) else limits.needed
+    models = [evidence.fits.fit_model(each.terms) for each in (after, before)]
+    errors = [[compute_errors(part, model).loop[0] for model in models] for part in evidence.fits.parts]
+    share = min(1.0 - (new / old) ** 2 for new, old in errors)
+    yield Gate("explained_share", share, least, share > least)
+
+
+NEED_IN_LOOP = Rule("need in loop", (require_share_in_loop, require_gain_in_torque))
+
+
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """Refit all steps with shorter steps of the integrator, and drop effects that are then not needed.
 
     An effect is needed if it predicts better and its size differs from zero by more than 3 standard errors. Prediction
     alone is not sufficient: a servo that sticks a little earlier or later changes seconds of the motion. An effect must
-    also explain the share `needed` of the squared error without it, in fitted and held-out data. For a
-    link, the share is `dominant` if the residual is not noise.
+    also explain a share of the squared error, see `require_share_in_loop`.
     """
     result = refit(trial.result)
     last = result.steps[-1]
@@ -49,19 +65,11 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     def without(*left_out: str | None) -> Terms:
         return tuple(term for term in terms if term.id not in left_out)
 
-    def decide_need(id: str | None) -> Decision:
-        is_link = any(term.link for term in terms if term.id == id)
-        limits = evidence.criterion.loop
-        least = limits.dominant if is_link and not evidence.residuals.is_noise(terms) else limits.needed
-        models = [evidence.fits.fit_model(model_terms) for model_terms in (terms, without(id))]
-        errors = [[compute_errors(make_data(part), model).loop[0] for model in models] for part in (train, held_out)]
-        share = min(1.0 - (after / before) ** 2 for after, before in errors)
-        explained = Decision((Gate("explained_share", share, least, share > least),))
-        return explained.join(evidence.decide(terms, without(id), SWAP)) if explained.passed else explained
-
     def find_idle() -> list[str | None]:
         without_size = {term.id for term in last.model.terms if term.columns and not has_size(last.model, term)}
-        return [id for id in effects if id in without_size or not decide_need(id).passed]
+        return [
+            id for id in effects if id in without_size or not evidence.decide(terms, without(id), NEED_IN_LOOP).passed
+        ]
 
     while idle := find_idle():
         effects.remove(idle[-1])

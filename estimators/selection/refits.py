@@ -1,11 +1,12 @@
 """Refits of the final model to simulated motion, which, unlike windows, includes stick and reversals."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from estimators.data.fits import find_term_edges
-from estimators.decisions.decision import Decision
+from estimators.decisions.decision import Policy, decide
 from estimators.decisions.errors import Step
 from estimators.decisions.gate import Gate
 from estimators.selection.evidence import Evidence
@@ -19,6 +20,7 @@ from pendulum_env.physics.terms import has_bristles
 
 SEGMENT = 0.5  # length of a segment [s], short enough to linearise the growth of errors
 FEWEST = 2  # least number of segments per parameter
+Innovated = tuple[Step, float]  # step, and RMS of its held-out innovations
 
 
 def refit_if_misfit(result: SearchResult) -> SearchResult:
@@ -80,10 +82,7 @@ def _has_edges(evidence: Evidence, model: Model) -> bool:
 
 
 def _refit_by_likelihood(evidence: Evidence, last: Step) -> Step:
-    """Return the step by maximum likelihood, or `last`: with larger innovations or errors, or few segments.
-
-    Held-out innovations must not grow, and standard errors must be smaller on average.
-    """
+    """Return the step by maximum likelihood, or `last`: with few segments, or by `REFIT_BY_LIKELIHOOD`."""
     start = Point.from_model(last.model)
     segments, holdout_segments = (
         [choose_segments(w, SEGMENT) for w in part.data.windows] for part in evidence.fits.parts
@@ -96,9 +95,22 @@ def _refit_by_likelihood(evidence: Evidence, last: Step) -> Step:
         output_error.compute_rms(holdout_segments, point, filters=filters)
         for point in (start, Point.from_model(refitted.model))
     )
-    ratio = _compute_std_ratio(refitted, last)
-    gates = Gate("innovations", new_rms, old_rms, new_rms <= old_rms), Gate("standard_errors", ratio, 1, ratio < 1)
-    return refitted if Decision(gates).passed else last
+    better = decide((refitted, new_rms), (last, old_rms), REFIT_BY_LIKELIHOOD).passed
+    return refitted if better else last
+
+
+def require_innovations(after: Innovated, before: Innovated) -> Iterator[Gate]:
+    """Test that held-out innovations do not grow."""
+    yield Gate("innovations", after[1], before[1], after[1] <= before[1])
+
+
+def require_smaller_std(after: Innovated, before: Innovated) -> Iterator[Gate]:
+    """Test that standard errors are smaller on average."""
+    ratio = _compute_std_ratio(after[0], before[0])
+    yield Gate("standard_errors", ratio, 1, ratio < 1)
+
+
+REFIT_BY_LIKELIHOOD = Policy("refit by likelihood", (require_innovations, require_smaller_std))
 
 
 def _compute_std_ratio(step: Step, reference: Step) -> float:
