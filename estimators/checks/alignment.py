@@ -121,6 +121,10 @@ class Alignment:
         std = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
         return bool(abs(difference) <= self.z_score * std)
 
+    def select_channel(self, period: float) -> Channel:
+        """Return the law of a recording with a sample time `period` [s]."""
+        return replace(self.channel, delay=0.5 * period) if self.is_half_sample else self.channel
+
     def apply(self, recording: Recording) -> Recording:
         """Correct the torque of a recording that was logged late or filtered; return other recordings unchanged.
 
@@ -129,7 +133,7 @@ class Alignment:
         if not self.is_late:
             return recording
         period = 1.0 / recording.rate
-        channel = replace(self.channel, delay=0.5 * period) if self.is_half_sample else self.channel
+        channel = self.select_channel(period)
         margin = 2 * self.channel.is_sampled  # samples without neighbours for a cubic
         first = max(margin, int(self.lag > 0))
         n_omitted = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + margin

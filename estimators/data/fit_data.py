@@ -15,7 +15,7 @@ from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate, make_constant_finding
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import CutSettings, Parts, add_contacts, split_arm
-from estimators.data.timing import Timing
+from estimators.data.timing import Timing, move_torque
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind
 from estimators.free_swings import find_known_values
@@ -130,6 +130,15 @@ class FitData:
         treatments = (*earlier, Finding(Kind.TIMED_AS_LOGGED))
         changes: dict[str, Any] = {"recordings": logged[:count], "holdout": logged[count:]}
         return replace(self, **changes, timing=Timing(), treatments=treatments)
+
+    def move_logged_torque(self, timing: Timing) -> Self:
+        """Return these data, with torque as logged, with the same windows and torque corrected by a timing."""
+        if not timing.has_moved:
+            return self
+        count = len(self.recordings)
+        laws = timing.alignments[:count], timing.alignments[count:] or timing.alignments
+        train, holdout = map(move_torque, self.parts, laws)
+        return replace(self).with_parts((train, holdout))
 
     def without_outliers(self, outliers: Sequence[Disagreement]) -> FitData:
         """Return the data without the fitted recordings of some disagreements, and with `whole` set to these data.

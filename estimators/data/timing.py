@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from estimators.checks.alignment import Alignment
+from estimators.data.regression_data import RegressionData
 from estimators.findings import Finding, Kind
+from estimators.weak_form.windows import Windows, average_held_torque
 from pendulum_env.recording import Recording
 
 
@@ -75,3 +78,20 @@ class Timing:
             return tuple(findings)
         pairs = zip(findings, names, strict=True)
         return tuple(replace(finding, recordings=tuple(own_names)) for finding, own_names in pairs)
+
+
+def move_torque(data: RegressionData, alignments: Sequence[Alignment]) -> RegressionData:
+    """Return data with the same windows and torque corrected by the alignment of each recording."""
+    windows = data.data.windows
+    laws = tuple(alignments) * (len(windows) // len(alignments))  # of each joint
+    moved = tuple(_move_torque_of_windows(w, law) if law.is_late else w for w, law in zip(windows, laws, strict=True))
+    return replace(data, data=replace(data.data, windows=moved))
+
+
+def _move_torque_of_windows(w: Windows, law: Alignment) -> Windows:
+    """Return the windows of a recording with torque corrected by an alignment; the ends of segments repeat."""
+    period, starts = 1.0 / w.recording.rate, (*w.recording.starts, len(w.recording))
+    channel = law.select_channel(period)
+    segments = [channel.hold_torque(w.recording.torque[begin:end], period) for begin, end in pairwise(starts)]
+    torque = np.concatenate(segments)
+    return w.with_torque(torque, average_held_torque(torque))

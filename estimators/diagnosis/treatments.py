@@ -1,14 +1,12 @@
 """Candidate treatments of the recordings: functions from a trial to treated data, and the decision on each."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 
 from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
-from estimators.decisions.decision import Decision, Policy, decide
-from estimators.decisions.errors import compute_held_out_cost
+from estimators.decisions.decision import Decision, decide
 from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
@@ -24,7 +22,7 @@ from pendulum_env.recording.channel import NEWTON_METRE
 
 GOALS = {Kind.GOALS_HELD, Kind.GOALS_RUN_ON}
 INPUTS = {Kind.PAYLOAD, *GOALS}  # treatments of payloads or goals, with the same rows
-TIMES = {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED}  # treatments of the time of the torque, with other windows
+TIMES = {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED}  # treatments of the time of the torque
 PURPOSES = {Kind.IMPACTS_INCLUDED: ADD_STOP, Kind.NARROWER_WINDOWS: FOLLOW}  # windows in contact, and near reversals
 
 
@@ -48,18 +46,12 @@ def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial
 def decide_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     """Decide whether a treated trial takes the place of the best trial so far.
 
-    Its model must predict significantly better, or equally well by no more assumptions. Both models are compared on the
-    treated data, unless the treatment changes payloads or goals: then each has its own data, with the same rows. Torque
-    that is moved in time has other windows, so that densities are not comparable: held-out errors decide, see
-    `MOVE_TIME`. A treatment with a purpose must serve it, see `PURPOSES`.
+    Its model must predict significantly better, or equally well by no more assumptions; see `_make_hypotheses` for the
+    data. A treatment with a purpose must serve it, see `PURPOSES`.
     """
     treatment = find_treatment(trial, best)
     counts = count_assumptions(trial), count_assumptions(best)
-    if treatment.kind in TIMES:
-        moved, undone = decide(trial, best, MOVE_TIME), decide(trial, best, UNDO_TIMING)
-        return TriedTreatment(treatment, undone if undone.passed else moved, *counts)
-    after = Hypothesis(trial.evidence, trial.result.terms, trial.result.steps[-1])
-    before = Hypothesis(_choose_evidence(trial, best, treatment), best.result.terms)
+    after, before = _make_hypotheses(trial, best, treatment)
     decision = decide(after, before, SWAP)
     if not decision.passed:
         equal = decide(after, before, TIE).join(Decision((Gate("assumptions", *counts, counts[0] <= counts[1]),)))
@@ -74,44 +66,28 @@ def find_treatment(trial: Trial, best: Trial) -> Finding:
     return next(treatment for treatment in trial.data.treatments if treatment not in best.data.treatments)
 
 
-def _choose_evidence(trial: Trial, best: Trial, treatment: Finding) -> Evidence:
-    """Return the evidence by which the model of the best trial is compared with that of a treated one."""
-    if treatment.kind in INPUTS:
-        return best.evidence
-    linked = best.evidence.fits.linked
-    return trial.evidence if linked is None else trial.evidence.with_fits(trial.evidence.fits.with_link(linked))
+def _make_hypotheses(trial: Trial, best: Trial, treatment: Finding) -> tuple[Hypothesis, Hypothesis]:
+    """Return the models of a treated trial and of the best one, on data with the same rows.
+
+    The treated data serve both. If the treatment changes payloads or goals, each model has its own data. If it changes
+    the time of the torque, the windows are those of the torque as logged, and each model has its own torque in these.
+    """
+    of_trial, of_best = trial.evidence, best.evidence if treatment.kind in INPUTS else trial.evidence
+    if treatment.kind in TIMES:
+        logged = trial.data.without_timing()
+        moved = (logged.move_logged_torque(each.data.timing) for each in (trial, best))
+        of_trial, of_best = (trial.case.make_evidence(data, trial.setting) for data in moved)
+        of_trial = _with_link(of_trial, trial)
+    if treatment.kind not in INPUTS:
+        of_best = _with_link(of_best, best)
+    after = Hypothesis(of_trial, trial.result.terms, trial.result.steps[-1])
+    return after, Hypothesis(of_best, best.result.terms)
 
 
-def require_lower_cost(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test the ratio of the held-out costs: lower, or equal within the margin by no more assumptions."""
-    new, old = (compute_held_out_cost(trial.result.steps[-1]) for trial in (after, before))
-    margin, ratio = after.evidence.criterion.error_margin, new / max(old, 1e-300)
-    limit = 1 - margin if count_assumptions(after) > count_assumptions(before) else 1 + margin
-    yield Gate("error_ratio", ratio, limit, ratio < limit)
-
-
-def require_logged_time(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test that `after` leaves torque as logged, where `before` corrects its time and has a lag or delay."""
-    is_undone = before.data.timing.has_moved and not after.data.timing.has_moved
-    is_undone &= any(term.lead or term.delay for term in before.result.terms)
-    yield Gate("undone_timing", float(is_undone), 1, is_undone)
-
-
-def require_fewer_assumptions(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test the number of assumptions."""
-    new, old = count_assumptions(after), count_assumptions(before)
-    yield Gate("assumptions", new, old, new < old)
-
-
-def require_noise(after: Trial, before: Trial) -> Iterator[Gate]:
-    """Test that the residual of the model is noise."""
-    is_noise = after.evidence.residuals.is_noise(after.result.terms)
-    yield Gate("noise", float(is_noise), 1, is_noise)
-
-
-MOVE_TIME = Policy("move time", (require_lower_cost,))
-# After a correction of the timing, a lag or delay in the model may only undo it.
-UNDO_TIMING = Policy("undo timing", (require_logged_time, require_fewer_assumptions, require_noise))
+def _with_link(evidence: Evidence, trial: Trial) -> Evidence:
+    """Return the evidence with states of the link of a trial; unchanged without a link."""
+    linked = trial.evidence.fits.linked
+    return evidence if linked is None else evidence.with_fits(evidence.fits.with_link(linked))
 
 
 def count_assumptions(trial: Trial) -> int:

@@ -45,6 +45,20 @@ def test_held_out_recordings_tell_the_timing_of_the_log_too():
     assert all(one.is_late for one in FitData.from_recordings([still], [late(good)]).with_timing().timing.alignments)
 
 
+def test_logged_torque_moved_in_its_windows_is_the_torque_in_time():
+    logged, good = mixed().without_timing(), recording("moving")
+    moved = logged.move_logged_torque(mixed().timing)
+    for before, after in zip(logged.parts, moved.parts, strict=True):
+        in_time, behind = after.data.windows
+        assert all(
+            np.array_equal(w.centers, own.centers)
+            for w, own in zip(after.data.windows, before.data.windows, strict=True)
+        )
+        assert in_time is before.data.windows[0]
+        error = np.abs(behind.recording.torque - good.torque)[: -LATE - 1]
+        assert error.max() < 0.05 * np.abs(before.data.windows[1].recording.torque - good.torque).max()
+
+
 @pytest.mark.parametrize(
     "criterion",
     [Criterion(timing=TimingLimits(least_blocks=10**6)), Criterion(timing=TimingLimits(z_score=1e3))],

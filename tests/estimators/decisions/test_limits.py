@@ -18,10 +18,8 @@ from estimators.checks.homogeneity import find_disagreements, fit_each_recording
 from estimators.checks.remedies import find_wrong_columns
 from estimators.data.split import CutSettings, split_recordings
 from estimators.decisions.criterion import Criterion
-from estimators.decisions.decision import decide
-from estimators.decisions.errors import Errors
 from estimators.diagnosis.servo_conclusion import find_speed_rate, find_torque_scale
-from estimators.diagnosis.treatments import MOVE_TIME, narrow_windows
+from estimators.diagnosis.treatments import narrow_windows
 from estimators.in_loop.convention_fits import ConventionFit, choose_fit
 from estimators.selection import policies
 from estimators.selection.evidence import Evidence
@@ -140,19 +138,6 @@ def shorten_windows(criterion: Criterion) -> float:
     return narrow_windows(SimpleNamespace(evidence=evidence, data=data, result=SimpleNamespace(terms=BASE, steps=[0])))
 
 
-def move_torque(criterion: Criterion) -> bool:
-    """Return whether torque moved in time is kept if it doubles the held-out error."""
-    after, before = (
-        SimpleNamespace(
-            evidence=SimpleNamespace(criterion=criterion),
-            data=SimpleNamespace(treatments=(), timing=SimpleNamespace(has_moved=False)),
-            result=SimpleNamespace(steps=[SimpleNamespace(errors={"holdout": Errors(error, np.nan)})]),
-        )
-        for error in (2.0, 1.0)
-    )
-    return decide(after, before, MOVE_TIME).passed
-
-
 def find_noise(criterion: Criterion) -> bool:
     train = make_parts("")[0]
     return find_process_noise(train.data, train.residual(BASE), 0.09, criterion.white) is not None
@@ -163,10 +148,11 @@ def make_alignment(criterion: Criterion, gain: float = 0.0) -> Alignment:
     return Alignment(Channel(delay=1e-3), 1e-4, 0.0, density=density, criterion=criterion)
 
 
-def is_short_delay_negligible(criterion: Criterion) -> bool:
+def is_negligible(criterion: Criterion, share: float) -> bool:
+    """Return whether a delay by a share of a sample counts as zero."""
     fits = ChannelFits.from_recordings(make_runs()[:1], criterion=criterion)
     assert fits is not None
-    return fits.is_negligible(0.2 * fits.period)
+    return fits.is_negligible(share * fits.period)
 
 
 def swing_at(frequency: float) -> Recording:
@@ -236,7 +222,7 @@ DECISIONS: dict[str, tuple[float, Callable[[Criterion], object]]] = {
     "block": (4.0, measure_gain),
     "drift_piece": (2.0, lambda c: make_evidence(c, "weak").densities.compute_refitted(BASE).sum()),
     "shorter_window": (np.inf, shorten_windows),
-    "error_margin": (np.inf, move_torque),
+    "error_margin": (-np.inf, lambda c: is_negligible(c, 0.02)),
     "search.max_effects": (0, lambda c: make_state(c).has_room(1)),
     "search.beam": (0, lambda c: len(list(propose_pairs(make_state(c))))),
     "search.max_tried": (0, lambda c: add_effect(make_state(c)) is None),
@@ -245,7 +231,7 @@ DECISIONS: dict[str, tuple[float, Callable[[Criterion], object]]] = {
     "white.least_windows": (np.inf, find_noise),
     "timing.z_score": (np.inf, lambda c: make_alignment(c).is_significant),
     "timing.least_blocks": (np.inf, lambda c: make_alignment(c, 9.0).beats(make_alignment(c))),
-    "timing.negligible": (np.inf, is_short_delay_negligible),
+    "timing.negligible": (np.inf, lambda c: is_negligible(c, 0.2)),
     "timing.correlation": (np.inf, lambda c: len(find_feedback(recorded(Plant(), LOOP), c))),
     "timing.same_ratio": (np.inf, lambda c: have_one_frequency([swing_at(1.0), swing_at(2.0)], c)),
     "agreement.false_alarm": (0.0, list_disagreements),

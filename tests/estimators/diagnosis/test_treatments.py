@@ -12,6 +12,7 @@ from pendulum_env.recording import Recording
 from tests.cases import diagnosed
 
 RATE, SECONDS = 500.0, 20.0
+GATES = {"gain", "p_value", "tie_probability", "assumptions"}  # of treatments without a purpose
 
 
 def diagnosed_under_chirps(plant: Plant, *only: str, late: int = 0) -> Diagnosis:
@@ -60,6 +61,8 @@ def test_torque_is_either_timed_or_kept_as_logged():
     kinds = {treatment.kind for treatment in found.data.treatments}
     assert found.selected == ("viscous_asymmetry",) and found.unexplained
     assert not kinds >= {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED}
+    tried = [treatment for treatment in found.treatments if treatment.treatment.kind is Kind.TIMED_AS_LOGGED]
+    assert {gate.name for treatment in tried for gate in treatment.decision.gates} <= GATES
 
 
 TRUE_SPRING = {"inertia": 0.05, "gravity": 1.2, "viscous": 0.06, "coulomb": 0.1, "spring.stiffness": 0.4}
