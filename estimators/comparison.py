@@ -73,8 +73,8 @@ def compare(
         model = model.convert_units(recordings[0].units)
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
     joints = model.terms if isinstance(model.body, Body) else ()
-    separate = [] if joints else [_prepare_recording(recording, model, horizon) for recording in recordings]
-    joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints)
+    separate = [] if joints else [_prepare_recording(each, model, horizon, criterion.block) for each in recordings]
+    joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints, criterion.block)
     data = FitData(recordings, recordings, terms=joints, cut=CutSettings(horizon=horizon), criterion=criterion)
     data = data.with_parts((joined, joined))
     loop = simulate_in_loop(model, recordings)
@@ -99,9 +99,9 @@ def compare(
     )
 
 
-def _prepare_recording(recording: Recording, model: Model, horizon: float | None) -> RegressionData:
+def _prepare_recording(recording: Recording, model: Model, horizon: float | None, block: float) -> RegressionData:
     """Prepare a recording with the horizon [s] of free runs, and with contacts at the stops of a model."""
     motion = Samples(recording.time, recording.position, np.zeros(len(recording)), recording.torque)
     inertia = None if has_link(model.terms) else compute_inertia(model, motion)
-    data = RegressionData.from_recordings([recording], inertia=inertia)
+    data = RegressionData.from_recordings([recording], inertia=inertia, block=block)
     return (data if horizon is None else data.with_horizon(horizon)).with_contacts(model)

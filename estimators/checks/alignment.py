@@ -48,6 +48,8 @@ class Alignment:
         gain: parameter of the first column, and its standard error.
         density: log predictive density of each block (2, C) [nat]: with the residual as torque, and with it as
             noise of the log, which the channel's inverse filter amplifies.
+        misfit: norm of the weighted residual, with errors of smoothing and integration.
+        period: sample time [s].
         criterion: limits of its comparisons with others.
     """
 
@@ -58,6 +60,8 @@ class Alignment:
     is_half_sample: bool = False
     gain: tuple[float, float] = field(default=(0.0, 0.0), compare=False, repr=False)
     density: Array = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
+    misfit: float = field(default=0.0, compare=False, repr=False)
+    period: float = field(default=0.0, compare=False, repr=False)
     criterion: Criterion = field(default=Criterion(), compare=False, repr=False)
 
     @property
@@ -96,16 +100,16 @@ class Alignment:
 
     def predicts_better(self, other: Alignment) -> bool:
         """Return whether it predicts better, significantly or not."""
-        return bool((self.density.sum(axis=1) > other.density.sum(axis=1)).all())
+        return decide(self, other, PREDICT).passed
 
     @property
     def is_significant(self) -> bool:
         """Return whether delay and lag differ significantly from zero, see `require_size`."""
         return all(gate.passed for gate in require_size(self, self))
 
-    def is_supported(self, none: Alignment) -> bool:
-        """Return whether it predicts significantly better than no shift, with significant parameters."""
-        return decide(self, none, SHIFT).passed
+    def is_supported(self, none: Alignment, policy: Policy[Alignment] | None = None) -> bool:
+        """Return whether it predicts significantly better than no shift, by `SHIFT` or another policy."""
+        return decide(self, none, policy or SHIFT).passed
 
     @property
     def sizes(self) -> dict[str, tuple[float, float, float]]:
@@ -212,10 +216,30 @@ def require_size(after: Alignment, before: Alignment) -> Iterator[Gate]:
         yield Gate(name, abs(value), limit, limit < abs(value) and -REACH < value < most, "s", std)
 
 
+def require_total(after: Alignment, before: Alignment) -> Iterator[Gate]:
+    """Test the gain in prediction without its scatter."""
+    for gain in (after.density - before.density).sum(axis=1).tolist():
+        yield Gate("gain", gain, 0.0, gain > 0, "nat")
+
+
+def require_long_delay(after: Alignment, before: Alignment) -> Iterator[Gate]:
+    """Test the delay against a small share of a sample, or else the misfit, which it must reduce."""
+    limit, delay = after.criterion.timing.negligible * after.period, abs(after.delay)
+    if delay >= limit:
+        yield Gate("delay", delay, limit, True, "s")
+    else:
+        most = (1 - after.criterion.error_margin) * before.misfit
+        yield Gate("misfit", after.misfit, most, after.misfit <= most)
+
+
+# One law of the channel predicts better than another, significantly or not.
+PREDICT = Policy("predict", (require_total,))
 # One law of the channel predicts significantly better than another.
 OVERRULE = Policy("overrule", (require_gain,))
 # Torque and motion are shifted in time.
 SHIFT = Policy("shift", (require_size, require_gain_over_chance))
+# They are shifted by a delay that is not negligible.
+DELAY = Policy("delay", (*SHIFT.stages, require_long_delay))
 
 
 def make_moved_torque(recording: Recording, response: Array, is_sampled: bool, criterion: Criterion) -> MovedTorque:

@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks.alignment import NO_ALIGNMENT, Alignment
+from estimators.checks.alignment import DELAY, NO_ALIGNMENT, Alignment
 from estimators.checks.channel_rows import CHANNEL, NONLINEAR_GAIN, ChannelRows
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.decisions.criterion import Criterion
@@ -86,7 +86,18 @@ class ChannelFits(ChannelRows):
         of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(block)
         gain = float(fits[0].theta[0]), errors[0]
         densities = np.stack([density, of_log])
-        return Alignment(law, delay_std, lag_std, gain=gain, density=densities, criterion=self.criterion)
+        # errors of smoothing and integration
+        exactness = compute_numerical_error(self.rows.data.windows) * float(np.linalg.norm(self.rows.data.weights))
+        return Alignment(
+            law,
+            delay_std,
+            lag_std,
+            gain=gain,
+            density=densities,
+            misfit=float(np.hypot(self.compute_misfit(law), exactness)),
+            period=self.period,
+            criterion=self.criterion,
+        )
 
     def select_law(self) -> Alignment:
         """Return the simplest law that predicts significantly better than the others.
@@ -95,7 +106,7 @@ class ChannelFits(ChannelRows):
         """
         in_time, delay = self.fit([Channel()], is_free=False), self.delay_fit
         time = delay.delay
-        if not delay.is_supported(in_time) or self.is_negligible(time):  # a filter also shows as a delay
+        if not delay.is_supported(in_time, DELAY):  # a filter also shows as a delay
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
             std = max(delay.delay_std, abs(time) / delay.z_score)
             return replace(in_time, delay_std=std, lag_std=std)
@@ -113,14 +124,6 @@ class ChannelFits(ChannelRows):
         is_filter = lag.predicts_better(delay) and lag.is_supported(in_time) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
         return law if law.beats(other) or not other.is_supported(in_time) else replace(law, rival=other.channel)
-
-    def is_negligible(self, delay: float) -> bool:
-        """Return whether a delay [s] is a small share of a sample and does not reduce the error significantly."""
-        # errors of smoothing and integration
-        exactness = compute_numerical_error(self.rows.data.windows) * float(np.linalg.norm(self.rows.data.weights))
-        before, after = (np.hypot(self.compute_misfit(self.make_law(time)), exactness) for time in (0.0, delay))
-        is_short = abs(delay) < self.criterion.timing.negligible * self.period
-        return bool(is_short and after > (1 - self.criterion.error_margin) * before)
 
     def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""

@@ -8,8 +8,8 @@ some per cent, and larger than the bias that the residuals allow. Recordings are
 Source: Cochran, Biometrics 10(1), 1954, for pooled estimates and the statistic Q of differences between groups.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,9 +17,10 @@ import scipy
 
 from estimators.checks.settings import CHECKS
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.decision import Policy, decide
+from estimators.decisions.gate import Gate
 from estimators.findings import Finding, Kind, Quantity
 from estimators.regression.least_squares import Equations, invert_covariance, solve
-from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array
@@ -143,16 +144,16 @@ class RecordingFit:
     def find_differences(self, other: ComparedParameters) -> tuple[Difference, ...]:
         """Return the parameters that differ from `other` significantly, the most significant first.
 
-        A difference counts above `agreement.difference` of the other value, above the sum of the biases, and above
-        `z_limit` standard errors.
+        They fail `AGREE`.
         """
-        gap, std = self._compute_gap(other)
-        least = np.maximum(self.criterion.agreement.difference * np.abs(other.theta), self.estimates.bias + other.bias)
-        significant = np.flatnonzero((np.abs(gap) > least) & (np.abs(gap) > self.z_limit * std))
-        order = sorted(significant, key=lambda j: -abs(gap[j]) / std[j])
-        sizes = zip(self.columns, self.estimates.theta.tolist(), other.theta.tolist(), std.tolist(), strict=True)
-        differences = [Difference(column.name, self.units.unit(column.unit), *numbers) for column, *numbers in sizes]
-        return tuple(differences[j] for j in order)
+        gates = decide(self, replace(self, estimates=other), AGREE).gates
+        pairs = zip(gates, self.estimates.theta.tolist(), other.theta.tolist(), strict=True)
+        differences = [
+            Difference(gate.name, gate.unit, value, others, gate.std or 0.0)
+            for gate, value, others in pairs
+            if not gate.passed
+        ]
+        return tuple(sorted(differences, key=lambda d: -abs(d.value - d.others) / d.std))
 
     def classify_difference(self, other: ComparedParameters) -> tuple[Kind, dict[str, Quantity]]:
         """Return the kind of difference, and the factor if one factor of all parameters explains it.
@@ -165,7 +166,7 @@ class RecordingFit:
         scale = float(other.theta @ weight @ other.theta)
         factor = float(other.theta @ weight @ self.estimates.theta) / max(scale, 1e-300)
         scaled = other._replace(theta=factor * other.theta, covariance=factor**2 * other.covariance)
-        (gap, std), least = self._compute_gap(scaled), self.criterion.agreement.difference
+        (gap, std), least = self.compute_gap(scaled), self.criterion.agreement.difference
         is_equal = np.abs(gap) <= np.maximum(least * np.abs(scaled.theta), self.z_limit * std)
         if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= least:
             return Kind.OUTLIER_RECORDING, {}
@@ -173,10 +174,27 @@ class RecordingFit:
             return Kind.SCALED_INERTIA, {"factor": Quantity(1 / factor)}
         return Kind.SCALED_TORQUE, {"factor": Quantity(factor)}
 
-    def _compute_gap(self, other: ComparedParameters) -> tuple[Array, Array]:
+    def compute_gap(self, other: ComparedParameters) -> tuple[Array, Array]:
         """Compute the differences of the parameters and their standard errors (P,)."""
         variance = np.diag(self.estimates.covariance + other.covariance)
         return self.estimates.theta - other.theta, np.maximum(np.sqrt(variance), 1e-300)
+
+
+def require_equal_parameters(after: RecordingFit, before: RecordingFit) -> Iterator[Gate]:
+    """Test the difference of each parameter.
+
+    It may be `agreement.difference` of the value before, or the sum of the biases, or `z_limit` standard errors.
+    """
+    known, own, share = before.estimates, after.estimates, after.criterion.agreement.difference
+    gap, std = after.compute_gap(known)
+    most = np.maximum(np.maximum(share * np.abs(known.theta), own.bias + known.bias), after.z_limit * std)
+    for column, *numbers in zip(after.columns, np.abs(gap).tolist(), most.tolist(), std.tolist(), strict=True):
+        size, limit, error = numbers
+        yield Gate(column.name, size, limit, size <= limit, after.units.unit(column.unit), error)
+
+
+# Parameters of one recording are those of others.
+AGREE = Policy("agree", (require_equal_parameters,))
 
 
 def find_disagreements(fits: Sequence[RecordingFit], *, only_if_all_fit: bool = False) -> tuple[Disagreement, ...]:
@@ -223,10 +241,10 @@ def _select_differing(
 def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     """Find the recordings that the terms do not explain; none if fewer recordings are explained.
 
-    A residual between `agreement.explained` and `RESOLUTION.unexplained` noise floors is neither explained nor not.
+    A residual between `agreement.explained` and `agreement.unexplained` noise floors is neither explained nor not.
     """
     others = tuple(fit.name for fit in fits if fit.is_explained)
-    poor = [fit for fit in fits if fit.noise_ratio > RESOLUTION.unexplained]
+    poor = [fit for fit in fits if fit.noise_ratio > fit.criterion.agreement.unexplained]
     if len(others) < len(poor):
         return ()
     misfits = []

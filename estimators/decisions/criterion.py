@@ -85,6 +85,7 @@ class AgreementLimits:
         difference: least relative difference of a parameter of two recordings that matters in practice.
         scheme_difference: the same of two schemes; sampling at 50 Hz reached 0.034.
         explained: largest ratio of the residual of a complete model to its noise floor.
+        unexplained: ratio above which a model lacks an effect.
         least_windows: least number of windows of a compared recording.
         least_freedom: least number of clusters beyond the number of parameters of a compared recording.
     """
@@ -93,6 +94,7 @@ class AgreementLimits:
     difference: float = 0.03
     scheme_difference: float = 0.05
     explained: float = 1.3
+    unexplained: float = 2.0
     least_windows: int = 40
     least_freedom: int = 6
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
 
 from estimators.data.fit_data import FitData
+from estimators.decisions.decision import Policy, decide
+from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.servo_refit import refine_rows
 from estimators.diagnosis.setting import Setting
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding, Kind, Quantity
 from estimators.in_loop import decide_conventions
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.weak_form.point import Point
@@ -40,11 +44,8 @@ def reread_goals(trial: Trial) -> FitData | None:
     error = trial.result.steps[-1].errors["holdout"].total
     if len(readings) != 1 or error < trial.setting.criterion.loop.faithful * unseen.rollouts.noise.encoder_error:
         return None
-    gain, is_held = readings[0].numbers.get("gain"), readings[0].kind is Kind.GOALS_HELD
-    if is_held and (gain is None or abs(gain.value) > ndtri(1.0 - trial.setting.criterion.p_value) * (gain.std or 0.0)):
-        return None
-    reread = declare_goals(trial, GOALS[readings[0].kind])
-    return reread if not is_held or predict_held_out(trial, reread) < error else None
+    other, is_held = Reading(trial, GOALS[readings[0].kind]), readings[0].kind is Kind.GOALS_HELD
+    return None if is_held and not decide(other, Reading(trial), REREAD).passed else other.data
 
 
 def declare_goals(trial: Trial, goal: str) -> FitData:
@@ -61,10 +62,48 @@ def declare_goals(trial: Trial, goal: str) -> FitData:
     return decide_drives(data, trial.setting) if "reads" in changes else data
 
 
-def predict_held_out(trial: Trial, data: FitData) -> float:
-    """Return the held-out error of the model of a trial, refitted from its parameters to other data [rad]."""
-    model, evidence = trial.result.steps[-1].model, trial.case.make_evidence(data, trial.setting)
-    rows = evidence.train.rollouts
-    assert isinstance(rows, RolloutRows)
-    rows.fits.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
-    return evidence.fits.fit(model.terms).errors["holdout"].total
+@dataclass(frozen=True)
+class Reading:
+    """Data of a trial with a reading of the goals, that of the trial if it is None."""
+
+    trial: Trial
+    goal: str | None = None
+
+    @cached_property
+    def data(self) -> FitData:
+        """Data with the reading."""
+        return self.trial.data if self.goal is None else declare_goals(self.trial, self.goal)
+
+    @property
+    def gain(self) -> Quantity:
+        """Gain over the other reading, by the base model [nat]; infinite if it is unknown."""
+        finding = next(treatment for treatment in self.data.treatments if treatment.kind in GOALS)
+        return finding.numbers.get("gain", Quantity(np.inf))
+
+    def compute_held_out_error(self) -> float:
+        """Return the held-out error of the model of the trial, refitted from its parameters to the data [rad]."""
+        last = self.trial.result.steps[-1]
+        if self.goal is None:
+            return last.errors["holdout"].total
+        model, evidence = last.model, self.trial.case.make_evidence(self.data, self.trial.setting)
+        rows = evidence.train.rollouts
+        assert isinstance(rows, RolloutRows)
+        rows.fits.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
+        return evidence.fits.fit(model.terms).errors["holdout"].total
+
+
+def require_open_reading(after: Reading, before: Reading) -> Iterator[Gate]:
+    """Test that the base model leaves the reading open: an insignificant gain of the present one over the other."""
+    gain = before.gain
+    limit = float(ndtri(1.0 - before.trial.setting.criterion.p_value)) * (gain.std or 0.0)
+    yield Gate("gain", abs(gain.value), limit, abs(gain.value) <= limit, "nat", gain.std)
+
+
+def require_lower_error_in_loop(after: Reading, before: Reading) -> Iterator[Gate]:
+    """Test the held-out error of the motion in the loop."""
+    new, old = after.compute_held_out_error(), before.compute_held_out_error()
+    yield Gate("holdout_in_loop", new, old, new < old, "rad")
+
+
+# Held goals are read as running on.
+REREAD = Policy("reread", (require_open_reading, require_lower_error_in_loop))

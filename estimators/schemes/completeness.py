@@ -22,7 +22,6 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.process_noise import find_process_noise
 from estimators.weak_form.preparation import prepare_windows
-from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.torque_windows import TorqueWindows, compute_negligible_residual
 from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
@@ -85,7 +84,7 @@ def _check_completeness(
 ) -> tuple[list[Finding], Results]:
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
-    A residual above `RESOLUTION.unexplained` noise floors, of an arm a correlated residual (`is_noise`), or a
+    A residual above `agreement.unexplained` noise floors, of an arm a correlated residual (`is_noise`), or a
     difference of two schemes above `z_score` standard errors gives a finding. Each missing effect shifts all
     estimates, so all are then marked as biased. Torque noise of a pendulum that is not logged is a finding of its own,
     and shifts none.
@@ -100,7 +99,7 @@ def _check_completeness(
         structure = layout.structure(at, residual[regression_data.locate_rows(at)], inertias[at])
         negligible = compute_negligible_residual(data, at)  # zero of a pendulum
         is_correlated = bool(negligible) and not is_noise(structure, max(floor, negligible), criterion)
-        if is_correlated or structure.rms > RESOLUTION.unexplained * max(floor, negligible):
+        if is_correlated or structure.rms > criterion.agreement.unexplained * max(floor, negligible):
             noise = None if negligible else find_process_noise(data, residual, inertias[at], criterion.white)
             if noise is None:
                 ratios[at] = structure.rms / max(floor, 1e-300)

@@ -69,7 +69,7 @@ class Resolution:
     clusters: int = 4  # least number of clusters per parameter of an arm's links
     shortest: int = 4  # least length of a cluster of an arm, above the correlation time of errors [half windows]
     longest: float = 0.5  # longest cluster [s]: above the correlation time of errors
-    unexplained: float = 2.0  # residual above which a model lacks an effect [noise floors]
+    wrong_zero: float = 2.0  # residual of the base model from which the zero may be wrong [noise floors]
     tilted: float = 0.5  # residual with tilted gravity, share of that without, if the zero of the position is wrong
     significant: float = 5.0  # standard errors by which the residual of a contact exceeds friction
     contact: float = 1.0  # a lasting contact counts once in this time [s]

@@ -183,7 +183,7 @@ class TorqueWindows:
         fits = [solve(model, weights, self.clusters) for model in models]
         base, tilted = (float(np.linalg.norm(fit.residual * weights)) for fit in fits)
         floor = compute_noise_floor(self.windows, abs(float(fits[0].theta[0]))) * float(np.linalg.norm(weights))
-        is_wrong = base > RESOLUTION.unexplained * floor and tilted < RESOLUTION.tilted * base
+        is_wrong = base > RESOLUTION.wrong_zero * floor and tilted < RESOLUTION.tilted * base
         if len(self.windows) == 1:
             return fits[is_wrong]
         owner = self.recording_of_window

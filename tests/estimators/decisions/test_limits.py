@@ -10,11 +10,11 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import diagnose
-from estimators.checks.alignment import Alignment
+from estimators.checks.alignment import Alignment, require_long_delay
 from estimators.checks.channel import ChannelFits
 from estimators.checks.channel_rows import is_brake
 from estimators.checks.closed_loop import find_feedback, have_one_frequency
-from estimators.checks.homogeneity import find_disagreements, fit_each_recording
+from estimators.checks.homogeneity import find_disagreements, find_misfits, fit_each_recording
 from estimators.checks.remedies import find_wrong_columns
 from estimators.data.split import CutSettings, split_recordings
 from estimators.decisions.criterion import Criterion
@@ -152,7 +152,8 @@ def is_negligible(criterion: Criterion, share: float) -> bool:
     """Return whether a delay by a share of a sample counts as zero."""
     fits = ChannelFits.from_recordings(make_runs()[:1], criterion=criterion)
     assert fits is not None
-    return fits.is_negligible(share * fits.period)
+    none, delayed = (fits.fit([Channel(delay)], is_free=False) for delay in (0.0, share * fits.period))
+    return not all(gate.passed for gate in require_long_delay(delayed, none))
 
 
 def swing_at(frequency: float) -> Recording:
@@ -167,6 +168,11 @@ def list_disagreements(criterion: Criterion) -> list[int]:
 
 def list_explained(criterion: Criterion) -> list[bool]:
     return [fit.is_explained for fit in fit_each_recording([make_parts("stribeck")[0].data], BASE, criterion)]
+
+
+def list_poor(criterion: Criterion) -> list[int]:
+    datasets = [make_parts(id)[0].data for id in ("", "weak")]
+    return [misfit.recording for misfit in find_misfits(fit_each_recording(datasets, BASE, criterion))]
 
 
 def find_upright_zero(criterion: Criterion, amplitude: float) -> int:
@@ -239,6 +245,7 @@ DECISIONS: dict[str, tuple[float, Callable[[Criterion], object]]] = {
     "agreement.least_windows": (np.inf, list_disagreements),
     "agreement.least_freedom": (np.inf, list_disagreements),
     "agreement.explained": (np.inf, list_explained),
+    "agreement.unexplained": (0.0, list_poor),
     "columns.upright_turns": (np.inf, lambda c: find_upright_zero(c, 15.0)),
     "columns.upright_share": (np.inf, lambda c: find_upright_zero(c, 1.0)),
     "columns.driven_share": (np.inf, opposes_motion),
