@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -144,15 +143,3 @@ def compute_error_fall(before: Step, after: Step) -> Finding:
         numbers |= {f"{kind}.before": Quantity(getattr(old, kind), unit=unit)}
         numbers |= {f"{kind}.after": Quantity(getattr(new, kind), unit=unit)}
     return Finding(Kind.ERRORS_FALL, numbers)
-
-
-def compute_held_out_cost(step: Step) -> float:
-    """Return the product of the held-out torque and position error [N m rad]; in the loop, its error alone [rad].
-
-    For several joints, the torque error is the geometric mean. Without a position error, it is the torque error alone.
-    """
-    errors = step.errors["holdout"]
-    first, *others = (getattr(errors, kind) for kind in errors.kinds)
-    if len(errors.joints) > 1:
-        first = float(np.exp(np.mean(np.log(np.maximum([*errors.joints.values()], 1e-300)))))
-    return math.prod([first, *others])

@@ -10,12 +10,12 @@ import numpy as np
 from estimators.data.removed_noise import compute_removed_noise, list_absorbed_noise
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Terms
-from estimators.decisions.score import Bootstrap, cross_validate_density, predict_density
+from estimators.decisions.score import Bootstrap, Gain, cross_validate_density, predict_density
 from estimators.memoize import memoized
 from estimators.selection.fits import Fits
 from estimators.selection.residuals import Residuals, set_grid
 from pendulum_env._typing import Array, Index
-from pendulum_env.physics import Table, Term
+from pendulum_env.physics import Model, Table, Term
 
 
 @dataclass(eq=False, repr=False)
@@ -131,6 +131,17 @@ class Densities:
     def _bootstrap_of_holdout(self) -> Bootstrap:
         """Random weights of the held-out blocks alone."""
         return Bootstrap(self.bootstrap.of_block[self.held_out], np.random.default_rng(0))
+
+    def predict_held_out(self, model: Model) -> Array:
+        """Return the log density of each held-out block (S,) under the parameters of a model [nat]."""
+        holdout, terms, theta = self.fits.list_parts(model)[1], model.terms, np.asarray(model.theta)
+        rows, absorbed = holdout.equations(terms, by_noise=True), list_absorbed_noise(holdout, terms)
+        removed = compute_removed_noise(holdout, terms, theta, self.residuals.inertia)
+        return predict_density(theta, rows, holdout.layout.scored, absorbed, removed)
+
+    def compare_parameters(self, after: Array, before: Array) -> Gain:
+        """Return the gain of parameters over others, from their `predict_held_out`."""
+        return self._bootstrap_of_holdout.gain(after, before)
 
     def sum_held_out(self, terms: Terms) -> float:
         """Return the log density of the held-out data [nat]."""

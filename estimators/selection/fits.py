@@ -53,6 +53,12 @@ class Fits:
         model = Model.build(terms, np.array(theta))
         return [part.with_link_states(model) for part in self.parts]
 
+    def list_parts(self, model: Model) -> Sequence[RegressionData]:
+        """Return training and held-out data, with states of the link estimated by a model unless they are known."""
+        if self.linked is not None or not has_link(model.terms):
+            return self.parts
+        return self._estimate_link_states(model.terms, tuple(map(float, model.theta)))
+
     def release_known(self, terms: Terms) -> Terms:
         """Return the terms with known parameters free; unchanged for free swings, which need a known inertia."""
         freed = tuple(map(release_term, terms))
@@ -92,9 +98,7 @@ class Fits:
 
         The model gets the units of the recordings; an insignificant inertia is withheld.
         """
-        parts: Sequence[RegressionData] = self.parts
-        if self.linked is None and has_link(model.terms):
-            parts = self._estimate_link_states(model.terms, tuple(map(float, model.theta)))
+        parts = self.list_parts(model)
         model = make_arm_model(model).convert_units(self.train.recordings[0].units).mark_unknown(self._unknown)
         errors = [compute_errors(part, model) for part in parts]
         return Step(added, model, dict(zip(("train", "holdout"), errors, strict=True)))

@@ -13,7 +13,7 @@ import scipy
 
 from estimators.checks.signs import compute_significant_sign
 from estimators.data.variants import compute_unique_share
-from estimators.decisions.errors import Step, compute_held_out_cost
+from estimators.decisions.errors import Step
 from estimators.decisions.gate import Gate, limit_gain, limit_p_value
 from estimators.decisions.score import Bootstrap, Gain
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
@@ -285,10 +285,28 @@ def require_better_form(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]
             yield from require_lower_errors(after, Hypothesis(evidence, without))
 
 
-def require_lower_cost(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the product of the held-out errors, see `compute_held_out_cost`."""
-    new, old = (compute_held_out_cost(each.step) for each in (after, before))
-    yield Gate("held_out_cost", new, old, new < old)
+def require_gain_of_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the gain of the parameters of a step over those of another on held-out torque."""
+    gain = _compare_parameters(after, before)
+    yield Gate("gain", gain.total, 0.0, gain.total > 0, "nat", gain.error if np.isfinite(gain.error) else None)
+
+
+def require_no_loss(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that the parameters of a step do not predict held-out torque significantly worse."""
+    p_value, least = _compare_parameters(before, after).p_value, after.evidence.criterion.p_value
+    yield Gate("loss_p_value", p_value, least, p_value > least)
+
+
+def _compare_parameters(after: Hypothesis, before: Hypothesis) -> Gain:
+    """Return the gain of the parameters of a step over those of another on held-out torque."""
+    densities = (each.evidence.densities.predict_held_out(each.step.model) for each in (after, before))
+    return after.evidence.densities.compare_parameters(*densities)
+
+
+def require_lower_position(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the held-out error of free-running motion; it fails without motion."""
+    new, old = (each.step.errors["holdout"].position_rms for each in (after, before))
+    yield Gate("holdout_position", new, old, new < old, after.step.model.units().unit("rad"))
 
 
 def require_torque_error(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:

@@ -22,7 +22,7 @@ def add_link(state: SearchState, longer: Terms) -> SearchState | None:
     """Add the link in `longer` with estimated states; None if it is not confirmed.
 
     If structure is left, friction of the link is tried, then the other kind of link, and each kind with one more
-    effect. The least held-out cost decides: only estimated states show which kind of link fits.
+    effect. The density of held-out torque decides: only estimated states show which kind of link fits.
     """
     evidence, terms = state.evidence, state.terms
     linked = fit_link_states(state, longer)
@@ -56,7 +56,7 @@ def leave_limits(state: SearchState, found: SearchState) -> SearchState:
     """Return `found`, a state with a fitted link, or another fit if parameters of its link may be at lower limits.
 
     A limit is no evidence. A play without a gap is an elastic joint, which replaces it if confirmed. Other parameters
-    start again from their upper limits, for example all weight at the link; the lower held-out cost decides.
+    start again from their upper limits, for example all weight at the link; `REFIT` decides.
     """
     link, linked = find_link(found.terms), found.evidence.fits.linked
     estimates = {} if linked is None else linked.model.estimates
@@ -80,7 +80,7 @@ def leave_limits(state: SearchState, found: SearchState) -> SearchState:
 
 
 def try_link_friction(state: SearchState, found: SearchState) -> SearchState:
-    """Return `found`, a state with a fitted link, with friction of the link; `found` if it does not lower the cost.
+    """Return `found`, a state with a fitted link, with friction of the link; `found` if it does not predict better.
 
     Insignificant parts of the friction, dry or viscous, are removed.
     """
@@ -107,7 +107,7 @@ def try_link_friction(state: SearchState, found: SearchState) -> SearchState:
 def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
     """Return the state with a fitted link, the last of `longer`, and an evidence with the link's estimated states.
 
-    None if no fit is confirmed, or if its held-out cost is not below that of the smaller model refitted to the motion.
+    None if no fit is confirmed, or if it does not predict better than the smaller model refitted to the motion.
     """
     evidence = state.evidence
     step, before = evidence.fits.fit(longer, added=longer[-1].id), evidence.fits.fit(state.terms)

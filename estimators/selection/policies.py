@@ -27,8 +27,10 @@ SWAP = Rule("swap", (gates.require_gain_in_torque,))
 SWAP_HELD_OUT = Rule("swap held out", (gates.require_gain_held_out,))
 # Two models are equally probable.
 TIE = Rule("tie", (gates.require_tie,))
-# Other parameters or link states lower the held-out errors.
-REFIT = Rule("refit", (gates.require_lower_cost,))
+# Other parameters or link states predict held-out torque better.
+REFIT = Rule("refit", (gates.require_gain_of_parameters,))
+# Parameters fitted to the motion lower its held-out error, and do not predict torque worse.
+REFIT_TO_MOTION = Rule("refit to motion", (gates.require_no_loss, gates.require_lower_position))
 # Parameters fitted together with link states do not raise the torque error.
 REFIT_LINK = Rule("refit link", (gates.require_torque_error,))
 # A variant on a coarse grid is near enough to the data to be refined.

@@ -10,7 +10,7 @@ from estimators.decisions.decision import Policy, decide
 from estimators.decisions.errors import Step
 from estimators.decisions.gate import Gate
 from estimators.selection.evidence import Evidence
-from estimators.selection.policies import CONFIRM, REFIT, REFIT_LINK
+from estimators.selection.policies import CONFIRM, REFIT, REFIT_LINK, REFIT_TO_MOTION, Rule
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments
@@ -26,14 +26,13 @@ Innovated = tuple[Step, float]  # step, and RMS of its held-out innovations
 def refit_if_misfit(result: SearchResult) -> SearchResult:
     """Return the result with the last model refitted to free-running motion, if that is confirmed by held-out data.
 
-    The result is unchanged if the model is no misfit to the motion and has no bristles. The better of both by held-out
-    cost is kept.
+    The result is unchanged if the model is no misfit to the motion and has no bristles.
     """
     evidence, (*others, last) = result.evidence, result.steps
     if not (evidence.motion.is_misfit(last) or any(has_bristles(term) for term in last.model.terms)):
         return result
     evidence.progress("fitting the segments", 0.9)
-    refined = _choose_step(evidence, last, evidence.fits.refit_to_motion(last))
+    refined = _choose_step(evidence, last, evidence.fits.refit_to_motion(last), policy=REFIT_TO_MOTION)
     if others and not evidence.decide(refined, others[-1], CONFIRM).passed:
         return result
     return replace(result, steps=[*others, refined])
@@ -68,10 +67,10 @@ def refit_by_likelihood(selection: SearchResult, start: Model | None = None) -> 
     return replace(selection, steps=[*others, refitted])
 
 
-def _choose_step(evidence: Evidence, step: Step, *refits: Step) -> Step:
-    """Return a step, replaced by each refit in turn that lowers the held-out errors."""
+def _choose_step(evidence: Evidence, step: Step, *refits: Step, policy: Rule = REFIT) -> Step:
+    """Return a step, replaced by each refit in turn that passes a policy."""
     for refit in refits:
-        step = refit if evidence.decide(refit, step, REFIT).passed else step
+        step = refit if evidence.decide(refit, step, policy).passed else step
     return step
 
 
@@ -123,7 +122,7 @@ def _compute_std_ratio(step: Step, reference: Step) -> float:
 def _refit_with_link(evidence: Evidence, last: Step, start: Model) -> Step:
     """Return the step with parameters and link states refitted, from its model or `start`, or `last`.
 
-    The least held-out cost decides among the steps that do not increase the held-out torque error.
+    The steps do not increase the held-out torque error.
     """
     refitted = multiple_shooting.estimate(evidence.train.data.windows, start)
     models = [refitted, *([start] if start is not last.model else [])]
