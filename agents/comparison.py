@@ -21,6 +21,7 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import UserError
 from pendulum_env.formatting import TextTable
 from pendulum_env.plant import Effects, list_effects
+from pendulum_env.reading import quote_value
 
 SCHEMA = "pendulum-ident/evaluation@2"
 RESAMPLES = 2000
@@ -129,6 +130,8 @@ def compare_policies(
         (500, 2, 4)
     """
     policies = policies or {}
+    if not isinstance(policies, Mapping):
+        raise TypeError(f"{quote_value(policies)} has no names of policies: give a mapping, such as {{'mine': policy}}")
     if shared_names := [name for name in policies if name in baselines]:
         raise UserError(f"a policy and a baseline are both called {shared_names[0]}: rename the policy")
     if plants < 1:

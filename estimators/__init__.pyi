@@ -2,11 +2,12 @@ from .checks.channel import align
 from .comparison import compare
 from .data.fit_data import FitData
 from .decisions.criterion import Criterion
+from .decisions.decision import Decision
 from .diagnosis.addition import add
 from .diagnosis.result import Addition, Diagnosis
 from .diagnosis.run import diagnose
 from .diagnosis.torque_search import fit
-from .findings import Verdict
+from .findings import Finding, Quantity, Verdict
 from .prediction import Prediction
 from .regression.least_squares import IdentificationError
 from .results import Comparison
@@ -20,11 +21,14 @@ __all__ = [
     "Addition",
     "Comparison",
     "Criterion",
+    "Decision",
     "Diagnosis",
+    "Finding",
     "FitData",
     "Identification",
     "IdentificationError",
     "Prediction",
+    "Quantity",
     "SearchHints",
     "Verdict",
     "add",

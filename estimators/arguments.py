@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from typing import Any, Protocol
 
+import numpy as np
+
 from estimators.free_swings import is_torque_needed
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import (
@@ -60,7 +62,7 @@ def select_recordings(
         ValueError: if a recording is given twice, or none.
     """
     is_single = isinstance(given, Recording) or is_readable(given)
-    sources = (given,) if is_single else convert_to_tuple(given)
+    sources = (given,) if is_single or isinstance(given, np.ndarray) else convert_to_tuple(given)
     format = parse_log_format(log_format or {})
     recordings = [_read_input(item, "" if is_single else f" {k + 1}", body, format) for k, item in enumerate(sources)]
     for item in recordings:
@@ -226,11 +228,9 @@ class HasModel(Protocol):
 def check_model(given: Model | HasModel) -> Model:
     """Return a model, or the model of a result, and check that it has inertia or is of an arm."""
     if not isinstance(given := getattr(given, "model", given), Model):
-        if hasattr(type(given), "windows"):
-            remedy = "take its fit over windows, `.windows`, or the `.model` of one scheme"
-        else:
-            remedy = "read a file with Model.load, or take the `.model` of a result"
-        raise TypeError(f"{quote_value(given)} is not a model: {remedy}")
+        raise TypeError(
+            f"{quote_value(given)} is not a model: read a file with Model.load, or take the `.model` of a result"
+        )
     if not any(item.kind == "inertial" for item in given.terms):
         raise ModelError(NO_INERTIA)
     return given

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from pendulum_env._typing import JSON
+from pendulum_env.notebook import summarise
 from pendulum_env.quantity import Quantity as Quantity
 
 
@@ -180,6 +181,9 @@ class Finding:
     joints: tuple[str, ...] = ()
     pairs: tuple[tuple[str, str | None], ...] = ()
     remedies: tuple[Remedy, ...] = ()
+
+    def __str__(self) -> str:
+        return summarise(self)
 
     @property
     def withheld(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Display of results in notebooks; modules of the entry points `NARRATORS` register the text of each type."""
+"""Texts of results and their display in notebooks, registered by the modules of the entry points `NARRATORS`."""
 
 from functools import singledispatch
 from importlib.metadata import entry_points
@@ -18,6 +18,12 @@ def render_html(result: object) -> str:
 def summarise(result: object) -> str:
     """Summarise a result in one sentence by the function that is registered for its type."""
     return _narrate(summarise, result)
+
+
+@singledispatch
+def render_text(result: object) -> str:
+    """Render a result as the text that the command line prints, by the function that is registered for its type."""
+    return _narrate(render_text, result)
 
 
 def _narrate(generic: Any, result: object) -> str:
@@ -52,3 +58,6 @@ class Summarised(Shown):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.headline}>"
+
+    def __str__(self) -> str:
+        return render_text(self)

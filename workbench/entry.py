@@ -37,3 +37,7 @@ def _end_in_order() -> None:
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:
     raise SystemExit(128 + number)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -4,11 +4,8 @@ from collections.abc import Sequence
 
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.formatting import TextTable
-from pendulum_env.physics.estimate import shorten_name
-from workbench.narrator import diagnosis as narration
-from workbench.narrator.findings import describe
 from workbench.narrator.parts import Part
-from workbench.narrator.results import narrate_diagnosis
+from workbench.narrator.results import REMARKS, narrate_diagnosis, narrate_summary
 from workbench.terminal import Terminal
 
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
@@ -29,32 +26,8 @@ def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
 
 
 def print_diagnosis(diagnosis: Diagnosis, terminal: Terminal, verbose: bool = False, hint: str = MORE) -> None:
-    """Print a diagnosis; for several joints, only the parameters of added effects.
-
-    With `verbose`, tables and all remarks follow; else the line `hint`.
-    """
-    estimates = diagnosis.model.readable
-    if len(diagnosis.floors) > 1:
-        added = [term.id for term in diagnosis.model.terms if term.id in diagnosis.selected]
-        estimates = {name: estimate for id in added for name, estimate in diagnosis.model.get_parameters(id).items()}
-    step = narration.describe_next_step(diagnosis)
-    lines = [*narration.list_laws(diagnosis), narration.describe_errors(diagnosis)]
-    lines += [narration.describe_refit(diagnosis.refit)] if diagnosis.refit is not None else []
-    values = ", ".join(f"{shorten_name(name)} {estimate}" for name, estimate in estimates.items())
-    biased = " (biased by the unexplained residual)" if diagnosis.unexplained else ""
-    lines += [f"parameters{biased}: {values}"] if values else []
-    first = {region.at: region for region in reversed(diagnosis.unexplained)}  # first region of each joint
-    lines += [
-        f"unexplained: {narration.describe_unexplained(diagnosis, region)}"
-        for region in reversed(first.values())
-        if narration.describe_region(region) != step
-    ]
-    findings = [disagreement.finding for disagreement in diagnosis.disagreements]
-    lines += [f"{describe(finding)} It is not fitted: diagnose it on its own." for finding in findings]
-    lines += [f"note: {remark}" for remark in narration.list_remarks(diagnosis)[: None if verbose else 2]]
-    terminal.print_heading(narration.describe_result(diagnosis))
-    for line in (*lines, f"next: {step}"):
-        terminal.print(line)
+    """Print the summary of a diagnosis; with `verbose`, tables and all remarks follow, else the line `hint`."""
+    print_parts([narrate_summary(diagnosis, None if verbose else REMARKS)], terminal)
     if verbose:
         print_parts(narrate_diagnosis(diagnosis), terminal)
     elif hint:

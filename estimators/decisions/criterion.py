@@ -1,7 +1,7 @@
 """Limits of all decisions: on models, recordings, timing, columns of a log and servos."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -23,8 +23,19 @@ class ResidualStructure(NamedTuple):
     rms: float
 
 
-@dataclass(frozen=True)
-class SearchLimits:
+class Limits:
+    """Mixin of dataclasses whose representation has the fields that differ from their default."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        own = ((field.name, getattr(self, field.name), field.default) for field in fields(cast(Any, self)))
+        changed = [f"{name}={value!r}" for name, value, default in own if value != default]
+        return f"{type(self).__name__}({', '.join(changed)})"
+
+
+@dataclass(frozen=True, repr=False)
+class SearchLimits(Limits):
     """Extent of the search.
 
     Attributes:
@@ -40,8 +51,8 @@ class SearchLimits:
     max_ordered: int = 3
 
 
-@dataclass(frozen=True)
-class WhiteNoiseLimits:
+@dataclass(frozen=True, repr=False)
+class WhiteNoiseLimits(Limits):
     """Limits of the tests of white torque noise.
 
     Attributes:
@@ -55,8 +66,8 @@ class WhiteNoiseLimits:
     least_windows: int = 100
 
 
-@dataclass(frozen=True)
-class TimingLimits:
+@dataclass(frozen=True, repr=False)
+class TimingLimits(Limits):
     """Limits of the time between torque and motion, and of the feedback from motion to torque.
 
     Attributes:
@@ -76,8 +87,8 @@ class TimingLimits:
     same_ratio: float = 1.2
 
 
-@dataclass(frozen=True)
-class AgreementLimits:
+@dataclass(frozen=True, repr=False)
+class AgreementLimits(Limits):
     """Limits of the agreement of recordings, and of schemes.
 
     Attributes:
@@ -99,8 +110,8 @@ class AgreementLimits:
     least_freedom: int = 6
 
 
-@dataclass(frozen=True)
-class ColumnLimits:
+@dataclass(frozen=True, repr=False)
+class ColumnLimits(Limits):
     """Limits of the tests for wrong columns of a log, and of the torque constant.
 
     Attributes:
@@ -117,8 +128,8 @@ class ColumnLimits:
     driven_share: float = 0.9
 
 
-@dataclass(frozen=True)
-class LoopLimits:
+@dataclass(frozen=True, repr=False)
+class LoopLimits(Limits):
     """Limits for servos with their controller in the loop.
 
     Attributes:
@@ -141,8 +152,8 @@ class LoopLimits:
     torque_scale: float = 0.1
 
 
-@dataclass(frozen=True)
-class Criterion:
+@dataclass(frozen=True, repr=False)
+class Criterion(Limits):
     """Thresholds for an effect and for noise, and limits of the search.
 
     Attributes:

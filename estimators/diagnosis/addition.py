@@ -1,5 +1,7 @@
 """Addition of one chosen effect to a model: by torque and free runs, or of servos in the loop."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -81,8 +83,9 @@ def add(
     holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
     every, count = complete_drives((*recordings, *holdout), model.log_format), len(recordings)
     recordings, holdout = every[:count], every[count:]
+    model.refuse_present(id)
     kind = find_kind(id, body)
-    model.add(kind())  # raises if the model has it
+    model.add(kind())  # raises if a term of the model contains it
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that no recording has
     if all(recording.is_free for recording in recordings):
         fixed = find_scaling_values(model, fixed)

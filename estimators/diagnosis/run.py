@@ -1,5 +1,7 @@
 """Diagnosis: which physical effects does the model lack?"""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 
 import numpy as np

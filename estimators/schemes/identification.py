@@ -18,7 +18,7 @@ from estimators.schemes.completeness import check_results
 from estimators.schemes.fitting import Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification
-from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, select_schemes
+from estimators.schemes.six import LowPass, Regressor, Scheme, select_schemes
 from pendulum_env.arms.joints import find_body
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Bounds, Term
@@ -29,7 +29,7 @@ from pendulum_env.recording.study import collect_log_format
 def identify(
     recordings: Recordings,
     terms: Terms = BASE,
-    schemes: str | Sequence[str | Regressor] = SCHEMES,
+    schemes: str | Sequence[str | Regressor] = "all",
     *,
     fixed: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,

@@ -69,8 +69,14 @@ class Identification(Mapping[str, Identified], Shown):
 
     __eq__, __hash__ = object.__eq__, object.__hash__  # a Mapping compares its items and has no hash
 
+    @property
+    def model(self) -> Model:
+        """Return the fit by `least_squares`; of an arm, or with one scheme, that of `primary`."""
+        has_one = len(self.schemes) == 1 or not self.body.can_simulate
+        return self.primary.model if has_one else self.least_squares
+
     @cached_property
-    def windows(self) -> Model:
+    def least_squares(self) -> Model:
         """Return the least-squares fit over windows, as in `compare` and `diagnose`.
 
         The estimates of an incomplete model are marked as biased. Parameters withheld by findings, and an

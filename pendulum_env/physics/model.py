@@ -182,10 +182,14 @@ class Model(Mapping[str, Estimate], Shown):
         """Compute derived parameters, such as `backlash.k`, with standard errors to first order."""
         return derive_estimates(self.terms, self.estimates, self.assumed_covariance, self.units())
 
+    def refuse_present(self, id: str) -> None:
+        """Raise a `ModelError` if the model has a term of this id."""
+        if id in {term.id for term in self.terms}:
+            raise model_file.ModelError(f"the model has '{id}' already: each effect can be added once")
+
     def add(self, term: Term, theta: ArrayLike = 0.0) -> Self:
         """Return the model with an added term with linear parameters `theta`."""
-        if term.id in {existing.id for existing in self.terms}:
-            raise model_file.ModelError(f"the model has '{term.id}' already: each effect can be added once")
+        self.refuse_present(term.id)
         refuse_contained(self.terms, term)
         addition = Model.build([term], theta)
         estimates = addition.convert_units(self.units()).estimates

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from agents import compare_policies
 from estimators import add, compare, diagnose, identify
 from estimators.schemes.six import Integral, Scheme, scheme
 from pendulum_env.backends import record
@@ -62,7 +63,9 @@ WRONG = [
     (lambda r: identify(r, fix={"gravity": 2.0}), ValueError, "unknown argument 'fix': did you mean fixed"),
     (lambda r: identify(r, scheme="energy"), ValueError, "did you mean schemes"),
     (lambda r: diagnose(r, only=3), TypeError, "3 names no effects"),
-    (lambda r: compare(identify(r, schemes="energy"), r), TypeError, "<Identification> is not a model.* one scheme"),
+    (lambda r: identify(np.zeros((100, 3))), TypeError, "<ndarray> is not a recording.* a mapping of arrays"),
+    (lambda r: add(MODEL, "coulomb", r), ModelError, "coulomb"),
+    (lambda r: compare_policies([MODEL]), TypeError, "give a mapping"),
     (lambda r: describe(compare(MODEL, r)), TypeError, "one finding, not Comparison"),
     (lambda r: read_recording({}, columns={"torqe": "x"}), RecordingError, "did you mean torque"),
     (lambda r: identify(r, fixed={"stribeck": 1.0}), UserError, "the model has no parameter 'stribeck'"),

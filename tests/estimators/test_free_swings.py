@@ -83,7 +83,7 @@ def test_parameters_relative_to_the_inertia():
 def test_a_known_parameter_gives_the_others(name, value):
     found = identify(swinging(), fixed={name: value})
     assert found.torque_unit == "N m" and not found.findings
-    for model in (*(own.model for own in found.schemes.values()), found.windows):
+    for model in (*(own.model for own in found.schemes.values()), found.least_squares):
         assert model.estimates[name].value == value and model.estimates[name].std == 0.0
         assert_recovered(model, {own: truth for own, truth in (INERTIA_TOO | TRUTH).items() if own != name}, 4.5)
 
@@ -96,16 +96,16 @@ def test_a_small_known_torque_gives_the_inertia_without_attenuation(counts):
         inertia, ratio = own.model.estimates["inertia"], relative[id].model.estimates["coulomb"]
         assert inertia.value == pytest.approx(TRUTH["coulomb"] / ratio.value)
         assert inertia.std / inertia.value == pytest.approx(ratio.std / ratio.value, rel=1e-6)
-    assert_recovered(found.windows, INERTIA_TOO | {"gravity": TRUTH["gravity"]}, 4.5)
+    assert_recovered(found.least_squares, INERTIA_TOO | {"gravity": TRUTH["gravity"]}, 4.5)
     loaded = replace(swinging(2.3, counts=65_536, inertia=0.02, gravity=1.1), load=Load(0.01, 0.6))
-    known = identify(loaded, fixed={"coulomb": TRUTH["coulomb"]}).windows
+    known = identify(loaded, fixed={"coulomb": TRUTH["coulomb"]}).model
     assert_recovered(known, INERTIA_TOO | {"gravity": TRUTH["gravity"]}, 4.5)
 
 
 def test_an_inertia_of_one_is_no_unknown_inertia():
     found = identify(swinging(), fixed={"inertia": 1.0})
     assert found.torque_unit == "N m" and not found.findings
-    assert found.windows.estimates["gravity"].value == pytest.approx(RATIOS["gravity"], rel=0.01)
+    assert found.least_squares.estimates["gravity"].value == pytest.approx(RATIOS["gravity"], rel=0.01)
 
 
 def test_a_known_value_that_the_motion_contradicts_is_refused():
@@ -128,7 +128,7 @@ def test_a_constant_load_torque_drives_a_swing():
     found = identify(replace(run, load_torque=np.full(len(run), 0.1)))
     assert found.torque_unit == "N m" and not found.findings
     for name, value in (INERTIA_TOO | TRUTH).items():
-        assert found.windows.estimates[name].value == pytest.approx(value, rel=5e-3)
+        assert found.least_squares.estimates[name].value == pytest.approx(value, rel=5e-3)
 
 
 def test_a_constant_torque_that_the_motion_does_not_follow_is_refused():
@@ -234,7 +234,7 @@ def test_a_saved_model_is_relative_to_the_inertia(tmp_path):
 
 
 def test_an_effect_is_added():
-    for start in (identify(swinging()).windows, identify(pushed()).windows):
+    for start in (identify(swinging()), identify(pushed())):
         added = add(start, "quadratic_drag", hiding("quadratic_drag"))
         scale = 1.0 if added.after.model.torque_unit == "rad/s^2" else start.estimates["inertia"].value
         drag = added.after.model.estimates["quadratic_drag"]
@@ -242,7 +242,7 @@ def test_an_effect_is_added():
 
 
 def test_driven_and_free_recordings_together():
-    known = identify(pushed()).windows
+    known = identify(pushed()).model
     assert compare(known, swinging()).joint.errors.torque_rms < 1.3 * compare(known, swinging()).joint.noise_floor
     for together in ([pushed(), swinging()], [swinging(), pushed()]):
         found = diagnose(together)
@@ -275,7 +275,7 @@ def test_a_release_is_suggested():
 def test_loads_of_known_size_are_beside_the_inertia():
     loaded = replace(swinging(2.3, inertia=0.02, gravity=1.1), load=Load(0.01, 0.6), name="loaded")
     found = identify([swinging(), loaded], fixed={"inertia": INERTIA})
-    assert_recovered(found.windows, TRUTH)
+    assert_recovered(found.least_squares, TRUTH)
     with pytest.raises(IdentificationError, match="their known loads differ: fix the inertia"):
         identify([swinging(), loaded])
     assert identify(loaded).torque_unit == "rad/s^2"  # of the joint with its load

@@ -36,7 +36,7 @@ def carriage():
 
 def test_parameters_of_a_carriage_are_in_newtons_and_metres(carriage, tmp_path):
     found = identify(carriage, ["inertia", "viscous", "coulomb"])
-    model = found.windows
+    model = found.least_squares
     assert {name: own.unit for name, own in model.items()} == UNITS
     assert [float(own) for own in model.values()] == pytest.approx([MASS, VISCOUS, COULOMB], rel=0.03)
     model.save(tmp_path / "model.json")

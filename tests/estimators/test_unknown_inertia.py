@@ -58,7 +58,7 @@ def test_an_offset_beside_it_is_found():
 def test_the_model_is_saved_as_unknown_and_compared_in_torque_alone(run, tmp_path):
     found = identify([run])
     assert all(own.model.estimates["inertia"].is_unknown for own in found.schemes.values())
-    found.windows.save(tmp_path / "m.json")
+    found.least_squares.save(tmp_path / "m.json")
     model = Model.load(tmp_path / "m.json")
     assert model.estimates["inertia"].is_unknown
     compared = compare(model, [run])

@@ -184,7 +184,7 @@ def test_without_loads_that_differ_nothing_is_said_in_newton_metres(weighed, tmp
 def test_python_reads_the_next_log_as_the_command_line(bench, monkeypatch):
     monkeypatch.chdir(bench)
     columns = {"time": "clock:ms", "position": "-Winkel [deg]-20", "torque": "i:A*0.5"}
-    found = identify(read_recording("monday.csv", columns=columns)).windows
+    found = identify(read_recording("monday.csv", columns=columns)).model
     assert found.log_format == Model.load("model.json").log_format == {"columns": columns}
     model = Model.load("model.json")
     data = np.loadtxt("tuesday.csv", delimiter=",", skiprows=1).T

@@ -18,7 +18,10 @@ from pendulum_env.plant import make_plant
 from pendulum_env.recording import Note, NoteKind, Recording
 from tests.feeding import play_two_tones
 from tests.terms import CubicDamping
+from workbench.narrator import describe
 from workbench.narrator.diagnosis import describe_region, describe_result
+from workbench.printing import print_diagnosis
+from workbench.terminal import Terminal
 
 HOSTILE = "</div><script>alert('1')</script>&\"{{ 7 * 7 }}"
 PENDULUM = "pendulum_env/DirectDrivePendulum-v0"
@@ -75,6 +78,29 @@ def test_markup_is_well_formed_small_and_runs_nothing_and_plain_text_is_short(re
         assert HOSTILE in shown(results[kind])  # names are shown as they are
     if kind not in ("model", "estimates"):
         assert len(repr(results[kind])) < (2000 if kind == "identification" else 300)
+
+
+def test_text_of_a_diagnosis_is_that_of_the_command_line(results, capsys):
+    print_diagnosis(results["diagnosis"], Terminal(), hint="")
+    lines = capsys.readouterr().out.split("\n")
+    assert str(results["diagnosis"]).split("\n") == lines[1:-1]
+
+
+@pytest.mark.parametrize("kind", ["comparison", "addition", "identification"])
+def test_text_of_a_result_has_its_parameters_or_errors(results, kind):
+    text = str(results[kind])
+    error = results["comparison"].errors.torque_rms
+    numbers = {
+        "comparison": f"{error:.4g}",
+        "addition": results["addition"].after.model.estimates["stribeck"].shown.text,
+        "identification": results["scheme"].model.estimates["gravity"].shown.text,
+    }
+    assert numbers[kind] in text and "\n" in text
+
+
+def test_text_of_a_finding_is_its_sentence(results):
+    findings = results["identification"].findings
+    assert findings and [str(finding) for finding in findings] == [describe(finding) for finding in findings]
 
 
 def test_recording_tells_length_rate_notes_and_a_missing_torque(runs):

@@ -80,5 +80,5 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _choose_model(identification: Identification, arguments: argparse.Namespace) -> tuple[Model | None, str]:
     """Return the model for `-o` and the name of its fit: by one scheme, or over windows."""
     if len(identification.schemes) == 1 or not identification.body.can_simulate:
-        return identification.primary.model, f"the estimates of {identification.primary.scheme}"
-    return (identification.windows if arguments.output is not None else None), OVER_WINDOWS
+        return identification.model, f"the estimates of {identification.primary.scheme}"
+    return (identification.model if arguments.output is not None else None), OVER_WINDOWS

@@ -44,3 +44,17 @@ def list_figures(content: Content) -> Iterator[Figure]:
             yield from list_figures(item.content)
         elif isinstance(item, tuple):
             yield from (part for part in item if isinstance(part, Figure))
+
+
+def format_parts(parts: Sequence[Part]) -> str:
+    """Format titles, texts, lists and tables of a result as plain text, with a blank line between parts."""
+    texts = []
+    for part in parts:
+        lines = [part.title]
+        for item in part.content:
+            if isinstance(item, str | TextTable):
+                lines.append(str(item))
+            elif isinstance(item, tuple):
+                lines += [f"- {line}" for line in item]
+        texts.append("\n".join(lines))
+    return "\n\n".join(texts)

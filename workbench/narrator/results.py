@@ -9,6 +9,7 @@ from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonR
 from estimators.results import Comparison
 from pendulum_env.arms import Body
 from pendulum_env.formatting import TextTable, format_quantity, join_words
+from pendulum_env.physics.estimate import shorten_name
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import JointUnits, to_shown_unit
@@ -25,6 +26,7 @@ from workbench.narrator.tables import (
 )
 
 NEXT = "What to do next"
+REMARKS = 2  # largest number of remarks in a summary
 RUNNERS_UP = 5  # largest number of rejected candidates in a table
 BIASED = "Biased by a missing effect; the size of the bias is unknown."
 SCORE = (
@@ -38,6 +40,33 @@ LEGEND = (
 CLEAR = "clear of stick and reversals"
 FOLLOWED = 80.0  # smallest fit of free motion of a good model [%]
 GATE_HEADERS = ("gate", "value", "limit", "result")
+
+
+def narrate_summary(diagnosis: Diagnosis, n_remarks: int | None = REMARKS) -> Part:
+    """Summarise a diagnosis in lines under its result, with some or all remarks.
+
+    For several joints, only the parameters of added effects are listed.
+    """
+    estimates = diagnosis.model.readable
+    if len(diagnosis.floors) > 1:
+        added = [term.id for term in diagnosis.model.terms if term.id in diagnosis.selected]
+        estimates = {name: estimate for id in added for name, estimate in diagnosis.model.get_parameters(id).items()}
+    step = narration.describe_next_step(diagnosis)
+    lines = [*narration.list_laws(diagnosis), narration.describe_errors(diagnosis)]
+    lines += [narration.describe_refit(diagnosis.refit)] if diagnosis.refit is not None else []
+    values = ", ".join(f"{shorten_name(name)} {estimate}" for name, estimate in estimates.items())
+    biased = " (biased by the unexplained residual)" if diagnosis.unexplained else ""
+    lines += [f"parameters{biased}: {values}"] if values else []
+    first = {region.at: region for region in reversed(diagnosis.unexplained)}  # of each joint
+    lines += [
+        f"unexplained: {narration.describe_unexplained(diagnosis, region)}"
+        for region in reversed(first.values())
+        if narration.describe_region(region) != step
+    ]
+    findings = [disagreement.finding for disagreement in diagnosis.disagreements]
+    lines += [f"{describe(finding)} It is not fitted: diagnose it on its own." for finding in findings]
+    lines += [f"note: {remark}" for remark in narration.list_remarks(diagnosis)[:n_remarks]]
+    return Part(narration.describe_result(diagnosis), [*lines, f"next: {step}"])
 
 
 def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:

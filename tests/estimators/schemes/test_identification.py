@@ -84,10 +84,16 @@ def test_the_fit_over_windows_is_the_one_that_a_diagnosis_begins_with(paper_run)
     found = identify([paper_run], schemes="energy", fixed={"gravity": 2.0})
     data = prepare_windows([paper_run])
     model, _ = fit_terms(RegressionData(data, ()), found["energy"].model.terms)
-    np.testing.assert_array_equal(found.windows.theta, model.theta)
-    assert found.windows.estimates["gravity"].value == 2.0
+    np.testing.assert_array_equal(found.least_squares.theta, model.theta)
+    assert found.least_squares.estimates["gravity"].value == 2.0
     with pytest.raises(IdentificationError, match="too little of the motion is clear of stick"):
-        _ = replace(found, data=None).windows
+        _ = replace(found, data=None).least_squares
+
+
+def test_model_of_an_identification_is_the_fit_over_windows_or_that_of_the_only_scheme(paper_run):
+    one, several = (identify([paper_run], schemes=schemes) for schemes in ("energy", ["energy", "dynamic"]))
+    assert one.model is one["energy"].model and several.model is several.least_squares
+    assert several.model.estimates.keys() == one.model.estimates.keys()
 
 
 def test_several_recordings_share_one_set_of_parameters():
@@ -120,7 +126,7 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
     assert incomplete.numbers.keys() == {"residual", "disagreement"} and "coulomb" in incomplete.parameters
     for name, run in runs.items():  # all estimates of an incomplete model are biased, also by a single scheme
         (alone,) = identify(run, schemes="energy").values()
-        models = [found[name].windows, alone.model, *(scheme.model for scheme in found[name].values())]
+        models = [found[name].least_squares, alone.model, *(scheme.model for scheme in found[name].values())]
         estimates = [estimate for model in models for estimate in model.estimates.values()]
         assert {estimate.is_biased for estimate in estimates} == {name == "lacking"}
     fixed = identify(runs["lacking"], fixed={"inertia": plants["lacking"].estimates["inertia"].value})

@@ -141,9 +141,9 @@ def test_what_is_no_table(source: Any) -> None:
 def test_functions_take_what_the_door_takes(tmp_path: Path, swing: Recording) -> None:
     write_recording(swing, tmp_path / "swing.csv")
     columns = {"time": swing.time, "position": swing.position, "torque": swing.torque, "velocity": swing.velocity}
-    expected = identify(swing, schemes="filtered_dynamic").windows.theta
+    expected = identify(swing, schemes="filtered_dynamic").least_squares.theta
     for source in (tmp_path / "swing.csv", str(tmp_path / "swing.csv"), columns, [columns, tmp_path / "swing.csv"]):
-        theta = identify(source, schemes="filtered_dynamic").windows.theta
+        theta = identify(source, schemes="filtered_dynamic").least_squares.theta
         np.testing.assert_allclose(theta, expected, rtol=1e-6)
     errors = [compare(MODEL, source).errors.torque_rms for source in (swing, columns)]
     assert errors[0] == pytest.approx(errors[1], rel=1e-9)
