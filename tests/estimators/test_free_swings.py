@@ -236,7 +236,7 @@ def test_a_saved_model_is_relative_to_the_inertia(tmp_path):
 def test_an_effect_is_added():
     for start in (identify(swinging()), identify(pushed())):
         added = add(start, "quadratic_drag", hiding("quadratic_drag"))
-        scale = 1.0 if added.after.model.torque_unit == "rad/s^2" else start.estimates["inertia"].value
+        scale = 1.0 if added.after.model.torque_unit == "rad/s^2" else start.model.estimates["inertia"].value
         drag = added.after.model.estimates["quadratic_drag"]
         assert drag.value == pytest.approx(0.04 * scale, rel=0.1) and added.objection is None
 

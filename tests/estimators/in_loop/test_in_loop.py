@@ -317,7 +317,7 @@ def test_every_command_uses_the_torque_with_the_integral():
     assert model.estimates["gravity"].value == pytest.approx(TRUE["gravity"], rel=0.01)
     assert conventions.items() <= model.log_format.items()
     assert [own.kind for own in identified.findings if own.kind is Kind.CONTROLLER_READ]
-    compared = compare(identified.windows, recordings[2:])
+    compared = compare(identified.least_squares, recordings[2:])
     assert compared.data is not None
     assert compared.joint.errors.torque_rms < 0.1 * np.sqrt(np.mean(recordings[2].torque ** 2))
     (held_out,) = compared.data.recordings
@@ -326,7 +326,7 @@ def test_every_command_uses_the_torque_with_the_integral():
     assert conventions.items() <= added.after.model.log_format.items()
     assert held_out.drive is not None and held_out.drive.windup == "clamp" and held_out.drive.integral == "before"
     for name, value in (TRUE | {"viscous": 0.2}).items():
-        assert abs(identified.windows.estimates[name].value - value) < 3 * identified.windows.estimates[name].std
+        assert abs(identified.least_squares.estimates[name].value - value) < 3 * identified.least_squares.estimates[name].std
 
 
 def test_sets_of_several_kinds_are_identified_with_conventions_of_each():
