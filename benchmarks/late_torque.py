@@ -116,7 +116,7 @@ def make(hidden: str, seed: int) -> list[Case]:
 def examine(case: Case, named: bool) -> Found:
     """Diagnose the timing of one case, and on request its effects."""
     diagnosis = diagnose([case.recording]) if named else None
-    found = align([case.recording]) if diagnosis is None else diagnosis.alignments[0]
+    found = align(case.recording).alignments[0] if diagnosis is None else diagnosis.alignments[0]
     text = describe(found.finding) if found.finding is not None else ""
     selected = diagnosis.selected if diagnosis is not None else None
     return Found(case, 1e3 * found.delay, 1e3 * found.lag, text, selected)

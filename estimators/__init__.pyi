@@ -1,4 +1,4 @@
-from .checks.channel import align
+from .alignment import align
 from .comparison import compare
 from .data.fit_data import FitData
 from .decisions.criterion import Criterion

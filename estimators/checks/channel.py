@@ -144,7 +144,7 @@ class ChannelFits(ChannelRows):
         return max(compute_norm(w, undelayed) / compute_norm(w, Channel()) for w in self.rows.data.windows)
 
 
-def align(
+def estimate_alignment(
     recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (), criterion: Criterion = Criterion()
 ) -> Alignment:
     """Estimate delay and lag of the torque channel that all recordings share.
@@ -214,7 +214,7 @@ def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording
 
 
 def _choose_hold(fits: ChannelFits) -> Alignment:
-    """Return the law of held or of sampled torque, chosen by the rules of `align`."""
+    """Return the law of held or of sampled torque, chosen by the rules of `estimate_alignment`."""
     law, sampled = fits.select_law(), replace(fits, is_sampled=True)
     free_delay = fits.delay_fit
     if not (law.is_late or (free_delay.is_significant and not law.is_found)):
@@ -242,10 +242,10 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     return replace(sampled_law, rival=None)
 
 
-def align_each(
+def estimate_alignments(
     recordings: Sequence[Recording], terms: Sequence[Term] = (), criterion: Criterion = Criterion()
 ) -> list[Alignment]:
-    """Align all recordings together, or separately if they differ; see `align`.
+    """Align all recordings together, or separately if they differ; see `estimate_alignment`.
 
     All recordings have the same drive and log. The law of all, or of one recording, holds for all if more than half
     agree with it. A recording that contradicts it keeps its own law, unless torque acts late by that law. In closed
@@ -255,11 +255,11 @@ def align_each(
     Returns:
         The alignment of each recording, in order.
     """
-    joint = align(recordings, terms, criterion)
+    joint = estimate_alignment(recordings, terms, criterion)
     is_closed = all(find_feedback([recording], criterion) for recording in recordings)
     if len(recordings) == 1 or (is_closed and np.isfinite(joint.delay_std)):
         return [joint] * len(recordings)
-    own_laws = [align([recording], terms, criterion) for recording in recordings]
+    own_laws = [estimate_alignment([recording], terms, criterion) for recording in recordings]
     if is_closed and not all(np.isfinite(own.delay_std) for own in own_laws):
         return [joint] * len(recordings)
     for law in (joint, *sorted(own_laws, key=lambda own: own.delay_std + own.lag_std)):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
-from estimators.checks.channel import align_each
+from estimators.checks.channel import estimate_alignments
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate, make_constant_finding
 from estimators.data.regression_data import RegressionData
@@ -101,17 +101,17 @@ class FitData:
     def with_timing(self, effects: Sequence[Term] = ()) -> FitData:
         """Return the data with torque corrected by its estimated delay and filter, under a model with some effects.
 
-        Recordings share an alignment, unless their own estimates contradict it, see `align_each`. Held-out and excluded
-        recordings count, since the timing belongs to the log: `whole` is timed, and the same recordings are excluded
-        again. The estimation starts from untimed data. Findings on effects and corrections replace earlier corrections.
+        Recordings share an alignment, unless their own estimates contradict it, see `estimate_alignments`. Held-out and
+        excluded recordings count, since the timing belongs to the log: `whole` is timed, and the same recordings are
+        excluded again. The estimation starts from untimed data. Findings on effects and corrections replace earlier corrections.
         """
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
         logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
         terms = [term for term in self.terms if isinstance(term, Term)]
-        alignments = tuple(align_each(logged, [*terms, *effects], self.criterion))
+        alignments = tuple(estimate_alignments(logged, [*terms, *effects], self.criterion))
         timing = Timing(alignments, tuple(recording.name for recording in logged), logged)
-        corrected = tuple(law.apply(recording) for law, recording in zip(alignments, logged, strict=True))
+        corrected = timing.recordings
         corrections = self.timing.corrections
         earlier = (treatment for treatment in self.treatments if treatment not in corrections)
         model_finding = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []

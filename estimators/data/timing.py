@@ -19,6 +19,8 @@ from pendulum_env.recording import Recording
 class Timing:
     """Time between torque and motion of each recording, by which late or filtered torque is corrected.
 
+    `str(timing)` has a sentence for each finding.
+
     Attributes:
         alignments: of each recording.
         names: of the recordings.
@@ -28,6 +30,21 @@ class Timing:
     alignments: tuple[Alignment, ...] = ()
     names: tuple[str, ...] = ()
     logged: tuple[Recording, ...] = ()
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """Return the recordings with corrected torque; none in a result, which lacks the logged ones."""
+        if not self.logged:
+            return ()
+        return tuple(law.apply(recording) for law, recording in zip(self.alignments, self.logged, strict=True))
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return findings on corrected torque, and on torque that acts late."""
+        return (*self.corrections, *self.find(is_late=False))
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.findings)) or "Torque and motion are in time."
 
     def select(self, numbers: Sequence[int]) -> Timing:
         """Return the timing of some recordings, numbered from 0; unchanged without alignments."""

@@ -318,7 +318,7 @@ def describe_nearest_body(nearest: Nearest) -> str:
     return f"no body has these parameters: the nearest is {off}, in {nearest.farthest}"
 
 
-CORRECT_IT = "Correct it with --align (`align(recordings)` in Python)."
+CORRECT_IT = "Correct it with --align (`align(recordings).recordings` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
 GEAR_LOSSES = (
     ". The losses of its gears and the {name} are then one number, {torque_constant.value:.4g} {torque_constant.unit}. "

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, random_case
 from estimators.checks.alignment import Alignment
-from estimators.checks.channel import align, align_each
+from estimators.checks.channel import estimate_alignment, estimate_alignments
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
@@ -49,7 +49,7 @@ LATE = [*zip(KINDS, (1, 5, 10, 30, 3), strict=True), ("multisine", 60), ("chirp"
 
 @pytest.mark.parametrize(("excitation", "samples"), slow.but_first(LATE))
 def test_torque_that_is_logged_late_is_found_to_a_fifth_of_a_sample(excitation, samples):
-    found = align([logged_late(run(excitation, 1000.0), samples)])
+    found = estimate_alignment([logged_late(run(excitation, 1000.0), samples)])
     assert found.is_late
     assert found.lag == 0
     assert found.delay == pytest.approx(1e-3 * samples, abs=2e-4)
@@ -64,7 +64,7 @@ def test_an_encoder_slower_than_its_log_is_no_delay_and_biases_nothing(rate):
     held = CubicSpline(clean.time, clean.position)(sampled)
     recording = read_recording({"time": clean.time, "position": held, "torque": clean.torque})
     assert recording.rate == pytest.approx(rate, rel=1e-5)
-    assert not align([recording]).is_late
+    assert not estimate_alignment([recording]).is_late
     model, _ = fit_terms(RegressionData.from_recordings([recording]), BASE)
     for estimate, true in zip(model.estimates.values(), TRUTH, strict=True):
         assert abs(estimate.value - true) < 3 * estimate.std
@@ -72,7 +72,7 @@ def test_an_encoder_slower_than_its_log_is_no_delay_and_biases_nothing(rate):
 
 @pytest.mark.parametrize("time_constant", [0.003, 0.01])
 def test_torque_that_is_logged_through_a_filter_is_found_where_it_steps(time_constant):
-    found = align([logged_filtered(run("prbs", 1000.0), time_constant)])
+    found = estimate_alignment([logged_filtered(run("prbs", 1000.0), time_constant)])
     assert found.is_late
     assert found.delay == 0
     assert found.lag == pytest.approx(time_constant, rel=0.05)
@@ -80,7 +80,7 @@ def test_torque_that_is_logged_through_a_filter_is_found_where_it_steps(time_con
 
 
 def test_slow_torque_does_not_tell_a_filter_from_a_delay_and_both_are_said():
-    numbers = align([logged_filtered(run("two_tone", 1000.0), 0.003)]).finding.numbers
+    numbers = estimate_alignment([logged_filtered(run("two_tone", 1000.0), 0.003)]).finding.numbers
     (lag,) = (number.value for name, number in numbers.items() if name.endswith("lag"))
     (delay,) = (number.value for name, number in numbers.items() if name.endswith("delay"))
     assert any(name.startswith("rival") for name in numbers)
@@ -89,7 +89,7 @@ def test_slow_torque_does_not_tell_a_filter_from_a_delay_and_both_are_said():
 
 
 def test_a_delay_and_a_filter_are_found_together():
-    found = align([logged_filtered(logged_late(run("prbs", 1000.0), 5), 0.01)])
+    found = estimate_alignment([logged_filtered(logged_late(run("prbs", 1000.0), 5), 0.01)])
     assert found.delay == pytest.approx(0.005, abs=5e-4)
     assert found.lag == pytest.approx(0.01, rel=0.05)
 
@@ -97,7 +97,7 @@ def test_a_delay_and_a_filter_are_found_together():
 @pytest.mark.parametrize("excitation", slow.but_first(["pd_loop", *KINDS]))
 def test_torque_in_time_is_left_alone(excitation):
     recording = run(excitation, 500.0)
-    found = align([recording])
+    found = estimate_alignment([recording])
     assert not found.is_found
     assert found.finding is None
     assert found.delay_std < 2e-4
@@ -115,9 +115,9 @@ def test_a_delay_below_a_tenth_of_a_sample_is_none_and_one_of_more_is_corrected(
         replace(recording, position=motion(recording.time + share / recording.rate)) for share in (0.0, few, 0.6)
     )
     for one in (on_time, early):
-        found = align([one], beside)
+        found = estimate_alignment([one], beside)
         assert not found.is_found and found.finding is None and found.apply(one) is one
-    found = align([late], beside)
+    found = estimate_alignment([late], beside)
     assert found.is_late and found.finding is not None
     assert found.delay == pytest.approx(0.6 / 250.0, abs=0.02 / 250.0)
     assert found.apply(late) is not late
@@ -126,7 +126,7 @@ def test_a_delay_below_a_tenth_of_a_sample_is_none_and_one_of_more_is_corrected(
 @pytest.mark.parametrize("share", [0.15, 0.2])
 def test_held_torque_that_is_late_by_less_than_a_controller_makes_it_was_not_sampled(share):
     arm = arm_recorded(seconds=6.0, rate=250.0)
-    found = align(
+    found = estimate_alignment(
         [replace(arm, position=CubicSpline(arm.time, arm.position)(arm.time + share / 250.0))], arm_base(body())
     )
     assert found.finding.kind is Kind.TORQUE_LATE and found.delay == pytest.approx(share / 250.0, abs=0.05 / 250.0)
@@ -142,12 +142,12 @@ def test_held_torque_that_is_late_by_less_than_a_controller_makes_it_was_not_sam
 def test_no_effect_of_the_plant_makes_torque_look_logged_late(effect):
     rng = np.random.default_rng(12)
     cases = [random_case(rng, (effect,), excitation=kind, rate=500.0, seconds=8.0) for kind in ("two_tone", "steps")]
-    assert not any(align(recorded(case.plant, case.train)).is_late for case in cases)
+    assert not any(estimate_alignment(recorded(case.plant, case.train)).is_late for case in cases)
 
 
 def test_a_drive_with_a_dead_time_is_the_law_of_a_log_that_is_ahead_and_both_are_named():
     recording = run("multisine", 1000.0, dead_time={"dead_n": 12.0})
-    found = align([recording])
+    found = estimate_alignment([recording])
     assert found.is_found
     assert not found.is_late
     assert found.delay == pytest.approx(-0.012, abs=2e-4)
@@ -158,9 +158,9 @@ def test_a_drive_with_a_dead_time_is_the_law_of_a_log_that_is_ahead_and_both_are
 def test_torque_that_is_late_is_timed_beside_friction_that_it_presses():
     """As friction follows the torque, the log that has one late has the other late as well."""
     rubs, term = run("pd_loop", 500.0, load_dependent_friction={"load_mu": 0.3}), effect("load_dependent_friction")()
-    assert not align([rubs], [term]).is_late
+    assert not estimate_alignment([rubs], [term]).is_late
     for samples in (1, 2):
-        found = align([logged_late(rubs, samples)], [term])
+        found = estimate_alignment([logged_late(rubs, samples)], [term])
         assert found.is_late and found.delay_std < 1e-4
         assert found.delay == pytest.approx(2e-3 * samples, abs=4 * found.delay_std)
 
@@ -173,12 +173,12 @@ def every_few(fast: Recording, every: int) -> Recording:
 def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sampled():
     fast, every = run("pd_loop", 500.0), 10
     slow_log = every_few(fast, every)
-    found = align([slow_log])
+    found = estimate_alignment([slow_log])
     assert found.channel.is_sampled and found.json()["sampled"] and found.finding.kind is Kind.TORQUE_SAMPLED
     assert found.delay == pytest.approx((every - 1) * 0.001, abs=3e-4)  # half a sample, less that of the controller
-    assert not align([fast]).is_late
+    assert not estimate_alignment([fast]).is_late
     rubs = run("pd_loop", 500.0, load_dependent_friction={"load_out": 0.5})  # gears that rub under load
-    assert align([every_few(rubs, every)]).delay == pytest.approx(0.009, abs=3e-4)
+    assert estimate_alignment([every_few(rubs, every)]).delay == pytest.approx(0.009, abs=3e-4)
     theta, plain = (
         fit_terms(RegressionData.from_recordings([one]), BASE)[0].theta for one in (found.apply(slow_log), slow_log)
     )
@@ -190,14 +190,14 @@ def test_sampled_torque_is_late_by_half_a_sample_though_that_hardly_helps_to_pre
     """A hundred rows a second of a servo: nothing says so but that a delay is surely some, and about half a sample."""
     fast = run("two_tone", 1000.0)
     noisy = replace(fast, torque=fast.torque + np.random.default_rng(0).normal(0.0, 0.3, len(fast)))
-    found = align([every_few(noisy, 10)])
+    found = estimate_alignment([every_few(noisy, 10)])
     assert found.channel == Channel(0.005, 0.0, True) and found.is_half_sample
     assert found.finding == Finding(Kind.TORQUE_SAMPLED)
     other = every_few(noisy, 5)  # of another period
     np.testing.assert_array_equal(
         found.apply(other).torque, Alignment(Channel(0.0025, 0.0, True), 1e-9, 0.0).apply(other).torque
     )
-    assert not align([noisy]).is_found
+    assert not estimate_alignment([noisy]).is_found
 
 
 def test_recordings_that_alone_may_be_half_a_sample_late_do_not_overrule_what_they_show_together():
@@ -205,8 +205,8 @@ def test_recordings_that_alone_may_be_half_a_sample_late_do_not_overrule_what_th
     fast = [run("pd_loop", 1000.0, seed) for seed in (5, 7)]
     noise = [np.random.default_rng(seed).normal(0.0, 0.1, len(own)) for seed, own in zip((5, 7), fast, strict=True)]
     logs = [every_few(replace(own, torque=own.torque + e), 5) for own, e in zip(fast, noise, strict=True)]
-    assert all(align([log]).is_half_sample for log in logs)
-    for found in align_each(logs):
+    assert all(estimate_alignment([log]).is_half_sample for log in logs)
+    for found in estimate_alignments(logs):
         assert not found.is_half_sample and abs(found.delay - 0.002) < 2 * found.delay_std < 0.0005
 
 
@@ -214,18 +214,18 @@ def test_recordings_that_alone_may_be_half_a_sample_late_do_not_overrule_what_th
 def test_held_torque_that_is_a_whole_sample_late_is_never_half_a_sample_late(seed):
     late = logged_late(run("two_tone", 100.0, seed), 1)
     noise = np.random.default_rng(seed).normal(0.0, 1e-3, len(late))
-    found = align([replace(late, position=late.position + noise)])
+    found = estimate_alignment([replace(late, position=late.position + noise)])
     assert not found.is_half_sample and (not found.is_late or found.delay + found.lag > 0.007)
 
 
 def test_what_one_recording_tells_of_the_log_is_said_of_all_unless_another_contradicts():
     told, untold = (every_few(run(kind, 500.0, seed), 5) for kind, seed in (("pd_loop", 3), ("two_tone", 4)))
     brief = untold.slice(0, 120)
-    nothing = align([brief])
-    assert not nothing.is_found and nothing.delay_std == np.inf and align([told]).is_late
-    assert [one.delay for one in align_each([told, brief])] == pytest.approx([0.004, 0.004], abs=3e-4)
+    nothing = estimate_alignment([brief])
+    assert not nothing.is_found and nothing.delay_std == np.inf and estimate_alignment([told]).is_late
+    assert [one.delay for one in estimate_alignments([told, brief])] == pytest.approx([0.004, 0.004], abs=3e-4)
     in_time = run("pd_loop", 500.0, 5)
-    assert [one.is_late for one in align_each([told, in_time])] == [True, False]
+    assert [one.is_late for one in estimate_alignments([told, in_time])] == [True, False]
 
 
 def test_one_recording_that_contradicts_does_not_take_the_timing_of_the_log_from_the_others():
@@ -233,14 +233,14 @@ def test_one_recording_that_contradicts_does_not_take_the_timing_of_the_log_from
     told = [every_few(run("pd_loop", 500.0, seed), 5) for seed in (3, 5)]
     brief = every_few(run("two_tone", 500.0, 4), 5).slice(0, 120)
     dead = every_few(run("two_tone", 500.0, 6, dead_time={"dead_n": 20.0}), 5).slice(0, 300)
-    assert align([dead]).delay < -0.03
-    assert [one.delay for one in align_each([*told, brief, dead])] == pytest.approx([0.004] * 4, abs=3e-4)
+    assert estimate_alignment([dead]).delay < -0.03
+    assert [one.delay for one in estimate_alignments([*told, brief, dead])] == pytest.approx([0.004] * 4, abs=3e-4)
 
 
 def test_corrected_torque_is_that_which_acted():
     good = run("prbs", 500.0)
     late = replace(logged_late(good, 5), temperature=good.position)
-    mended = align([late]).apply(late)
+    mended = estimate_alignment([late]).apply(late)
     kept = len(mended)
     np.testing.assert_array_equal(mended.temperature, mended.position)  # whatever else was recorded goes along
     assert len(good) - 7 < kept < len(good)
@@ -249,7 +249,7 @@ def test_corrected_torque_is_that_which_acted():
     assert any(
         note.startswith("aligned: delay 10") or note.startswith("aligned: delay 9.9") for note in list_notes(mended)
     )
-    sharp = align([filtered := logged_filtered(good, 0.01)]).apply(filtered)
+    sharp = estimate_alignment([filtered := logged_filtered(good, 0.01)]).apply(filtered)
     assert np.sqrt(np.mean((sharp.torque - good.torque[1:]) ** 2)) < 0.05 * np.std(good.torque)
 
 
@@ -259,7 +259,7 @@ def test_nothing_reaches_across_a_gap():
     late = logged_late(good, 5)
     kept = {name: np.delete(getattr(late, name), gap) for name in ("time", "position", "torque")}
     holey = replace(late, **kept, starts=(0, 2900))
-    found = align([holey])
+    found = estimate_alignment([holey])
     assert found.delay == pytest.approx(0.01, abs=2e-4)
     mended = replace(found, channel=replace(found.channel, delay=0.01)).apply(holey)
     acted = dict(zip(good.time.tolist(), good.torque.tolist(), strict=True))
@@ -283,7 +283,7 @@ def test_a_delay_does_not_take_the_place_of_the_inertia_of_a_motor():
             velocity = float(np.sign(pushed) * max(abs(pushed) - step * coulomb / inertia, 0.0))
             position += step * velocity
         recordings.append(Recording(*np.array(rows).T, name=f"phase-{phase:.1f}"))
-    assert not any(alignment.is_found for alignment in align_each(recordings))
+    assert not any(alignment.is_found for alignment in estimate_alignments(recordings))
 
 
 @pytest.mark.parametrize("seed", slow.but_first((3, 4)))
@@ -293,7 +293,7 @@ def test_the_answer_of_a_controller_to_its_encoder_is_noise_in_a_log_of_every_te
     loop = {"excitation": "pd_loop", "counts": 16_384, "torque_noise": 0.003, "gains": (12.0, 0.6)}
     fast = recorded(plant, Experiment(rate=1000.0, seconds=30.0, seed=seed, **loop))[0]
     log = every_few(fast, 10)
-    found = align([log])
+    found = estimate_alignment([log])
     assert found.channel.is_sampled and found.delay == pytest.approx(0.0045, abs=1e-4)
     data = RegressionData.from_recordings([found.apply(log)])
     fit = fit_terms(data, BASE)[0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
-from estimators.checks.channel import align
+from estimators.checks.channel import estimate_alignment
 from estimators.checks.torque_constant import estimate_torque_constant, find_gain_doubts
 from estimators.comparison import compare
 from estimators.data.fit_data import FitData
@@ -99,7 +99,7 @@ def test_friction_by_the_torque_of_the_motor_leaves_the_torque_constant_exact(sc
 
 
 def test_friction_under_known_loads_is_told_from_a_delay():
-    found = align(in_newton_metres(bench("output", THREE, seed=4)))
+    found = estimate_alignment(in_newton_metres(bench("output", THREE, seed=4)))
     assert not found.is_found and found.delay_std < 1e-4
 
 

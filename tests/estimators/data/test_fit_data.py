@@ -7,13 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
+from estimators import align
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion, TimingLimits
 from estimators.findings import Kind
 from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import BASE
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, write_recording
 from tests.cases import recording
 
 LATE = 4  # samples
@@ -43,6 +44,18 @@ def test_held_out_recordings_tell_the_timing_of_the_log_too():
     still = late(good).slice(0, 400)  # too short to tell
     assert not FitData.from_recordings([still]).with_timing().timing.has_moved
     assert all(one.is_late for one in FitData.from_recordings([still], [late(good)]).with_timing().timing.alignments)
+
+
+def test_align_corrects_recordings_and_files_as_a_diagnosis_does(tmp_path):
+    good = recording("moving")
+    write_recording(late(good), tmp_path / "late.csv")
+    for given in ([late(good), late(good.slice(0, 4000))], str(tmp_path / "late.csv")):
+        found = align(given)
+        assert all(law.delay == pytest.approx(LATE / good.rate, rel=0.05) for law in found.alignments)
+        assert [finding.kind for finding in found.findings] == [Kind.TORQUE_LATE_CORRECTED] and "late" in str(found)
+        error = np.abs(found.recordings[0].torque - good.torque[: len(found.recordings[0])])
+        assert error.max() < 0.05 * np.abs(late(good).torque - good.torque).max()
+    assert str(align(good)) == "Torque and motion are in time."
 
 
 def test_logged_torque_moved_in_its_windows_is_the_torque_in_time():

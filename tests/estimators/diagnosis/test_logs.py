@@ -50,7 +50,7 @@ def test_torque_that_is_late_beside_a_large_effect_is_timed_beside_it():
     gains = {"excitation": "pd_loop", "gains": (35.0, 1.2)}
     runs = recorded(plant, *(Experiment(1000.0, 10.0, seed=seed, torque_noise=0.01, **gains) for seed in (2, 3)))
     logs = [Recording(r.time[2::2], r.position[2::2], r.torque[:-2:2], name=r.name) for r in runs]  # every other sample
-    assert not align(logs[:1]).is_late
+    assert not align(logs[:1]).alignments[0].is_late
     found = diagnosed(logs[:1], logs[1:], only=["cogging", "stribeck"])
     assert found.selected == ("cogging",) and not found.unexplained
     assert found.alignments[0].delay == pytest.approx(0.0025, abs=1e-4)  # 2 ms, and half of what each is held for
@@ -59,7 +59,7 @@ def test_torque_that_is_late_beside_a_large_effect_is_timed_beside_it():
 @pytest.mark.slow
 def test_friction_with_a_state_that_looks_like_late_torque_is_told_from_it():
     runs = [recording(f"bristles {seed}") for seed in (1, 2)]
-    assert not align(runs[:1]).is_late  # it explains too little of the residual
+    assert not align(runs[:1]).alignments[0].is_late  # it explains too little of the residual
     found = diagnosed("bristles 1", "bristles 2")
     assert found.selected == ("presliding",)
     assert not any(one.is_found for one in found.alignments)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.checks.alignment import Alignment
-from estimators.checks.channel import align, align_each
+from estimators.checks.channel import estimate_alignment, estimate_alignments
 from estimators.checks.closed_loop import find_feedback, have_one_frequency
 from estimators.data.split import split_recordings
 from estimators.selection.candidates import find_best_variant
@@ -85,7 +85,7 @@ def test_torque_of_a_closed_loop_is_timed_where_all_but_noise_is_explained():
     recordings = [record(seed, 0.0, COULOMB, 60.0, "sine") for seed in (1, 2)]
     assert find_feedback(recordings) and not have_one_frequency(recordings)
     for beside in ([], [Cogging(12.0, 24.0)]):
-        found = align(recordings, beside)
+        found = estimate_alignment(recordings, beside)
         assert found.is_late and found.delay == pytest.approx(0.5 / RATE, abs=0.25 / RATE)  # set within a sample
 
 
@@ -97,13 +97,13 @@ def test_an_answer_to_cogging_is_found_with_a_coarse_encoder():
 @pytest.mark.parametrize("seed", [1, 3, 5])
 def test_an_answer_to_cogging_under_one_sine_is_no_delay(seed):
     """Alone, a recording of one sine may fit a delay of many samples to the answer, as few columns do."""
-    laws = align_each([record(own, 0.0, 0.6 * COULOMB, 34.0, "sine", 16384, 4) for own in (seed, seed + 1)])
+    laws = estimate_alignments([record(own, 0.0, 0.6 * COULOMB, 34.0, "sine", 16384, 4) for own in (seed, seed + 1)])
     assert laws[0] == laws[1] and 0.0 <= laws[0].delay < 1.0 / RATE
 
 
 def test_motion_of_one_frequency_determines_no_lag():
     recording = record(2, 0.01, 0.0, 60.0, "sine")
-    assert have_one_frequency([recording]) and not align([recording]).is_found
+    assert have_one_frequency([recording]) and not estimate_alignment([recording]).is_found
     evidence = Evidence.from_data(*split_recordings([recording]), library={"actuator_lag": effect("actuator_lag")})
     (gate,) = evidence.decide((*BASE, effect("actuator_lag")(0.02)), BASE, DETERMINE_LAG).gates
     assert gate.name == "frequencies" and not gate.passed

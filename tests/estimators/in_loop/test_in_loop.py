@@ -326,7 +326,10 @@ def test_every_command_uses_the_torque_with_the_integral():
     assert conventions.items() <= added.after.model.log_format.items()
     assert held_out.drive is not None and held_out.drive.windup == "clamp" and held_out.drive.integral == "before"
     for name, value in (TRUE | {"viscous": 0.2}).items():
-        assert abs(identified.least_squares.estimates[name].value - value) < 3 * identified.least_squares.estimates[name].std
+        assert (
+            abs(identified.least_squares.estimates[name].value - value)
+            < 3 * identified.least_squares.estimates[name].std
+        )
 
 
 def test_sets_of_several_kinds_are_identified_with_conventions_of_each():

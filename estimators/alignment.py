@@ -1,0 +1,38 @@
+"""Correction of torque that is logged late or through a filter."""
+
+from __future__ import annotations
+
+from estimators.arguments import Recordings, Terms, select_recordings, select_terms
+from estimators.checks.channel import estimate_alignments
+from estimators.data.timing import Timing
+from estimators.decisions.criterion import Criterion
+from pendulum_env.arms.body import Body
+from pendulum_env.arms.joints import find_body
+from pendulum_env.lookup import refuse_unknown_arguments
+from pendulum_env.physics import BASE, list_ids
+
+
+@refuse_unknown_arguments
+def align(recordings: Recordings, terms: Terms = BASE, *, criterion: Criterion = Criterion()) -> Timing:
+    """Estimate the time between torque and motion, and correct torque that is logged late or filtered.
+
+    Recordings share one delay unless they contradict it, as in `diagnose` and with `--align`.
+
+    Args:
+        recordings: one or more.
+        terms: of the model, or their ids; for an arm `arm_base(body)`. Effects are fitted together with the delay.
+        criterion: limits of the decisions.
+
+    Returns:
+        The corrected `recordings`, the `alignments` with delay and lag of each, and `findings`.
+
+    Raises:
+        TypeError: if an argument is neither recordings nor terms.
+        ValueError: if a name is unknown.
+    """
+    terms = select_terms(terms)
+    body, known = find_body(terms), list_ids(BASE)
+    logged = select_recordings(recordings, body=body)
+    effects = terms if isinstance(body, Body) else [term for term in terms if term.id not in known]
+    alignments = estimate_alignments(logged, effects, criterion)
+    return Timing(tuple(alignments), tuple(recording.name for recording in logged), logged)
