@@ -103,7 +103,8 @@ class FitData:
 
         Recordings share an alignment, unless their own estimates contradict it, see `estimate_alignments`. Held-out and
         excluded recordings count, since the timing belongs to the log: `whole` is timed, and the same recordings are
-        excluded again. The estimation starts from untimed data. Findings on effects and corrections replace earlier corrections.
+        excluded again. The estimation starts from untimed data. Findings on effects and corrections replace earlier
+        corrections.
         """
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
