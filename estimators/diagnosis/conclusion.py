@@ -129,8 +129,8 @@ def find_in_channel(trial: Trial, diagnosis: Diagnosis) -> list[Finding]:
     if constant is not None:
         findings += find_gain_doubts(diagnosis.model, constant, data.parts[0].data, data.criterion)
     findings += data.timing.corrections
-    selected = {id for group in diagnosis.effects for id in group}
-    if selected & {"dead_time", "actuator_lag"}:
+    library, found = trial.setting.library, {id for group in diagnosis.effects for id in group}
+    if any(library[id]().delays_torque for id in found & library.keys()):
         findings += data.timing.find(is_late=False)
     elif diagnosis.unexplained and data.timing.find(is_late=False):
         findings += data.with_timing(

@@ -22,8 +22,6 @@ from pendulum_env.physics import Term, list_ids
 from pendulum_env.plant import get_typical_values, paper_plant
 from pendulum_env.units import is_of_torque
 
-# effects with a reported smallest detectable size
-REPORTED = ("stribeck", "quadratic_drag", "load_dependent_friction", "cogging", "spring")
 STRUCTURE_FACTOR = 2.0  # factor on the limits of structure, since neighbouring windows share about half of a torque
 PENALTY_FACTOR = 3.0  # factor on the penalty, above which a gain is nearly always found
 
@@ -141,13 +139,13 @@ def find_detectable_size(evidence: Evidence, terms: Terms, kind: type[Term]) -> 
 def find_detectable_effects(
     evidence: Evidence, terms: Terms, library: Mapping[str, type[Term]]
 ) -> tuple[Detectable, ...]:
-    """Return the smallest detectable size of each effect in `REPORTED`, and the recorded range without a hard stop.
+    """Return the smallest detectable size of each common effect, and the recorded range without a hard stop.
 
     A size is omitted if it exceeds the bounds of the law, or if its torque exceeds the applied torque: the
     data do not excite the effect. A joint that makes whole turns has no range.
     """
     effects, data, units = list[Detectable](), evidence.train.data, evidence.train.units()
-    for kind in (library[id] for id in REPORTED if id in library):
+    for kind in (kind for kind in library.values() if kind.is_common):
         size, (term, _) = find_detectable_size(evidence, terms, kind), make_typical_effect(kind)
         if size is not None:
             column = term.columns[0]

@@ -73,7 +73,7 @@ def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequen
     timing = data.with_timing().timing
     return [
         *timing.find(is_late=True),
-        *(timing.find(is_late=False) if not {"dead_time", "actuator_lag"} & {term.id for term in terms} else ()),
+        *(timing.find(is_late=False) if not any(term.delays_torque for term in terms) else ()),
         *(disagreement.finding for disagreement in find_disagreements(fits, only_if_all_fit=True)),
         *(disagreement.finding for disagreement in find_misfits(fits)),
     ]

@@ -322,7 +322,7 @@ def require_determined_lag(after: Hypothesis, before: Hypothesis) -> Iterator[Ga
     the controller reacts to each torque that the model lacks, and a lag or delay fits this reaction.
     """
     residuals, ids = after.evidence.residuals, list_ids(before.terms)
-    if any((term.lead or term.delay) and term.id not in ids for term in after.terms):
+    if any(term.delays_torque and term.id not in ids for term in after.terms):
         if residuals.has_one_frequency:
             yield Gate("frequencies", 1, 2, False)
         elif residuals.has_feedback:

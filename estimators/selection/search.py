@@ -49,7 +49,7 @@ def search(evidence: Evidence) -> SearchResult:
     """
     state = find_effects(evidence)
     if not evidence.decide(state.terms, state.start, DETERMINE_LAG).passed:
-        others = {id: effect for id, effect in evidence.library.items() if not (effect().lead or effect().delay)}
+        others = {id: effect for id, effect in evidence.library.items() if not effect().delays_torque}
         state = find_effects(evidence.with_library(others))
         state = replace(state, evidence=state.evidence.with_library(evidence.library))
     return SearchResult(state.evidence, confirm_steps(state), state.table)

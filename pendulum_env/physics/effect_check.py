@@ -33,7 +33,7 @@ def check_effect(kind: type[Term]) -> None:
 
     Raises:
         UserError: with the class and the invalid field or law. A law is invalid if it fails, has no torque, equals that
-            of a base term, contradicts its potential, or is dissipative but gains energy.
+            of a base term, lacks or contradicts its potential, or is dissipative but gains energy.
     """
     if not (isinstance(kind, type) and issubclass(kind, Term)):
         raise UserError(f"{quote_value(kind)} is no effect: register a subclass of Term")
@@ -118,6 +118,11 @@ def _check_torque(term: Term) -> None:
     if not has_torque and type(term).delay is Term.delay and type(term).lead is Term.lead:
         raise UserError(f"{name} has no torque: give it columns with a mass, force or dry that is not zero")
     for column, parts in zip(columns, torques, strict=True):
+        if term.kind == "potential" and column.potential is None:
+            raise UserError(
+                f"column '{column.name}' of {name} is of kind 'potential' and has no potential: give U(q) with "
+                "force = dU/dq, or another kind"
+            )
         power = _call_user_function(f"columns of {name}", partial(column.power, x))
         if term.kind == "dissipative" and np.max(power) <= 0 > np.min(power):
             raise UserError(f"column '{column.name}' of {name} gains energy in every motion: change its sign")

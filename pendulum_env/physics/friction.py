@@ -48,6 +48,7 @@ class Stribeck(Term):
     id = "stribeck"
     law = "fs exp(-|q'/vs|^n) sgn q' (usually n = 2)"
     kind = "dissipative"
+    is_common = True
     nonlinear_parameters = (
         NonlinearParameter("stribeck_velocity", "rad/s", 0.01, 1e4),
         NonlinearParameter("exponent", "1", 0.3, 6.0, nominal=2.0),
@@ -73,6 +74,7 @@ class QuadraticDrag(Term):
     id = "quadratic_drag"
     law = "c q' |q'|"
     kind = "dissipative"
+    is_common = True
 
     columns = (  # non-negative: at high speed, drag dominates all friction
         Column("quadratic_drag", "N m s^2/rad^2", force=lambda x: x.velocity * np.abs(x.velocity), least=0.0),
@@ -96,6 +98,7 @@ class LoadDependentFriction(Term):
     id = "load_dependent_friction"
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
+    is_common = True
     nonlinear_parameters = (
         NonlinearParameter("weight", "N m", -1e9, 1e9, follows="gravity"),
         NonlinearParameter("back_emf", "N m s/rad", -1e9, 1e9, follows="back_emf", nominal=0.0),

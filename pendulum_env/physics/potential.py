@@ -43,6 +43,7 @@ class Cogging(Term):
     id = "cogging"
     law = "s sin Nq + c cos Nq"
     kind = "potential"
+    is_common = True
     nonlinear_parameters = (
         NonlinearParameter("order", "1", 2, FINEST, integer=True),
         *(NonlinearParameter(f"order_{k}", "1", 0, 120, integer=True, nominal=0.0) for k in range(2, 6)),
@@ -93,6 +94,7 @@ class Spring(Term):
     id = "spring"
     law = "k q + preload, preload = -k q0 (hardening: and k2 q^2 + k3 q^3)"
     kind = "potential"
+    is_common = True
     by_angle = ("line", "one")
     nonlinear_parameters = (NonlinearParameter("degree", "1", 1, 3, integer=True, nominal=1.0),)
     typical_size = "preload=0.1"

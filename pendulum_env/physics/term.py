@@ -190,6 +190,7 @@ class Term:
     link: ClassVar[bool] = False  # whether the states are position and velocity of a link behind the motor
     has_impacts: ClassVar[bool] = False  # whether the torque acts for less time than the motion is smoothed
     typical_size: ClassVar[str] = ""  # typical size, `sin=0.15,cos=0.1`; by default from the units
+    is_common: ClassVar[bool] = False  # whether a diagnosis reports its smallest detectable size
     percent_of: ClassVar[tuple[str, ...]] = ()  # parts also derived in per cent of the base term
     description: ClassVar[Description] = Description()
 
@@ -262,6 +263,11 @@ class Term:
     def lead(self) -> float:
         """Return the time constant T [s] of command = (1 + T d/dt) torque."""
         return 0.0
+
+    @property
+    def delays_torque(self) -> bool:
+        """Return whether the torque acts after its command, by a lag or a delay."""
+        return bool(self.lead or self.delay)
 
     def start(self, x: Samples) -> Memory:
         """Return the steady states for the samples x; empty for a term without states."""

@@ -285,6 +285,7 @@ def test_a_class_that_is_written_again_takes_its_own_place_under_any_id():
             "a force that is not dU/dq",
         ),
         ({"columns": (Column("cubic_damping", "1", force=lambda x: -(x.velocity**3)),)}, "gains energy"),
+        ({"kind": "potential", "columns": (Column("cubic_damping", "1", force=lambda x: x.position),)}, "no potential"),
         ({"columns": (Column("cubic_damping", "1", force=lambda x: 2 * x.velocity),)}, "has the law of 'viscous'"),
         ({"columns": (Column("cubic_damping", "1", dry=lambda x: 1.0),)}, "has the law of 'coulomb'"),
         ({"start": lambda self, x: (x.position,), "advance": lambda *_: ()}, "advance of CubicDamping"),
