@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimators.arguments import Recordings, Terms, select_recordings, select_terms
+from estimators.arguments import Recordings, Terms, check_options, select_recordings, select_terms
 from estimators.checks.channel import estimate_alignments
 from estimators.data.timing import Timing
 from estimators.decisions.criterion import Criterion
@@ -30,6 +30,7 @@ def align(recordings: Recordings, terms: Terms = BASE, *, criterion: Criterion =
         TypeError: if an argument is neither recordings nor terms.
         ValueError: if a name is unknown.
     """
+    check_options(criterion)
     terms = select_terms(terms)
     body, known = find_body(terms), list_ids(BASE)
     logged = select_recordings(recordings, body=body)

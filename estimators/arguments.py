@@ -9,7 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from estimators.decisions.criterion import Criterion
 from estimators.free_swings import is_torque_needed
+from estimators.progress import no_progress
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import (
     REVOLUTE_ONLY,
@@ -206,8 +208,18 @@ def apply_limits(
     return limited, {id: limit_kind(kind, limits) for id, kind in library.items()}
 
 
+def check_options(criterion: object, progress: object = no_progress) -> None:
+    """Raise a `TypeError` if a criterion is no `Criterion`, or a progress no function."""
+    if not isinstance(criterion, Criterion):
+        raise TypeError(f"criterion={quote_value(criterion)}: give limits by name, as in Criterion(p_value=0.01)")
+    if not callable(progress):
+        raise TypeError(f"progress={quote_value(progress)}: give a function of a text and a share, or leave it out")
+
+
 def check_horizon(horizon: float | None, is_simulated: bool) -> None:
-    """Raise a `UserError` if a horizon [s] is not positive and finite, or is given without a simulated free run."""
+    """Raise an error if a horizon [s] is no positive finite number, or is given without a simulated free run."""
+    if horizon is not None and not isinstance(horizon, float | int | np.number):
+        raise TypeError(f"horizon={quote_value(horizon)}: give a number of seconds")
     if horizon is not None and not 0 < horizon < math.inf:
         raise UserError(f"the horizon cannot be {horizon:g} s: give a number above zero")
     if horizon is not None and not is_simulated:

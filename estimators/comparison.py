@@ -9,6 +9,7 @@ from estimators.arguments import (
     Recordings,
     check_horizon,
     check_model,
+    check_options,
     select_recordings,
     select_visible_effects,
 )
@@ -65,6 +66,7 @@ def compare(
         TypeError: if an argument is no model or recording.
         ValueError: if the horizon is not above zero, or is given for an arm.
     """
+    check_options(criterion)
     model = check_model(model)
     check_horizon(horizon, model.body.can_simulate)
     recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)

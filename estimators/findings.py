@@ -142,6 +142,8 @@ class Obstacle(StrEnum):
     NO_VARIANT = "has_no_form_here"
 
 
+# kinds of findings that mark all estimates as biased
+BIASING = {Kind.INCOMPLETE, Kind.TORQUE_LATE, Kind.TORQUE_SAMPLED}
 # kinds of findings that withhold all parameters, and all that withhold parameters
 NOTHING_DETERMINED = {Kind.NO_MOTION, Kind.TORQUE_IS_NOISE, Kind.TORQUE_IS_CONSTANT, Kind.TORQUE_FOLLOWS_DIRECTION}
 WITHHOLDING = NOTHING_DETERMINED | {

@@ -10,19 +10,19 @@ from estimators.arguments import (
     Recordings,
     apply_limits,
     check_model,
+    check_options,
     select_recordings,
     select_visible_effects,
 )
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.decision import Decision
 from estimators.decisions.errors import Step
-from estimators.decisions.gate import explain_rejection
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import decide_treatment, scale_noise_by_model
-from estimators.findings import Finding, Kind
 from estimators.free_swings import find_scaling_values
 from estimators.in_loop import complete_drives
 from estimators.progress import Progress, no_progress
@@ -36,7 +36,7 @@ from estimators.selection.candidates import (
 from estimators.selection.evidence import Evidence
 from estimators.selection.moves import add_dry_friction
 from estimators.selection.path import find_model_path
-from estimators.selection.policies import CONFIRM, SWAP
+from estimators.selection.policies import BEAT_CHANCE, CONFIRM, SWAP
 from estimators.selection.search import SearchResult
 from estimators.selection.state import SearchState
 from pendulum_env.arms.joints import find_kind
@@ -75,6 +75,7 @@ def add(
         IdentificationError: if the recordings hold too little motion, or do not show the effect.
         TypeError: if an argument is no model, id or recordings.
     """
+    check_options(criterion, progress)
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     model = check_model(model)
@@ -95,21 +96,21 @@ def add(
     progress("reading the motion", 0.0)
     data, setting = case.prepare(recordings, holdout, setting)
     data, kind = case.show_effect(data, tuple(setting.base), library[kind.id]), library[kind.id]
-    trial, before, objection = _fit_effect(case, data, setting, kind, model)
-    if objection is None and (scaled := scale_noise_by_model(trial)) is not None:
+    trial, before, decision = _fit_effect(case, data, setting, kind, model)
+    if decision.passed and (scaled := scale_noise_by_model(trial)) is not None:
         scaled_fit = _fit_effect(case, scaled, setting, kind, model)
         if decide_treatment(scaled_fit[0], trial).is_kept:
-            trial, before, objection = scaled_fit
+            trial, before, decision = scaled_fit
     log_format = collect_log_format(trial.data.recordings)
     steps = case.present(trial, before, True), trial.present(trial.final.steps[-1], True)
     before, after = (step.with_log_format(log_format) for step in steps)
-    return Addition(before, after, trial.evidence.residuals.holdout_floors, objection, trial.data.doubt, criterion)
+    return Addition(before, after, trial.evidence.residuals.holdout_floors, decision, trial.data.doubt, criterion)
 
 
 def _fit_effect(
     case: Case, data: FitData, setting: Setting, kind: type[Term], model: Model
-) -> tuple[Trial, Step, Finding | None]:
-    """Return a trial with one more effect, the refitted step without it, and the finding against the effect, if any.
+) -> tuple[Trial, Step, Decision]:
+    """Return a trial with one more effect, the refitted step without it, and the decision on the effect.
 
     Refits of links start from the parameters of the model.
     """
@@ -120,11 +121,10 @@ def _fit_effect(
     added = longer.model.terms[-1]
     result = case.refit(SearchResult(evidence, [before, longer]), refitted.model.add(added))
     after, is_shown = result.steps[-1], is_hidden(added) and evidence.train.segments  # the motion shows hidden states
-    objection = explain_rejection(evidence.decide(after, refitted, CONFIRM).gates)
-    if objection is None and not is_shown:
-        gain = evidence.best_gain(longer.model.terms, before.model.terms)
-        objection = None if gain.p_value <= evidence.criterion.p_value else Finding(Kind.BY_CHANCE)
-    return Trial(case, data, setting, result, refit=result), refitted, objection
+    decision = evidence.decide(after, refitted, CONFIRM)
+    if decision.passed and not is_shown:
+        decision = decision.join(evidence.decide(longer.model.terms, before.model.terms, BEAT_CHANCE))
+    return Trial(case, data, setting, result, refit=result), refitted, decision
 
 
 def fit_without_and_with(evidence: Evidence, kind: type[Term]) -> list[Step]:

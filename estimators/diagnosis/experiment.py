@@ -25,8 +25,10 @@ from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region, makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import cut
+from pendulum_env.errors import UserError
 from pendulum_env.excitation import Excitation, draw_family
 from pendulum_env.physics import Model, simulate
+from pendulum_env.reading import quote_value
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.units import JointUnits
 
@@ -59,6 +61,12 @@ class ExperimentLimits:
     angle: float | None = None
     speed: float | None = None
     default_torque: float = DEFAULT_TORQUE
+
+    def __post_init__(self) -> None:
+        for name in ("torque", "angle", "speed"):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, float | int | np.number) and value >= 0):
+                raise UserError(f"max_{name}={quote_value(value)}: give a number of at least zero, in SI units")
 
     def list_quantities(self, units: JointUnits) -> dict[str, Quantity]:
         """Return the limits that are not None, by name; a torque of zero is left out."""

@@ -10,14 +10,16 @@ from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms
+from estimators.decisions.gate import explain_rejection
 from estimators.decisions.score import Gain
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Finding, Verdict
+from estimators.findings import Finding, Kind, Verdict
 from estimators.prediction import Prediction, predict_recordings
 from estimators.results import make_floors_json, make_result_json
 from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
+from pendulum_env.lookup import find
 from pendulum_env.notebook import Summarised
 from pendulum_env.physics import Model
 from pendulum_env.recording.channel import TorqueConstant
@@ -152,7 +154,7 @@ class HorizonRefit:
 
 @dataclass(frozen=True, repr=False)
 class Diagnosis(Summarised):
-    """Result of a diagnosis.
+    """Result of a diagnosis; `diagnosis["stribeck"]` is the verdict on an effect.
 
     Attributes:
         steps: the base model, then one entry for each added effect.
@@ -201,6 +203,9 @@ class Diagnosis(Summarised):
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name != "evidence"}
+
+    def __getitem__(self, effect: str) -> Candidate:
+        return find("effect", effect, {candidate.effect: candidate for candidate in self.candidates})
 
     @property
     def model(self) -> Model:
@@ -269,7 +274,7 @@ class Addition(Summarised):
         before: refitted model without the effect, and its errors.
         after: refitted model with the effect, and its errors.
         floors: noise floor of the held-out torque at each joint [N m]; in the loop, of the position [rad].
-        objection: finding against the effect; None without objection.
+        decision: tests of the effect.
         doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
         criterion: thresholds of the decisions.
     """
@@ -277,9 +282,15 @@ class Addition(Summarised):
     before: Step
     after: Step
     floors: Mapping[str, float]
-    objection: Finding | None = None
+    decision: Decision = NOTHING_TESTED
     doubt: Finding | None = None
     criterion: Criterion = Criterion()
+
+    @property
+    def objection(self) -> Finding | None:
+        """Finding against the effect: the failed tests; None without any."""
+        failed = [gate.name for gate in self.decision.gates if not gate.passed]
+        return Finding(Kind.BY_CHANCE) if failed == ["p_value"] else explain_rejection(self.decision.gates)
 
     @property
     def noise_ratio(self) -> float:

@@ -11,6 +11,7 @@ from estimators.arguments import (
     Terms,
     apply_limits,
     check_horizon,
+    check_options,
     select_effects,
     select_recordings,
     select_terms,
@@ -46,7 +47,7 @@ def diagnose(
     fixed: Mapping[str, float] | None = None,
     bounds: Bounds | None = None,
     criterion: Criterion = Criterion(),
-    rng: np.random.Generator | None = None,
+    rng: np.random.Generator | int | None = None,
     horizon: float | None = None,
 ) -> Diagnosis:
     """Find the effects that the base model lacks.
@@ -74,7 +75,7 @@ def diagnose(
         fixed: known values by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, None)}`; None is no limit.
         criterion: thresholds of the decisions.
-        rng: random numbers of the bootstrap; by default seed 0.
+        rng: random numbers of the bootstrap, or their seed; by default 0.
         horizon: refit the final model to free-running motion over this time [s]; verdicts do not depend on it.
 
     Raises:
@@ -83,12 +84,13 @@ def diagnose(
             given for an arm or for servos.
         TypeError: if an argument is neither recordings nor terms.
     """
+    check_options(criterion, progress)
     terms = select_terms(base)
     body = find_body(terms)
     terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
     fitted, held_out = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
-    rng, progress = rng or np.random.default_rng(0), report_forward(progress)
+    rng, progress = np.random.default_rng(0 if rng is None else rng), report_forward(progress)
     setting = Setting(terms, effects, criterion, rng, progress, limits, horizon)
     case = choose_case(terms, (*fitted, *held_out))
     check_horizon(horizon, case.refit_to_horizon is not None)

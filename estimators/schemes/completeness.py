@@ -17,7 +17,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion, is_noise
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import BIASING, Finding, Kind, Quantity
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.process_noise import find_process_noise
@@ -43,15 +43,14 @@ def check_results(
         terms: terms of the model.
 
     Returns:
-        Windows, None for an arm or too little motion; findings; results, marked as biased if the model is incomplete.
+        Windows, None for an arm or too little motion; findings; results, marked as biased by findings in `BIASING`.
     """
     if isinstance(terms[0].mechanism, Body):
         findings = find_driving_friction(next(iter(results.values())).model)
         with suppress(IdentificationError):
             data = RegressionData.from_arm(fit_data.recordings, terms)
-            missing, results = _check_completeness(results, data, terms, fit_data.criterion)
-            findings = [*findings, *missing]
-        return None, findings, results
+            findings = [*findings, *_check_completeness(results, data, terms, fit_data.criterion)]
+        return None, findings, _mark_biased(results, findings)
     recordings, criterion, windows = fit_data.recordings, fit_data.criterion, None
     findings = find_wrong_columns(first, recordings, criterion) or find_driving_friction(first)
     with suppress(IdentificationError):  # windows need more motion than some schemes
@@ -60,9 +59,16 @@ def check_results(
             windows = prepare_windows(recordings, inertia=inertia.value)
         findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms, criterion), terms)]
         if not findings:
-            findings, results = _check_completeness(results, RegressionData(windows), terms, criterion)
+            findings = _check_completeness(results, RegressionData(windows), terms, criterion)
             findings += find_uneven_clocks(recordings) if findings else []
-    return windows, [*findings, *find_feedback(recordings, criterion)], results
+    return windows, [*findings, *find_feedback(recordings, criterion)], _mark_biased(results, findings)
+
+
+def _mark_biased(results: Results, findings: Sequence[Finding]) -> Results:
+    """Return the results marked as biased if a finding shifts all estimates, else the same results."""
+    if not any(finding.kind in BIASING for finding in findings):
+        return results
+    return {id: replace(result, model=result.model.mark_biased()) for id, result in results.items()}
 
 
 def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequence[Term]) -> list[Finding]:
@@ -81,16 +87,12 @@ def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequen
 
 def _check_completeness(
     results: Results, regression_data: RegressionData, terms: Sequence[Term], criterion: Criterion
-) -> tuple[list[Finding], Results]:
+) -> list[Finding]:
     """Test whether the terms explain the recordings, by the residual and the agreement of the schemes.
 
     A residual above `agreement.unexplained` noise floors, of an arm a correlated residual (`is_noise`), or a
-    difference of two schemes above `z_score` standard errors gives a finding. Each missing effect shifts all
-    estimates, so all are then marked as biased. Torque noise of a pendulum that is not logged is a finding of its own,
-    and shifts none.
-
-    Returns:
-        Findings, and the results with the marks.
+    difference of two schemes above `z_score` standard errors gives a finding. Torque noise of a pendulum that is not
+    logged is a finding of its own.
     """
     layout = regression_data.layout
     residual, inertias, ratios = regression_data.residual(terms), regression_data.inertias(terms), dict[str, float]()
@@ -112,10 +114,7 @@ def _check_completeness(
     joints, names = (
         tuple(sorted(filter(None, sizes), key=lambda name: -sizes[name])) for sizes in (ratios, disagreements)
     )
-    if not numbers:
-        return findings, results
-    biased_results = {id: replace(result, model=result.model.mark_biased()) for id, result in results.items()}
-    return [*findings, Finding(Kind.INCOMPLETE, numbers, names, joints=joints)], biased_results
+    return [*findings, Finding(Kind.INCOMPLETE, numbers, names, joints=joints)] if numbers else findings
 
 
 def _compute_scheme_differences(results: Sequence[Identified], least: float) -> Iterator[tuple[float, str]]:

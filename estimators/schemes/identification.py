@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.arguments import Recordings, Terms, apply_limits, select_recordings, select_terms
+from estimators.arguments import Recordings, Terms, apply_limits, check_options, select_recordings, select_terms
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind, Quantity
@@ -58,6 +58,7 @@ def identify(
         ValueError: if a name is unknown, a term is at no joint of an arm, or a scheme comes before its lender.
         TypeError: if an argument is not of recordings, terms or schemes.
     """
+    check_options(criterion)
     terms, chosen = select_terms(terms), select_schemes(schemes)
     recordings = select_recordings(recordings, body=find_body(terms))
     terms, _ = apply_limits(terms, {}, fixed, bounds)

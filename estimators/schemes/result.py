@@ -9,7 +9,7 @@ from functools import cached_property
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.standard_errors import add_torque_constant
-from estimators.findings import Finding, Kind, collect_withheld
+from estimators.findings import BIASING, Finding, collect_withheld
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
@@ -79,8 +79,8 @@ class Identification(Mapping[str, Identified], Shown):
     def least_squares(self) -> Model:
         """Return the least-squares fit over windows, as in `compare` and `diagnose`.
 
-        The estimates of an incomplete model are marked as biased. Parameters withheld by findings, and an
-        insignificant inertia, have no value.
+        The estimates of an incomplete model, or under late torque, are marked as biased. Parameters withheld by
+        findings, and an insignificant inertia, have no value.
 
         Raises:
             IdentificationError: if `data` is None.
@@ -99,8 +99,8 @@ class Identification(Mapping[str, Identified], Shown):
         inertia = model.estimates.get("inertia")
         if inertia is not None and not inertia.is_significant:
             unknown.add("inertia")
-        is_incomplete = any(finding.kind is Kind.INCOMPLETE for finding in self.findings)
-        return (model.mark_biased() if is_incomplete else model).mark_unknown(unknown)
+        is_biased = any(finding.kind in BIASING for finding in self.findings)
+        return (model.mark_biased() if is_biased else model).mark_unknown(unknown)
 
     def __repr__(self) -> str:
         count = len(self.recordings)

@@ -29,6 +29,12 @@ def require_gain(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     yield from _limit_gain(after.evidence.best_gain(after.terms, before.terms), after, before)
 
 
+def require_p_value(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test the p-value of the gain in prediction; see `Evidence.best_gain`."""
+    p_value = after.evidence.best_gain(after.terms, before.terms).p_value
+    yield limit_p_value("p_value", p_value, after.evidence.criterion.p_value)
+
+
 def require_gain_in_torque(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the gain in prediction by rows alone; link states may differ, and treatments that leave the same rows."""
     if not have_same_rows(after, before):
@@ -307,12 +313,6 @@ def require_lower_position(after: Hypothesis, before: Hypothesis) -> Iterator[Ga
     """Test the held-out error of free-running motion; it fails without motion."""
     new, old = (each.step.errors["holdout"].position_rms for each in (after, before))
     yield Gate("holdout_position", new, old, new < old, after.step.model.units().unit("rad"))
-
-
-def require_torque_error(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test that the held-out torque error does not rise."""
-    new, old = (each.step.errors["holdout"].torque_rms for each in (after, before))
-    yield Gate("holdout_torque", new, old, new <= old, after.evidence.train.units().unit("N m"))
 
 
 def require_determined_lag(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:

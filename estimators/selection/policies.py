@@ -23,6 +23,8 @@ CONFIRM = Rule("confirm", (gates.require_lower_errors,))
 CHANGE_FORM = Rule("change form", (gates.require_better_form,))
 # A model predicts significantly better.
 SWAP = Rule("swap", (gates.require_gain_in_torque,))
+# It does, in torque or in free motion, also without a penalty for the choice among many.
+BEAT_CHANCE = Rule("beat chance", (gates.require_p_value,))
 # The same on held-out data alone.
 SWAP_HELD_OUT = Rule("swap held out", (gates.require_gain_held_out,))
 # Two models are equally probable.
@@ -31,8 +33,6 @@ TIE = Rule("tie", (gates.require_tie,))
 REFIT = Rule("refit", (gates.require_gain_of_parameters,))
 # Parameters fitted to the motion lower its held-out error, and do not predict torque worse.
 REFIT_TO_MOTION = Rule("refit to motion", (gates.require_no_loss, gates.require_lower_position))
-# Parameters fitted together with link states do not raise the torque error.
-REFIT_LINK = Rule("refit link", (gates.require_torque_error,))
 # A variant on a coarse grid is near enough to the data to be refined.
 REFINE = Rule("refine", (gates.require_coarse_gain,))
 # A law explains enough of the residual torque.

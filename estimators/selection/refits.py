@@ -10,7 +10,7 @@ from estimators.decisions.decision import Policy, decide
 from estimators.decisions.errors import Step
 from estimators.decisions.gate import Gate
 from estimators.selection.evidence import Evidence
-from estimators.selection.policies import CONFIRM, REFIT, REFIT_LINK, REFIT_TO_MOTION, Rule
+from estimators.selection.policies import CONFIRM, REFIT, REFIT_TO_MOTION, Rule
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
 from estimators.simulation.free_running import choose_segments
@@ -120,12 +120,7 @@ def _compute_std_ratio(step: Step, reference: Step) -> float:
 
 
 def _refit_with_link(evidence: Evidence, last: Step, start: Model) -> Step:
-    """Return the step with parameters and link states refitted, from its model or `start`, or `last`.
-
-    The steps do not increase the held-out torque error.
-    """
+    """Return the step with parameters and link states refitted, from its model or `start`, or `last`."""
     refitted = multiple_shooting.estimate(evidence.train.data.windows, start)
     models = [refitted, *([start] if start is not last.model else [])]
-    steps = [evidence.fits.make_step(model, added=last.added) for model in models]
-    candidates = [step for step in steps if evidence.decide(step, last, REFIT_LINK).passed]
-    return _choose_step(evidence, last, *candidates)
+    return _choose_step(evidence, last, *(evidence.fits.make_step(model, added=last.added) for model in models))

@@ -52,8 +52,12 @@ def _refuse_other_values(values: Any, argument: str, example: str, is_pair: bool
         ends = value if isinstance(value, list | tuple) else ()
         return len(ends) == 2 and all(isinstance(end, Real | None) for end in ends)
 
-    if not isinstance(values, Mapping) or not all(map(is_valid, values.values())):
+    if not isinstance(values, Mapping):
         raise TypeError(f"{argument}={quote_value(values)}: give a dictionary, as in {example}")
+    for name, value in values.items():
+        if not is_valid(value):
+            kind = "a pair of numbers in SI units, or None" if is_pair else "a number in SI units"
+            raise TypeError(f"{argument} has {name}={quote_value(value)}: give {kind}, as in {example}")
     return values
 
 
@@ -70,7 +74,8 @@ def check_names(limits: Limits, kinds: Iterable[type[Term]]) -> None:
     for name, (low, high) in limits.items():
         if name not in ranges:
             similar = difflib.get_close_matches(name, ranges, n=1)
-            hint = f"did you mean {similar[0]}?" if similar else "`effects` lists those of effects, by ID or ID.NAME"
+            names = "parameters are named ID or ID.NAME, such as gravity or cogging.order"
+            hint = f"did you mean {similar[0]}?" if similar else names
             raise UserError(f"unknown parameter '{name[:60]}': {hint}")
         if name in nonlinear and low == high:
             example = f"{0.99 * low:.4g} and {1.01 * low:.4g}"

@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from estimators import add, compare, diagnose, identify
+from estimators import Verdict, add, compare, diagnose, identify
 from estimators.signals.residual import Region
 from estimators.wrappers import EstimateParameters, EstimateParametersVector
 from pendulum_env.backends import record
@@ -96,6 +96,14 @@ def test_text_of_a_result_has_its_parameters_or_errors(results, kind):
         "identification": results["scheme"].model.estimates["gravity"].shown.text,
     }
     assert numbers[kind] in text and "\n" in text
+
+
+def test_a_verdict_is_found_by_the_name_of_its_effect(results):
+    found = results["diagnosis"]
+    assert found["stribeck"].verdict is Verdict.SELECTED and found["quadratic_drag"].decision.gates
+    with pytest.raises(ValueError, match="did you mean quadratic_drag"):
+        found["quadratic_dragg"]
+    assert results["addition"].decision.passed and results["addition"].decision.gates
 
 
 def test_text_of_a_finding_is_its_sentence(results):
