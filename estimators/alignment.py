@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from estimators.arguments import Recordings, Terms, check_options, select_recordings, select_terms
-from estimators.checks.channel import estimate_alignments
 from estimators.data.timing import Timing
 from estimators.decisions.criterion import Criterion
 from pendulum_env.arms.body import Body
@@ -35,5 +34,4 @@ def align(recordings: Recordings, terms: Terms = BASE, *, criterion: Criterion =
     body, known = find_body(terms), list_ids(BASE)
     logged = select_recordings(recordings, body=body)
     effects = terms if isinstance(body, Body) else [term for term in terms if term.id not in known]
-    alignments = estimate_alignments(logged, effects, criterion)
-    return Timing(tuple(alignments), tuple(recording.name for recording in logged), logged)
+    return Timing.from_recordings(logged, effects, criterion)

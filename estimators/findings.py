@@ -216,6 +216,11 @@ def collect_withheld(findings: Iterable[Finding]) -> set[str]:
     return {name for finding in findings for name in finding.withheld}
 
 
+def bias_everything(findings: Iterable[Finding]) -> bool:
+    """Return whether one of some findings marks all estimates as biased."""
+    return any(finding.kind in BIASING for finding in findings)
+
+
 def withhold_everything(findings: Iterable[Finding]) -> bool:
     """Return whether one of some findings withholds all parameters."""
     return any(finding.kind in NOTHING_DETERMINED for finding in findings)

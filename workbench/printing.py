@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.formatting import TextTable
-from workbench.narrator.parts import Part
+from workbench.narrator.parts import Part, list_texts
 from workbench.narrator.results import REMARKS, narrate_diagnosis, narrate_summary
 from workbench.terminal import Terminal
 
@@ -15,14 +15,11 @@ def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
     """Print the parts of a result."""
     for part in parts:
         terminal.print_heading(part.title)
-        for item in part.content:
+        for item in list_texts(part.content):
             if isinstance(item, TextTable):
                 terminal.print_table(*item)
-            elif isinstance(item, str):
+            else:
                 terminal.print(item, style="yellow" if item.startswith("warning: ") else None)
-            elif isinstance(item, tuple):
-                for line in item:
-                    terminal.print(f"- {line}")
 
 
 def print_diagnosis(diagnosis: Diagnosis, terminal: Terminal, verbose: bool = False, hint: str = MORE) -> None:

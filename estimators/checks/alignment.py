@@ -107,9 +107,9 @@ class Alignment:
         """Return whether delay and lag differ significantly from zero, see `require_size`."""
         return all(gate.passed for gate in require_size(self, self))
 
-    def is_supported(self, none: Alignment, policy: Policy[Alignment] | None = None) -> bool:
-        """Return whether it predicts significantly better than no shift, by `SHIFT` or another policy."""
-        return decide(self, none, policy or SHIFT).passed
+    def is_supported(self, none: Alignment) -> bool:
+        """Return whether it predicts significantly better than no shift, with significant parameters."""
+        return decide(self, none, SHIFT).passed
 
     @property
     def sizes(self) -> dict[str, tuple[float, float, float]]:

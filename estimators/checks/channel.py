@@ -24,6 +24,7 @@ from estimators.checks.alignment import DELAY, NO_ALIGNMENT, Alignment
 from estimators.checks.channel_rows import CHANNEL, NONLINEAR_GAIN, ChannelRows
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.decisions.criterion import Criterion
+from estimators.decisions.decision import decide
 from estimators.decisions.score import Blocks, cross_validate_density
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
@@ -50,6 +51,11 @@ class ChannelFits(ChannelRows):
             solve_least_squares(columns, self.compute_torque(channel))[0] for channel in (Channel(), law.channel)
         )
         return bool(corrected >= self.criterion.kept_inertia * logged)
+
+    @cached_property
+    def numerical_error(self) -> float:
+        """Norm of the weighted errors of smoothing and integration."""
+        return compute_numerical_error(self.rows.data.windows) * float(np.linalg.norm(self.rows.data.weights))
 
     @cached_property
     def delay_fit(self) -> Alignment:
@@ -86,15 +92,13 @@ class ChannelFits(ChannelRows):
         of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(block)
         gain = float(fits[0].theta[0]), errors[0]
         densities = np.stack([density, of_log])
-        # errors of smoothing and integration
-        exactness = compute_numerical_error(self.rows.data.windows) * float(np.linalg.norm(self.rows.data.weights))
         return Alignment(
             law,
             delay_std,
             lag_std,
             gain=gain,
             density=densities,
-            misfit=float(np.hypot(self.compute_misfit(law), exactness)),
+            misfit=float(np.hypot(self.compute_misfit(law), self.numerical_error)),
             period=self.period,
             criterion=self.criterion,
         )
@@ -106,7 +110,7 @@ class ChannelFits(ChannelRows):
         """
         in_time, delay = self.fit([Channel()], is_free=False), self.delay_fit
         time = delay.delay
-        if not delay.is_supported(in_time, DELAY):  # a filter also shows as a delay
+        if not decide(delay, in_time, DELAY).passed:  # a filter also shows as a delay
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
             std = max(delay.delay_std, abs(time) / delay.z_score)
             return replace(in_time, delay_std=std, lag_std=std)

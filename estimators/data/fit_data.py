@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
-from estimators.checks.channel import estimate_alignments
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate, make_constant_finding
 from estimators.data.regression_data import RegressionData
@@ -110,8 +109,7 @@ class FitData:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
         logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
         terms = [term for term in self.terms if isinstance(term, Term)]
-        alignments = tuple(estimate_alignments(logged, [*terms, *effects], self.criterion))
-        timing = Timing(alignments, tuple(recording.name for recording in logged), logged)
+        timing = Timing.from_recordings(logged, [*terms, *effects], self.criterion)
         corrected = timing.recordings
         corrections = self.timing.corrections
         earlier = (treatment for treatment in self.treatments if treatment not in corrections)

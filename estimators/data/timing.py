@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from estimators.checks.alignment import Alignment
+from estimators.checks.channel import estimate_alignments
 from estimators.data.regression_data import RegressionData
+from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Kind
 from estimators.weak_form.windows import Windows, average_held_torque
+from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
 
@@ -31,7 +35,13 @@ class Timing:
     names: tuple[str, ...] = ()
     logged: tuple[Recording, ...] = ()
 
-    @property
+    @classmethod
+    def from_recordings(cls, logged: Sequence[Recording], terms: Sequence[Term], criterion: Criterion) -> Timing:
+        """Estimate the timing of recordings under some terms, see `estimate_alignments`."""
+        alignments = tuple(estimate_alignments(logged, terms, criterion))
+        return cls(alignments, tuple(recording.name for recording in logged), tuple(logged))
+
+    @cached_property
     def recordings(self) -> tuple[Recording, ...]:
         """Return the recordings with corrected torque; none in a result, which lacks the logged ones."""
         if not self.logged:

@@ -176,7 +176,7 @@ class Criterion(Limits):
         drift_piece: length of the pieces by which folds predict a drifting torque [s].
         shorter_window: factor on the window lengths in a second search.
         error_margin: relative difference of errors or noise floors that is chance: of torque errors with an effect that
-            only free motion shows, of a negligible delay, and of torque that is moved in time.
+            only free motion shows, and of a negligible delay.
         accuracy: error of a simulation by initial states and integration, share of the motion's standard deviation.
         search, white, timing, agreement, columns, loop: limits of questions of their own.
     """

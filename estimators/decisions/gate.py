@@ -54,11 +54,15 @@ def limit_p_value(name: str, p_value: float, limit: float) -> Gate:
     return Gate(name, p_value, limit, p_value <= limit)
 
 
+def limit_total(gain: Gain, penalty: float = 0.0) -> Gate:
+    """Make the gate on a gain in prediction: above its penalty [nat]."""
+    std = gain.error if np.isfinite(gain.error) else None
+    return Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std)
+
+
 def limit_gain(gain: Gain, penalty: float, p_value: float) -> list[Gate]:
     """Make the gates on a gain in prediction: above its penalty [nat], and with a small p-value."""
-    std = gain.error if np.isfinite(gain.error) else None
-    total = Gate("gain", gain.total, penalty, gain.total > penalty, "nat", std)
-    return [total, limit_p_value("p_value", gain.p_value, p_value)]
+    return [limit_total(gain, penalty), limit_p_value("p_value", gain.p_value, p_value)]
 
 
 def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:

@@ -17,7 +17,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion, is_noise
-from estimators.findings import BIASING, Finding, Kind, Quantity
+from estimators.findings import Finding, Kind, Quantity, bias_everything
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.process_noise import find_process_noise
@@ -66,7 +66,7 @@ def check_results(
 
 def _mark_biased(results: Results, findings: Sequence[Finding]) -> Results:
     """Return the results marked as biased if a finding shifts all estimates, else the same results."""
-    if not any(finding.kind in BIASING for finding in findings):
+    if not bias_everything(findings):
         return results
     return {id: replace(result, model=result.model.mark_biased()) for id, result in results.items()}
 

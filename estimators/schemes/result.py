@@ -9,7 +9,7 @@ from functools import cached_property
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.standard_errors import add_torque_constant
-from estimators.findings import BIASING, Finding, collect_withheld
+from estimators.findings import Finding, bias_everything, collect_withheld
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
@@ -71,9 +71,13 @@ class Identification(Mapping[str, Identified], Shown):
 
     @property
     def model(self) -> Model:
-        """Return the fit by `least_squares`; of an arm, or with one scheme, that of `primary`."""
-        has_one = len(self.schemes) == 1 or not self.body.can_simulate
-        return self.primary.model if has_one else self.least_squares
+        """Return the fit by `least_squares`, or that of `primary`, see `is_of_scheme`."""
+        return self.primary.model if self.is_of_scheme else self.least_squares
+
+    @property
+    def is_of_scheme(self) -> bool:
+        """Return whether `model` is that of a scheme: of an arm, or with one scheme."""
+        return len(self.schemes) == 1 or not self.body.can_simulate
 
     @cached_property
     def least_squares(self) -> Model:
@@ -99,8 +103,7 @@ class Identification(Mapping[str, Identified], Shown):
         inertia = model.estimates.get("inertia")
         if inertia is not None and not inertia.is_significant:
             unknown.add("inertia")
-        is_biased = any(finding.kind in BIASING for finding in self.findings)
-        return (model.mark_biased() if is_biased else model).mark_unknown(unknown)
+        return (model.mark_biased() if bias_everything(self.findings) else model).mark_unknown(unknown)
 
     def __repr__(self) -> str:
         count = len(self.recordings)

@@ -14,7 +14,7 @@ import scipy
 from estimators.checks.signs import compute_significant_sign
 from estimators.data.variants import compute_unique_share
 from estimators.decisions.errors import Step
-from estimators.decisions.gate import Gate, limit_gain, limit_p_value
+from estimators.decisions.gate import Gate, limit_gain, limit_p_value, limit_total
 from estimators.decisions.score import Bootstrap, Gain
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
 from estimators.selection.evidence import Hypothesis, adds_dry_friction
@@ -293,8 +293,7 @@ def require_better_form(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]
 
 def require_gain_of_parameters(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the gain of the parameters of a step over those of another on held-out torque."""
-    gain = _compare_parameters(after, before)
-    yield Gate("gain", gain.total, 0.0, gain.total > 0, "nat", gain.error if np.isfinite(gain.error) else None)
+    yield limit_total(_compare_parameters(after, before))
 
 
 def require_no_loss(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:

@@ -79,6 +79,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def _choose_model(identification: Identification, arguments: argparse.Namespace) -> tuple[Model | None, str]:
     """Return the model for `-o` and the name of its fit: by one scheme, or over windows."""
-    if len(identification.schemes) == 1 or not identification.body.can_simulate:
+    if identification.is_of_scheme:
         return identification.model, f"the estimates of {identification.primary.scheme}"
     return (identification.model if arguments.output is not None else None), OVER_WINDOWS

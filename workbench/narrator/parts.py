@@ -46,15 +46,15 @@ def list_figures(content: Content) -> Iterator[Figure]:
             yield from (part for part in item if isinstance(part, Figure))
 
 
+def list_texts(content: Content) -> Iterator[str | TextTable]:
+    """Yield the texts and tables in some content, in order; each line of a list begins with a dash."""
+    for item in content:
+        if isinstance(item, str | TextTable):
+            yield item
+        elif isinstance(item, tuple):
+            yield from (f"- {line}" for line in item)
+
+
 def format_parts(parts: Sequence[Part]) -> str:
     """Format titles, texts, lists and tables of a result as plain text, with a blank line between parts."""
-    texts = []
-    for part in parts:
-        lines = [part.title]
-        for item in part.content:
-            if isinstance(item, str | TextTable):
-                lines.append(str(item))
-            elif isinstance(item, tuple):
-                lines += [f"- {line}" for line in item]
-        texts.append("\n".join(lines))
-    return "\n\n".join(texts)
+    return "\n\n".join("\n".join([part.title, *map(str, list_texts(part.content))]) for part in parts)
