@@ -345,7 +345,8 @@ def judge_diagnosis(variant: Variant, folder: Path) -> Judgement:
     is_named = not selected if not variant.effects else len(selected) == 1 and selected[0] in variant.effects
     named = ["|".join(groups.get(id, (id,))) for id in selected] or ["nothing"]
     named += [f"table {id}" for id in tables] + ["unexplained"] * is_left
-    named += ["recordings disagree"] * bool(found["disagreements"])
+    disagreements = [finding for finding in found["findings"] if finding["family"] == "disagreement"]
+    named += ["recordings disagree"] * bool(disagreements)
     if variant.tables:
         return Judgement(variant.setting, ", ".join(named), np.nan, "", is_named and tables == variant.tables)
     theta, deviations = found["steps"][-1]["theta"], {}
@@ -357,7 +358,7 @@ def judge_diagnosis(variant: Variant, folder: Path) -> Judgement:
             named.append(f"no {name}")
     worst = max(deviations, key=lambda name: abs(deviations[name]), default="")
     z = deviations.get(worst, np.nan)
-    is_right = is_named and not is_left and not found["disagreements"] and abs(z) <= MOST
+    is_right = is_named and not is_left and not disagreements and abs(z) <= MOST
     return Judgement(variant.setting, ", ".join(named), z, worst, bool(is_right))
 
 

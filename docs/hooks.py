@@ -74,7 +74,6 @@ REFERENCES = {
             "estimators.checks.homogeneity.Disagreement",
             "estimators.findings.Finding",
             "pendulum_env.quantity.Quantity",
-            "estimators.findings.Kind",
             "workbench.survey.run.run_survey",
             "workbench.survey.recordings.find_recordings",
             "workbench.survey.diagnosis.hash_content",

@@ -17,7 +17,7 @@ from pendulum_env.notebook import Summarised
 from pendulum_env.physics import Model
 from pendulum_env.recording import TorqueConstant
 
-SCHEMA = "pendulum-ident/comparison@2"
+SCHEMA = "pendulum-ident/comparison@3"
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,9 @@ class Comparison(Summarised):
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; `joint` has all recordings together."""
-        return make_result_json(self.model, self.torque_constant, self.regions, self.disagreements) | {
+        return make_result_json(self.model, self.torque_constant, self.regions) | {
             "schema": SCHEMA,
+            "findings": [disagreement.json() for disagreement in self.disagreements],
             "recordings": [distance.json() for distance in self.distances],
             "joint": self.joint.json(),
             "horizon": self.horizon,
@@ -119,9 +120,7 @@ class Comparison(Summarised):
         }
 
 
-def make_result_json(
-    model: Model, constant: TorqueConstant | None, regions: Sequence[Region], disagreements: Sequence[Disagreement]
-) -> JSON:
+def make_result_json(model: Model, constant: TorqueConstant | None, regions: Sequence[Region]) -> JSON:
     """Return the common entries of the files of `compare` and `diagnose`, as a dictionary for JSON."""
     joint_units = {at: model.units(at) for at in model.body.joints}
     return {
@@ -132,7 +131,6 @@ def make_result_json(
         },
         "model": model.json(),
         "regions": [region.json() for region in regions],
-        "disagreements": [disagreement.json() for disagreement in disagreements],
     }
 
 

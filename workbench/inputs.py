@@ -22,7 +22,7 @@ from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources
 from workbench.errors import InputError
 from workbench.narrator import describe
-from workbench.narrator.findings import describe_late
+from workbench.narrator.findings import describe_timing
 from workbench.narrator.notes import WARNING, describe_note
 from workbench.outputs import check_outputs
 from workbench.robot import make_robot, report_held
@@ -186,7 +186,7 @@ def report_timing(data: FitData, align: bool | None, terminal: Terminal) -> FitD
     if align and not timed.timing.has_moved:
         terminal.print("no torque shows to be logged late: taken as it was logged")
     for finding in timed.timing.find(is_late=True):
-        text = describe_late(finding, "It is corrected." if align else "Correct it with --align.")
+        text = describe_timing(finding, "It is corrected." if align else "Correct it with --align.")
         terminal.print(text if align else f"warning: {text}", style="yellow")
     return timed if align else data
 

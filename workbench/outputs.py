@@ -7,7 +7,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from estimators.findings import Finding, Kind
+from estimators.checks.remedies import WrongColumn
+from estimators.findings import Finding
 from pendulum_env._typing import JSON
 from pendulum_env.files import check_output, format_json, write_whole
 from pendulum_env.formatting import format_estimate, join_words
@@ -41,7 +42,7 @@ def write_model(model: Model, path: str | None, findings: Sequence[Finding] = ()
     negative.
     """
     inertia = model.estimates.get("inertia")
-    turned = next((finding for finding in findings if finding.kind is Kind.INERTIA_NEGATIVE), None)
+    turned = next((finding for finding in findings if isinstance(finding, WrongColumn) and finding.inertia), None)
     if path is not None and inertia is not None and inertia.value <= 0 and (turned or not inertia.is_unknown):
         remark = " (the earlier file stays)" if Path(path).is_file() else ""
         value = f"{format_estimate(inertia.value, inertia.std)} {inertia.unit}"

@@ -115,11 +115,15 @@ def _choose_experiment(
     return excitation(kind or "paper", rng, seconds, arguments.amplitude), seconds, None
 
 
+EARLIER = ("pendulum-ident/diagnosis@1", "pendulum-ident/diagnosis@2")  # readable schemas of a suggestion
+
+
 class _Diagnosis(Struct):
     """Fields of a diagnosis file on the next experiment."""
 
     suggestion: dict[str, Any] | None = None
-    forbidden: Text | None = None
+    no_experiment: dict[str, Any] | None = None
+    forbidden: Text | None = None  # its text, up to @2
     inseparable: list[list[Text]] | None = None
 
 
@@ -130,7 +134,7 @@ def read_suggestion(path: str) -> Suggestion:
     """
     hint = "a diagnosis is what `diagnose --json` writes"
     content = read_json(path, hint)
-    if not isinstance(content, dict) or content.get("schema") not in (SCHEMA, "pendulum-ident/diagnosis@1"):
+    if not isinstance(content, dict) or content.get("schema") not in (SCHEMA, *EARLIER):
         raise InputError(f"{path}: is not a diagnosis; {hint}")
     try:
         data = convert(content, _Diagnosis)
@@ -138,8 +142,9 @@ def read_suggestion(path: str) -> Suggestion:
             return Suggestion.from_json(data.suggestion, "suggestion")
     except FileError as error:
         raise InputError(f"{path}: {error}") from None
-    if data.forbidden is not None:
-        raise InputError(f"{path}: {data.forbidden}")
+    forbidden = data.forbidden or (data.no_experiment or {}).get("text")
+    if forbidden is not None:
+        raise InputError(f"{path}: {forbidden}")
     reason = f", and no torque tells {' from '.join(data.inseparable[0])}" if data.inseparable else ""
     raise InputError(f"{path}: this diagnosis suggests no further experiment{reason}")
 

@@ -28,11 +28,40 @@ from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import Policy, decide
 from estimators.decisions.gate import Gate, limit_gain
 from estimators.decisions.score import Gain
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.signals.channel import LONGEST, REACH, UNMIXED_SAMPLES, Channel
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_noise_slope, estimate_white_noise
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
+
+
+@dataclass(frozen=True)
+class TorqueTiming(Finding):
+    """Time between torque and motion.
+
+    Attributes:
+        is_late: whether torque is logged late, or through a filter; else it acts late.
+        delay: delay; None for a filter alone, and for half a sample.
+        lag: time constant of a filter; None for a delay alone.
+        is_sampled: whether torque was sampled like the position, half a sample late.
+        rival_delay, rival_lag: the alternative law if it fits equally; else None.
+        is_corrected: whether the torque was corrected.
+        recordings: names of its recordings.
+    """
+
+    is_late: bool
+    delay: Quantity | None = None
+    lag: Quantity | None = None
+    is_sampled: bool = False
+    rival_delay: Quantity | None = None
+    rival_lag: Quantity | None = None
+    is_corrected: bool = False
+    recordings: tuple[str, ...] = ()
+
+    @property
+    def is_bias(self) -> bool:
+        """Return whether torque is late and not corrected."""
+        return self.is_late and not self.is_corrected
 
 
 @dataclass(frozen=True)
@@ -169,20 +198,19 @@ class Alignment:
         return Note(NoteKind.ALIGNED, numbers={name: Quantity(size, unit="s") for name, size in parts.items() if size})
 
     @property
-    def finding(self) -> Finding | None:
+    def finding(self) -> TorqueTiming | None:
         """Return the finding on the timing; None if torque and motion are in time."""
         if not self.is_found:
             return None
-        numbers = (
-            {"delay": Quantity(abs(self.delay), self.delay_std, "s")} if self.delay and not self.is_half_sample else {}
+        rival = self.rival or Channel()
+        return TorqueTiming(
+            self.is_late,
+            Quantity(abs(self.delay), self.delay_std, "s") if self.delay and not self.is_half_sample else None,
+            Quantity(abs(self.lag), self.lag_std, "s") if self.lag else None,
+            self.is_late and self.channel.is_sampled,
+            Quantity(abs(rival.delay), unit="s") if rival.delay else None,
+            Quantity(abs(rival.lag), unit="s") if rival.lag and not rival.delay else None,
         )
-        numbers |= {"lag": Quantity(abs(self.lag), self.lag_std, "s")} if self.lag else {}
-        if self.rival is not None:
-            law = "rival_delay" if self.rival.delay else "rival_lag"
-            numbers[law] = Quantity(abs(self.rival.delay or self.rival.lag), unit="s")
-        if not self.is_late:
-            return Finding(Kind.ACTS_LATE, numbers)
-        return Finding(Kind.TORQUE_SAMPLED if self.channel.is_sampled else Kind.TORQUE_LATE, numbers)
 
     def json(self) -> JSON:
         """Return delay and lag as a dictionary for JSON, signed as in `Channel`; an unknown standard error is null."""

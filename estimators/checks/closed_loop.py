@@ -10,6 +10,7 @@ Motion of one frequency determines neither delay nor lag: inertia and viscous fr
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.checks.settings import CHECKS
 from estimators.decisions.criterion import Criterion, TimingLimits
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.memoize import memoized
 from estimators.regression.least_squares import Equations, solve, solve_least_squares
 from estimators.weak_form.floors import compute_precision
@@ -29,7 +30,15 @@ from pendulum_env.tone import ONE_FREQUENCY, find_tone
 FEEDBACK = CHECKS.feedback
 
 
-def find_feedback(recordings: Sequence[Recording], criterion: Criterion = Criterion()) -> list[Finding]:
+@dataclass(frozen=True)
+class Feedback(Finding):
+    """Torque that reacts to the motion, with its median `gain` between samples."""
+
+    gain: Quantity
+    recordings: tuple[str, ...]
+
+
+def find_feedback(recordings: Sequence[Recording], criterion: Criterion = Criterion()) -> list[Feedback]:
     """Find recordings in which torque reacts to unpredicted changes of position within a few samples.
 
     A finding has the median gain of the recordings with one unit. Arms are not tested.
@@ -40,11 +49,7 @@ def find_feedback(recordings: Sequence[Recording], criterion: Criterion = Criter
         if (gain := next((gain for gain in gains_by_stride if gain is not None), None)) is not None:
             gains.setdefault(recording.units.unit("N m/rad"), {})[recording.name] = gain
     return [
-        Finding(
-            Kind.FEEDBACK,
-            {"gain": Quantity(float(np.median([*by_name.values()])), unit=unit)},
-            recordings=tuple(by_name),
-        )
+        Feedback(Quantity(float(np.median([*by_name.values()])), unit=unit), tuple(by_name))
         for unit, by_name in gains.items()
     ]
 

@@ -8,8 +8,8 @@ some per cent, and larger than the bias that the residuals allow. Recordings are
 Source: Cochran, Biometrics 10(1), 1954, for pooled estimates and the statistic Q of differences between groups.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +19,11 @@ from estimators.checks.settings import CHECKS
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import Policy, decide
 from estimators.decisions.gate import Gate
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.regression.least_squares import Equations, invert_covariance, solve
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import Array
 from pendulum_env.physics import Column, Model, Term
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import TURNING, JointUnits
@@ -39,54 +39,44 @@ class Difference:
     others: float
     std: float
 
-    def json(self) -> JSON:
-        """Return a dictionary for JSON."""
-        return {"name": self.parameter, "value": self.value, "others": self.others, "std": self.std, "unit": self.unit}
+
+class Scale(NamedTuple):
+    """Result of a comparison of parameters: the sign is opposite, or one factor explains all differences.
+
+    Attributes:
+        is_turned: whether torque or position has the opposite sign.
+        torque, inertia: factor of the torque, or of the inertia of a free swing; None for another difference.
+    """
+
+    is_turned: bool = False
+    torque: float | None = None
+    inertia: float | None = None
 
 
 @dataclass(frozen=True)
-class Disagreement:
+class Disagreement(Finding):
     """Recording of a different plant than the other recordings or a model.
 
     Attributes:
-        recording: its number, from 1; held-out recordings follow the fitted recordings.
-        name: its name.
+        number: its number, from 1; held-out recordings follow the fitted recordings.
+        recording: its name.
         others: names of the recordings that agree with each other; none if the recording disagrees with a model.
         differences: parameters that differ, the most significant first; none if no parameters fit the recording.
-        kind: kind of the finding: parameters differ, one factor scales the torque, a sign is opposite, or a misfit.
-        numbers: the factor, or the residual and its ratio to the noise floor.
+        is_turned: whether torque or position has the opposite sign in it.
+        torque_factor, inertia_factor: factor of the torque or inertia that explains all differences, else None.
+        residual: residual torque of a recording that no parameters fit, else None.
+        noise_ratio: ratio of this residual to the noise floor.
     """
 
-    recording: int
-    name: str
+    number: int
+    recording: str
     others: tuple[str, ...]
-    differences: tuple[Difference, ...]
-    kind: Kind = Kind.OUTLIER_RECORDING
-    numbers: Mapping[str, Quantity] = field(default_factory=dict)
-
-    @property
-    def finding(self) -> Finding:
-        """Return the finding of this disagreement.
-
-        Its first recording disagrees with the other recordings, or with a model if these are none. Standard errors are
-        those of the differences.
-        """
-        numbers = {"number": Quantity(self.recording)} | dict(self.numbers)
-        for difference in self.differences:
-            numbers[difference.parameter] = Quantity(difference.value, difference.std, difference.unit)
-            numbers[f"others.{difference.parameter}"] = Quantity(difference.others, unit=difference.unit)
-        names = tuple(difference.parameter for difference in self.differences)
-        return Finding(self.kind, numbers, names, recordings=(self.name, *self.others))
-
-    def json(self) -> JSON:
-        """Return a dictionary for JSON."""
-        return {
-            "recording": self.recording,
-            "name": self.name,
-            "others": list(self.others),
-            "parameters": [difference.json() for difference in self.differences],
-            "kind": str(self.kind),
-        }
+    differences: tuple[Difference, ...] = ()
+    is_turned: bool = False
+    torque_factor: float | None = None
+    inertia_factor: float | None = None
+    residual: Quantity | None = None
+    noise_ratio: float | None = None
 
 
 class ComparedParameters(NamedTuple):
@@ -155,13 +145,10 @@ class RecordingFit:
         ]
         return tuple(sorted(differences, key=lambda d: -abs(d.value - d.others) / d.std))
 
-    def classify_difference(self, other: ComparedParameters) -> tuple[Kind, dict[str, Quantity]]:
-        """Return the kind of difference, and the factor if one factor of all parameters explains it.
-
-        The factor is that of the torque, or of the inertia of a free swing.
-        """
+    def classify_difference(self, other: ComparedParameters) -> Scale:
+        """Return the sign, or the factor, that explains the differences of all parameters."""
         if self.is_turned:
-            return Kind.TURNED_ROUND, {}
+            return Scale(is_turned=True)
         weight = np.linalg.pinv(self.estimates.covariance + other.covariance, hermitian=True)
         scale = float(other.theta @ weight @ other.theta)
         factor = float(other.theta @ weight @ self.estimates.theta) / max(scale, 1e-300)
@@ -169,10 +156,10 @@ class RecordingFit:
         (gap, std), least = self.compute_gap(scaled), self.criterion.agreement.difference
         is_equal = np.abs(gap) <= np.maximum(least * np.abs(scaled.theta), self.z_limit * std)
         if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= least:
-            return Kind.OUTLIER_RECORDING, {}
+            return Scale()
         if self.is_free and factor > 0:
-            return Kind.SCALED_INERTIA, {"factor": Quantity(1 / factor)}
-        return Kind.SCALED_TORQUE, {"factor": Quantity(factor)}
+            return Scale(inertia=1 / factor)
+        return Scale(torque=factor)
 
     def compute_gap(self, other: ComparedParameters) -> tuple[Array, Array]:
         """Compute the differences of the parameters and their standard errors (P,)."""
@@ -250,8 +237,7 @@ def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:
     misfits = []
     for fit in poor:
         residual = Quantity(fit.rms, unit=fit.units.unit(NEWTON_METRE))
-        numbers = {"residual": residual, "times": Quantity(fit.noise_ratio)}
-        misfits.append(Disagreement(fit.number, fit.name, others, (), Kind.MISFIT, numbers))
+        misfits.append(Disagreement(fit.number, fit.name, others, residual=residual, noise_ratio=fit.noise_ratio))
     return tuple(misfits)
 
 

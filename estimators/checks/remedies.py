@@ -1,13 +1,19 @@
 """Detection of wrong signs and zeros of columns by a fit, with the columns that correct them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimators.checks.settings import CHECKS
-from estimators.checks.signs import compute_significant_sign, find_driving_friction, is_significantly_negative
+from estimators.checks.signs import (
+    NegativeParameters,
+    compute_significant_sign,
+    find_driving_friction,
+    is_significantly_negative,
+)
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind, Quantity, Remedy
+from estimators.findings import Finding, Quantity
 from estimators.regression.least_squares import Equations, IdentificationError, solve
 from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, Column, Model
@@ -18,6 +24,40 @@ from pendulum_env.recording.origin import Origin
 # minus the load torque in the balance: its parameter is 0, or -2 if the sensor has the opposite sign
 # noise s in a load l beyond the other columns makes these -s^2 / (l^2 + s^2) and -(2 l^2 + s^2) / (l^2 + s^2)
 LOAD_TORQUE = Column("load_torque", "1", force=lambda x: -1.0 * x.load.torque)
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """Settings of columns that read some recordings correctly."""
+
+    columns: Mapping[str, str]  # as in `read_recording`
+    recordings: tuple[str, ...]  # names
+
+
+@dataclass(frozen=True)
+class WrongColumn(Finding):
+    """Column that was read with another sign or zero.
+
+    Attributes:
+        column: `load_torque` or `torque`, with the opposite sign; or `position`, with another zero.
+        remedies: settings that read the recordings correctly.
+        inertia: negative inertia, by which the torque has the opposite sign; else None.
+        angle: error of the zero; None for other columns, and if the upright position was taken as zero.
+    """
+
+    column: str
+    remedies: tuple[Remedy, ...] = ()
+    inertia: Quantity | None = None
+    angle: Quantity | None = None
+
+
+@dataclass(frozen=True)
+class UnevenClock(Finding):
+    """Time steps of a recording with a scatter `std` about their `period`, without a uniform clock."""
+
+    recording: str
+    std: Quantity
+    period: Quantity
 
 
 def find_remedies(
@@ -35,18 +75,17 @@ def find_remedies(
     is_tilt_open = any("gravity_tilt" in group for group in ambiguous)
     columns = [] if is_tilt_open else find_wrong_columns(model, recordings, criterion)
     if not is_complete:
-        columns = [finding for finding in columns if finding.kind not in (Kind.ZERO_SHIFTED, Kind.ZERO_UPRIGHT)]
-    return columns or find_driving_friction(model)
+        columns = [found for found in columns if not isinstance(found, WrongColumn) or found.column != "position"]
+    return columns or [*find_driving_friction(model)]
 
 
-def find_uneven_clocks(recordings: Sequence[Recording]) -> list[Finding]:
+def find_uneven_clocks(recordings: Sequence[Recording]) -> list[UnevenClock]:
     """Find the recording with the largest scatter of time steps, if any was resampled: wrong stamps bias the motion."""
     resampled = [(note, item) for item in recordings for note in item.notes if note.kind is NoteKind.RESAMPLED]
     if not resampled:
         return []
     note, recording = max(resampled, key=lambda pair: pair[0].numbers["std"].value)
-    numbers = {"std": note.numbers["std"], "period": Quantity(1e3 / recording.rate, unit="ms")}
-    return [Finding(Kind.CLOCK_UNEVEN, numbers, recordings=(recording.name,))]
+    return [UnevenClock(recording.name, note.numbers["std"], Quantity(1e3 / recording.rate, unit="ms"))]
 
 
 def find_wrong_columns(
@@ -56,12 +95,11 @@ def find_wrong_columns(
     limits = criterion.columns
     if _is_load_torque_turned(model, recordings, criterion):
         remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("load_torque"))
-        return [Finding(Kind.LOAD_TORQUE_TURNED, remedies=remedies)]
+        return [WrongColumn("load_torque", remedies)]
     if is_significantly_negative(model, "inertia"):
         remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("torque"))
         inertia = model.estimates["inertia"]
-        numbers = {"inertia": Quantity(inertia.value, inertia.std, inertia.unit)}
-        return [Finding(Kind.INERTIA_NEGATIVE, numbers, ("inertia",), remedies=remedies)]
+        return [WrongColumn("torque", remedies, Quantity(inertia.value, inertia.std, inertia.unit))]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
     load_gravities = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
     if gravity is None or gravity.std == 0:  # no gravity, or fixed by the user
@@ -73,17 +111,16 @@ def find_wrong_columns(
         error = float(np.hypot(tilt.std * down, gravity.std * tilt.value)) / (down**2 + tilt.value**2)
         digits = int(np.clip(-np.floor(np.log10(max(np.degrees(error), 1e-9))), 0, 3))
         remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(angle, digits))
-        numbers = {"angle": Quantity(angle, error, "rad")}
-        return [Finding(Kind.ZERO_SHIFTED, numbers, ("gravity", "gravity_tilt"), remedies=remedies)]
+        return [WrongColumn("position", remedies, angle=Quantity(angle, error, "rad"))]
     if is_significantly_negative(model, "gravity") and down < 0:
         if "spring.stiffness" in model.estimates:
-            return [Finding(Kind.GRAVITY_BESIDE_SPRING, parameters=("gravity", "spring.stiffness"))]
+            return [NegativeParameters(("gravity", "spring.stiffness"))]
         turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)
         torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
         if turns > limits.upright_turns or abs(down) < limits.upright_share * torque:
             return []
         remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
-        return [Finding(Kind.ZERO_UPRIGHT, parameters=("gravity",), remedies=remedies)]
+        return [WrongColumn("position", remedies)]
     return []
 
 

@@ -1,12 +1,21 @@
 """Signs of estimates that noise does not explain."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding
 from pendulum_env.physics import Model, Table
 
 
-def find_driving_friction(model: Model) -> list[Finding]:
+@dataclass(frozen=True)
+class NegativeParameters(Finding):
+    """Parameters that came out negative, which no body has: friction, or gravity beside a spring."""
+
+    parameters: tuple[str, ...]
+
+
+def find_driving_friction(model: Model) -> list[NegativeParameters]:
     """Return a finding with the dry and viscous friction parameters that are significantly negative, or an empty list.
 
     With a table of friction they may have any sign.
@@ -14,7 +23,7 @@ def find_driving_friction(model: Model) -> list[Finding]:
     has_table = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
     names = [name for name in model.estimates if name.split("@")[0] in ("viscous", "coulomb")]
     negative = [name for name in names if is_significantly_negative(model, name) and not has_table]
-    return [Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(negative))] if negative else []
+    return [NegativeParameters(tuple(negative))] if negative else []
 
 
 def is_significantly_negative(model: Model, name: str) -> bool:

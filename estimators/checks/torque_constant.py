@@ -13,20 +13,65 @@ known payloads).
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimators.checks.channel import ChannelFits
 from estimators.checks.channel_rows import compute_driven_share, is_brake, list_load_friction
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.free_swings import NO_LOAD
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.motion import get_load_in_newton_metres
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env.physics import LOAD, Model
 from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant
+
+
+@dataclass(frozen=True)
+class UnknownConstant(Finding):
+    """Unknown torque constant of a drive that logs another unit than N m.
+
+    Attributes:
+        logged: unit of the log, "A" for example.
+        loads: number of different known loads; 0 without any.
+        moved: number of these under which the joint moved clear of the ends of the recordings.
+        inverse: uncertain inverse of the constant; None if it was not estimated.
+        constant: negative constant; None otherwise.
+        by_load_torque: whether a load torque was logged.
+        has_integral: whether a controller has an integral part of unknown state.
+    """
+
+    logged: str
+    loads: int = 0
+    moved: int = 0
+    inverse: Quantity | None = None
+    constant: Quantity | None = None
+    by_load_torque: bool = False
+    has_integral: bool = False
+
+
+@dataclass(frozen=True)
+class GearLosses(Finding):
+    """Losses of gears that cannot be told from the torque constant.
+
+    Attributes:
+        constant: the torque constant.
+        share: share of the motion that the motor drives.
+        is_braked: whether the load torque nearly always opposes the motion.
+    """
+
+    constant: Quantity
+    share: Quantity
+    is_braked: bool
+
+
+@dataclass(frozen=True)
+class BackEmfInFriction(Finding):
+    """Back-EMF that is part of the viscous friction; `constant` is its largest constant."""
+
+    constant: Quantity
 
 
 def find_torque_unit(recordings: Sequence[Recording]) -> str:
@@ -43,7 +88,7 @@ def find_torque_unit(recordings: Sequence[Recording]) -> str:
 
 def estimate_torque_constant(
     recordings: Sequence[Recording], criterion: Criterion = Criterion()
-) -> TorqueConstant | Finding:
+) -> TorqueConstant | UnknownConstant:
     """Estimate the torque constant from recordings of a current under known loads.
 
     A recording without a known load counts as unloaded.
@@ -58,10 +103,11 @@ def estimate_torque_constant(
     loads = [recording.load or NO_LOAD for recording in recordings]
     by_load_torque = any(recording.has_varying_load for recording in recordings)
     if len(set(loads)) < 2 and not by_load_torque:
-        return explain_unknown_constant(Kind.LOADS_UNKNOWN if loads[0] == NO_LOAD else Kind.LOADS_EQUAL, unit)
+        return UnknownConstant(unit, 0 if loads[0] == NO_LOAD else 1)
+    unknown = UnknownConstant(unit, len(set(loads)), by_load_torque=by_load_torque)
     fits = ChannelFits.from_recordings(recordings, criterion=criterion)
     if fits is None:
-        return explain_unknown_constant(Kind.CONSTANT_TOO_SHORT, unit)
+        return unknown
     windows = (
         replace(w, samples=replace(w.samples, load=get_load_in_newton_metres(w.recording)))
         for w in fits.rows.data.windows
@@ -69,16 +115,13 @@ def estimate_torque_constant(
     data = replace(fits.rows.data, windows=tuple(windows))
     moved_loads = {loads[k] for k in np.unique(data.recording_of_window)}
     if len(moved_loads) < 2 and not by_load_torque:
-        return explain_unknown_constant(Kind.ONE_LOAD_MOVED, unit, loads=Quantity(len(set(loads))))
+        return replace(unknown, moved=len(moved_loads))
     inverse, std = _add_load_columns(fits, data).delay_fit.gain  # 1/K
     if abs(inverse) <= criterion.z_score * std:
-        return explain_unknown_constant(Kind.CONSTANT_UNCERTAIN, unit, inverse=Quantity(inverse, std, f"{unit}/(N m)"))
+        return replace(unknown, moved=len(moved_loads), inverse=Quantity(inverse, std, f"{unit}/(N m)"))
     if inverse < 0:
-        parameters = ("load_torque",) if by_load_torque else ()
         negative = Quantity(1 / inverse, std / inverse**2, f"{NEWTON_METRE}/{unit}")
-        return replace(
-            explain_unknown_constant(Kind.CONSTANT_NEGATIVE, unit, torque_constant=negative), parameters=parameters
-        )
+        return replace(unknown, moved=len(moved_loads), constant=negative)
     return TorqueConstant(1 / inverse, std / inverse**2, unit, len(moved_loads), by_load_torque)
 
 
@@ -95,11 +138,6 @@ def _add_load_columns(fits: ChannelFits, data: TorqueWindows) -> ChannelFits:
     return loaded if is_driven or is_brake(data, limits) else loaded.with_motor_friction()
 
 
-def explain_unknown_constant(kind: Kind, unit: str, **numbers: Quantity) -> Finding:
-    """Make the finding of an unknown torque constant, for a log in a unit."""
-    return Finding(kind, {"torque_constant": Quantity(np.nan, unit=f"{NEWTON_METRE}/{unit}")} | numbers)
-
-
 def find_gain_doubts(
     model: Model, constant: TorqueConstant, data: TorqueWindows, criterion: Criterion = Criterion()
 ) -> list[Finding]:
@@ -107,13 +145,12 @@ def find_gain_doubts(
 
     Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the drive does not log amperes.
     """
-    findings, share = [], compute_driven_share(data, data.torque.recorded)
+    findings, share = list[Finding](), compute_driven_share(data, data.torque.recorded)
     is_braked = is_brake(data, criterion.columns)
     if share > criterion.columns.driven_share or is_braked:
-        kind = Kind.LOAD_BRAKES if is_braked else Kind.GEAR_LOSS_UNKNOWN
         known = Quantity(constant.value, constant.std, constant.unit)
-        findings.append(Finding(kind, {"share": Quantity(share), "torque_constant": known}))
+        findings.append(GearLosses(known, Quantity(share), is_braked))
     if constant.of != "A" and "viscous" in model.estimates:
         back_emf = model.estimates["viscous"].value / constant.value
-        findings.append(Finding(Kind.BACK_EMF, {"back_emf": Quantity(back_emf, unit=f"{constant.of} s/rad")}))
+        findings.append(BackEmfInFriction(Quantity(back_emf, unit=f"{constant.of} s/rad")))
     return findings

@@ -1,10 +1,12 @@
 """Calibration: torque of recordings in N m, by a torque constant, known loads, or the known parameter of a swing."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from estimators.checks.torque_constant import estimate_torque_constant, explain_unknown_constant, find_torque_unit
+from estimators.checks.torque_constant import UnknownConstant, estimate_torque_constant, find_torque_unit
+from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
 from estimators.in_loop import complete_drives, decide_conventions
 from estimators.regression.least_squares import IdentificationError
@@ -14,6 +16,13 @@ from pendulum_env.servo.torque import has_unknown_integral
 from pendulum_env.settings import Blank, format_setting
 
 Recordings = tuple[Recording, ...]
+
+
+@dataclass(frozen=True)
+class RelativeToInertia(Finding):
+    """Parameters relative to the inertia, as no torque is applied; `recordings` have known loads."""
+
+    recordings: tuple[str, ...] = ()
 
 
 def calibrate(
@@ -29,9 +38,10 @@ def calibrate(
     state. Beside driven recordings, free swings get the known inertia, or that of a fit to the driven ones.
     """
     combined, count = (*recordings, *holdout), len(recordings)
-    driven, doubt = [recording for recording in combined if not recording.is_free], None
+    doubt: Finding | None = None
+    driven = [recording for recording in combined if not recording.is_free]
     if any(map(has_unknown_integral, combined)):
-        doubt = explain_unknown_constant(Kind.INTEGRAL_CONTROLLER, combined[0].torque_unit)
+        doubt = UnknownConstant(combined[0].torque_unit, has_integral=True)
     elif len(driven) == len(combined):
         combined, doubt = _convert_by_constant(combined, count, constant, criterion)
     elif all(recording.is_free for recording in recordings):
@@ -45,9 +55,10 @@ def calibrate(
     return combined[:count], combined[count:], doubt
 
 
-def make_constant_finding(constant: TorqueConstant) -> Finding:
+def make_constant_finding(constant: TorqueConstant) -> Treatment:
     """Make the finding on the torque constant by which currents are converted."""
-    return Finding(Kind.TORQUE_CONSTANT, {"torque_constant": Quantity(constant.value, constant.std, constant.unit)})
+    value = Quantity(constant.value, constant.std, constant.unit)
+    return Treatment(Action.TORQUE_CONSTANT, {"torque_constant": value})
 
 
 def _scale_by_known_value(
@@ -66,7 +77,7 @@ def _scale_by_known_value(
             f"the inertia, {format_setting('fixed', {'inertia': Blank('VALUE')})}, and torque in N m"
         )
     loaded = tuple(recording.name for recording in combined[:count] if recording.load is not None)
-    doubt = Finding(Kind.RELATIVE_TO_INERTIA, recordings=loaded) if inertia is None else None
+    doubt = RelativeToInertia(loaded) if inertia is None else None
     return _scale_swings(combined, inertia or 1.0, unit), doubt
 
 

@@ -15,8 +15,9 @@ from estimators.data.calibration import calibrate, make_constant_finding
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import CutSettings, Parts, add_contacts, split_arm
 from estimators.data.timing import Timing, move_torque
+from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind
+from estimators.findings import Finding
 from estimators.free_swings import find_known_values
 from estimators.in_loop import decide_open_torque
 from pendulum_env.arms.joints import find_body
@@ -93,9 +94,14 @@ class FitData:
         """Return the data with changed fields, and a finding on the treatment added to `treatments`."""
         return replace(self, treatments=(*self.treatments, treatment), **changes)
 
-    def has_treatment(self, kind: Kind) -> bool:
-        """Return whether the data had a treatment of a kind."""
-        return any(treatment.kind is kind for treatment in self.treatments)
+    def has_treatment(self, action: Action) -> bool:
+        """Return whether the data had a treatment."""
+        return action in self.actions
+
+    @property
+    def actions(self) -> list[Action]:
+        """Actions of the treatments, in order."""
+        return [treatment.action for treatment in self.treatments if isinstance(treatment, Treatment)]
 
     def with_timing(self, effects: Sequence[Term] = ()) -> FitData:
         """Return the data with torque corrected by its estimated delay and filter, under a model with some effects.
@@ -113,7 +119,7 @@ class FitData:
         corrected = timing.recordings
         corrections = self.timing.corrections
         earlier = (treatment for treatment in self.treatments if treatment not in corrections)
-        model_finding = [Finding(Kind.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
+        model_finding = [Treatment(Action.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
         treatments = (*earlier, *model_finding, *timing.corrections)
         changes: dict[str, Any] = {"recordings": corrected[:count], "holdout": corrected[count:]}
         return replace(self, **changes, timing=timing, treatments=treatments)
@@ -125,8 +131,8 @@ class FitData:
         logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
         corrections = self.timing.corrections
         others = (treatment for treatment in self.treatments if treatment not in corrections)
-        earlier = (treatment for treatment in others if treatment.kind is not Kind.TIMED_BESIDE)
-        treatments = (*earlier, Finding(Kind.TIMED_AS_LOGGED))
+        earlier = (one for one in others if not (isinstance(one, Treatment) and one.action is Action.TIMED_BESIDE))
+        treatments = (*earlier, Treatment(Action.TIMED_AS_LOGGED))
         changes: dict[str, Any] = {"recordings": logged[:count], "holdout": logged[count:]}
         return replace(self, **changes, timing=Timing(), treatments=treatments)
 
@@ -145,14 +151,14 @@ class FitData:
         Disagreements number recordings from 1, fitted ones first; held-out ones stay. Without a fitted one, the same
         data are returned.
         """
-        excluded, count = {outlier.recording for outlier in outliers}, len(self.recordings)
+        excluded, count = {outlier.number for outlier in outliers}, len(self.recordings)
         remaining_numbers = [k for k in range(count) if k + 1 not in excluded]
         if len(remaining_numbers) == count:
             return self
         timed_numbers = (*remaining_numbers, *range(count, len(self.timing.alignments)))
         names = tuple(recording.name for k, recording in enumerate(self.recordings) if k not in remaining_numbers)
         return self.with_treatment(
-            Finding(Kind.RECORDINGS_EXCLUDED, recordings=names),
+            Treatment(Action.RECORDINGS_EXCLUDED, recordings=names),
             recordings=tuple(self.recordings[k] for k in remaining_numbers),
             timing=self.timing.select(timed_numbers),
             excluded=tuple(outliers),
@@ -174,7 +180,7 @@ class FitData:
         if parts is self.parts:
             return self
         cut = replace(self.cut, contact_terms=tuple(terms))
-        return self.with_treatment(Finding(Kind.IMPACTS_INCLUDED), cut=cut).with_parts(parts)
+        return self.with_treatment(Treatment(Action.IMPACTS_INCLUDED), cut=cut).with_parts(parts)
 
     def with_parts(self, parts: Parts) -> Self:
         """Set the cached `parts` of this object, and return it."""

@@ -1,12 +1,12 @@
 """Regions of the residual (R,) of a model at a joint, where it exceeds the noise."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from estimators.data.regression_data import RegressionData
 from estimators.data.settings import DATA
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.signals.residual import SYMBOLS, Region, find_regions, make_region_everywhere
 from estimators.weak_form.torque_windows import compute_negligible_residual
 from pendulum_env._typing import Array
@@ -31,6 +31,23 @@ def find_regions_at(
     return [replace(region, at=at) for region in regions if abs(region.residual) > least]
 
 
+@dataclass(frozen=True)
+class ResidualWithoutPlace(Finding):
+    """Residual at no one speed, angle or time.
+
+    Attributes:
+        residual: torque; of servos the mean position error of a simulation from the goals.
+        noise_ratio: its ratio to the noise floor, or to the noise of the encoder.
+        worst: error of the servo's recording with the largest; None for a single recording.
+        recording: name of that recording; empty without a servo.
+    """
+
+    residual: Quantity
+    noise_ratio: float
+    worst: Quantity | None = None
+    recording: str = ""
+
+
 def find_failures(
     data: RegressionData,
     residual: Array,
@@ -50,7 +67,7 @@ def find_failures(
         least = criterion.misfit * max(floor, compute_negligible_residual(data.data, joint))
         if not at_joint and error > least:
             units, samples = data.units(joint), data.data.part(joint).samples
-            numbers = {"residual": Quantity(error, unit=units.unit(NEWTON_METRE)), "times": Quantity(error / floor)}
-            at_joint = [make_region_everywhere(Finding(Kind.NOWHERE, numbers), samples, error, floor, joint, units)]
+            cause = ResidualWithoutPlace(Quantity(error, unit=units.unit(NEWTON_METRE)), error / floor)
+            at_joint = [make_region_everywhere(cause, samples, error, floor, joint, units)]
         regions += at_joint
     return regions

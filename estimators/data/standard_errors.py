@@ -1,7 +1,7 @@
 """Standard errors by an estimated delay of the torque, by its constant, and of the ends of a hard stop."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_parameter_changes, fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.settings import DATA
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.free_swings import remove_unit_inertia
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.weak_form.torque_windows import TorqueWindows
@@ -110,13 +110,35 @@ def widen_ends(model: Model, recordings: Sequence[Recording]) -> Model:
     return replace(model, estimates={**model.estimates, **changed}) if changed else model
 
 
-def find_stiff_stops(model: Model, recordings: Sequence[Recording]) -> list[Finding]:
+@dataclass(frozen=True)
+class StiffStop(Finding):
+    """Stop with a stiffness that the recordings do not determine.
+
+    Attributes:
+        effect: id of the stop.
+        parameters: its undetermined parameters.
+        angle: one of its ends.
+        depth: largest depth beyond an end.
+    """
+
+    effect: str
+    parameters: tuple[str, ...]
+    angle: Quantity
+    depth: Quantity
+
+    @property
+    def withheld(self) -> tuple[str, ...]:
+        """Names of the undetermined parameters."""
+        return self.parameters
+
+
+def find_stiff_stops(model: Model, recordings: Sequence[Recording]) -> list[StiffStop]:
     """Return a finding on each stop with a stiffness that the recordings do not determine.
 
     The depths at each end vary by at most 3 standard errors of the end, as under one torque at rest, or if the stop
     yields too little. Nine tenths of the samples show the variation: a crossing of the end is short.
     """
-    findings, widened = list[Finding](), widen_ends(model, recordings)
+    findings, widened = list[StiffStop](), widen_ends(model, recordings)
     for term in (term for term in model.terms if term.has_impacts and not term.at):
         names = [parameter.name for parameter in term.free]
         ends = {name: widened.estimates[term.get_full_name(name)] for name in names if name in ("lower", "upper")}
@@ -125,9 +147,9 @@ def find_stiff_stops(model: Model, recordings: Sequence[Recording]) -> list[Find
         if ends and all(ranges[name] <= SIGNIFICANT * end.std for name, end in ends.items()):
             unknown = [term.columns[0].name, *(term.get_full_name(name) for name in names if name not in ends)]
             unit = model.units().unit("rad")
-            numbers = {"angle": Quantity(next(iter(ends.values())).value, unit=unit)}
-            numbers |= {"depth": Quantity(max(float(depth.max()) for depth in depths.values()), unit=unit)}
-            findings.append(Finding(Kind.STIFF_STOP, numbers, tuple(unknown), (term.id,)))
+            angle = Quantity(next(iter(ends.values())).value, unit=unit)
+            depth = Quantity(max(float(depths_at_end.max()) for depths_at_end in depths.values()), unit=unit)
+            findings.append(StiffStop(term.id, tuple(unknown), angle, depth))
     return findings
 
 

@@ -9,11 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimators.checks.alignment import Alignment
+from estimators.checks.alignment import Alignment, TorqueTiming
 from estimators.checks.channel import estimate_alignments
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind
 from estimators.weak_form.windows import Windows, average_held_torque
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
@@ -49,7 +48,7 @@ class Timing:
         return tuple(law.apply(recording) for law, recording in zip(self.alignments, self.logged, strict=True))
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[TorqueTiming, ...]:
         """Return findings on corrected torque, and on torque that acts late."""
         return (*self.corrections, *self.find(is_late=False))
 
@@ -83,17 +82,16 @@ class Timing:
         )
 
     @property
-    def corrections(self) -> list[Finding]:
+    def corrections(self) -> list[TorqueTiming]:
         """Findings on torque that was logged late and is corrected."""
-        kinds = {Kind.TORQUE_LATE: Kind.TORQUE_LATE_CORRECTED, Kind.TORQUE_SAMPLED: Kind.TORQUE_SAMPLED_CORRECTED}
-        return [replace(finding, kind=kinds[finding.kind]) for finding in self.find(is_late=True)]
+        return [replace(finding, is_corrected=True) for finding in self.find(is_late=True)]
 
-    def find(self, is_late: bool) -> tuple[Finding, ...]:
+    def find(self, is_late: bool) -> tuple[TorqueTiming, ...]:
         """Return findings on torque that is logged late if `is_late`, else on torque that acts late.
 
         Findings name their recordings, unless all recordings share one alignment.
         """
-        findings, names = list[Finding](), list[list[str]]()
+        findings, names = list[TorqueTiming](), list[list[str]]()
         for name, alignment in zip(self.names, self.alignments, strict=True):
             if alignment.is_late != is_late or (finding := alignment.finding) is None:
                 continue

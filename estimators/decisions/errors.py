@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Change, Finding, Quantity
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Term, list_loads
 
@@ -134,12 +134,28 @@ class Step:
         }
 
 
-def compute_error_fall(before: Step, after: Step) -> Finding:
+@dataclass(frozen=True)
+class ErrorFall(Finding):
+    """Held-out errors that an effect lowers.
+
+    Attributes:
+        changes: errors before and after, by kind; empty of an arm.
+        joint: joint of an arm; empty for a pendulum.
+        ratio: torque error of that joint after over before; None for a pendulum.
+    """
+
+    changes: Mapping[str, Change] = field(default_factory=dict)
+    joint: str = ""
+    ratio: float | None = None
+
+
+def compute_error_fall(before: Step, after: Step) -> ErrorFall:
     """Return a finding with the held-out errors before and after a step."""
     old, new = before.errors["holdout"], after.errors["holdout"]
-    numbers: dict[str, Quantity] = {}
-    for kind, unit in (old.kinds | new.kinds).items():
-        unit = after.model.units().unit(unit)
-        numbers |= {f"{kind}.before": Quantity(getattr(old, kind), unit=unit)}
-        numbers |= {f"{kind}.after": Quantity(getattr(new, kind), unit=unit)}
-    return Finding(Kind.ERRORS_FALL, numbers)
+    units = {kind: after.model.units().unit(unit) for kind, unit in (old.kinds | new.kinds).items()}
+    return ErrorFall(
+        {
+            kind: Change(Quantity(getattr(old, kind), unit=unit), Quantity(getattr(new, kind), unit=unit))
+            for kind, unit in units.items()
+        }
+    )

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.decisions.score import Gain
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding
 from pendulum_env._typing import JSON
-from pendulum_env.quantity import get_finite
+from pendulum_env.quantity import Quantity, get_finite
 from pendulum_env.units import to_shown_unit
 
 
@@ -33,6 +33,11 @@ class Gate:
     passed: bool
     unit: str = "1"
     std: float | None = None
+
+    @property
+    def quantity(self) -> Quantity:
+        """Value with its standard error."""
+        return Quantity(self.value, self.std or 0.0, "" if self.unit == "1" else self.unit)
 
     @property
     def cells(self) -> tuple[str, str, str, str]:
@@ -65,20 +70,26 @@ def limit_gain(gain: Gain, penalty: float, p_value: float) -> list[Gate]:
     return [limit_total(gain, penalty), limit_p_value("p_value", gain.p_value, p_value)]
 
 
-def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> Finding | None:
-    """Return a finding with the values and limits of failed gates; None if all gates were passed.
+@dataclass(frozen=True)
+class FailedGates(Finding):
+    """Gates that an effect failed; `selected` are the ids of effects in the model that it was added to."""
 
-    If the first failure is `gain` or `p_value`, the finding has these two gates. Limits are numbers named `limit.` plus
-    the name of the gate. `selected` are the ids of effects in the model that the candidate was added to.
+    gates: tuple[Gate, ...]
+    selected: tuple[str, ...] = ()
+
+    def has_gate(self, name: str) -> bool:
+        """Return whether a gate of some name is among them."""
+        return any(gate.name == name for gate in self.gates)
+
+
+def explain_rejection(gates: Sequence[Gate], selected: Sequence[str] = ()) -> FailedGates | None:
+    """Return a finding with the failed gates; None if all gates were passed.
+
+    If the first failure is `gain` or `p_value`, the finding has these two gates.
     """
     failed = [gate for gate in gates if not gate.passed]
     if not failed:
         return None
     is_gain = failed[0].name in ("gain", "p_value")
     reported = [gate for gate in gates if gate.name in ("gain", "p_value")] if is_gain else failed
-    numbers: dict[str, Quantity] = {}
-    for gate in reported:
-        unit = "" if gate.unit == "1" else gate.unit
-        numbers |= {gate.name: Quantity(gate.value, gate.std or 0.0, unit)}
-        numbers |= {f"limit.{gate.name}": Quantity(gate.limit, unit=unit)}
-    return Finding(Kind.GATE_FAILED, numbers, tuple(gate.name for gate in reported), tuple(selected))
+    return FailedGates(tuple(reported), tuple(selected))

@@ -9,11 +9,11 @@ import numpy as np
 
 from estimators.checks.signs import compute_significant_sign
 from estimators.data.fit_data import FitData
+from estimators.data.treatment import Action, Treatment
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.servo_refit import refit_step
 from estimators.diagnosis.setting import Setting
-from estimators.findings import Finding, Kind
 from estimators.in_loop.servos import has_unpowered_motor, select_voltage_drives
 from estimators.weak_form.point import Point
 from pendulum_env.physics import Term, list_ids
@@ -23,7 +23,7 @@ from pendulum_env.physics.friction import LoadDependentFriction
 
 def add_back_emf(data: FitData, setting: Setting) -> Setting:
     """Return the setting with back-EMF in the base model if that is a treatment of the data."""
-    if not data.has_treatment(Kind.BACK_EMF_INCLUDED):
+    if not data.has_treatment(Action.BACK_EMF_INCLUDED):
         return setting
     return replace(setting, base=(*setting.base, BackEmf()))
 
@@ -53,5 +53,5 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
     Otherwise return None: back-EMF is viscous friction, or the base model has it because the motor is ever off.
     """
     is_distinguishable = LoadDependentFriction.id in list_ids(terms) and BackEmf.id not in list_ids(terms)
-    finding = Finding(Kind.BACK_EMF_INCLUDED, effects=(BackEmf.id,))
-    return data.with_treatment(finding) if is_distinguishable and select_voltage_drives(data.recordings) else None
+    is_included = is_distinguishable and bool(select_voltage_drives(data.recordings))
+    return data.with_treatment(Treatment(Action.BACK_EMF_INCLUDED)) if is_included else None

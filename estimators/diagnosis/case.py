@@ -142,12 +142,12 @@ class Trial:
         whole = self.data.whole or self.data
         criterion = self.setting.criterion
         datasets = [part.data for part in (whole.parts if whole.holdout else whole.parts[:1])]
-        excluded = {disagreement.recording: disagreement for disagreement in self.data.excluded}
+        excluded = {disagreement.number: disagreement for disagreement in self.data.excluded}
         new: tuple[Disagreement, ...] = ()
         if self.unexplained and not excluded:
             fits = fit_each_recording(datasets, self.setting.base, criterion)
             new = find_disagreements(fits, only_if_all_fit=True)
         new = new or find_disagreements(fit_each_recording(datasets, self.model.terms, criterion))
-        combined = excluded | {disagreement.recording: disagreement for disagreement in new}
+        combined = excluded | {disagreement.number: disagreement for disagreement in new}
         is_any_fitted = any(k + 1 not in combined for k in range(len(whole.recordings)))
         return tuple(disagreement for _, disagreement in sorted((combined if is_any_fitted else excluded).items()))

@@ -1,21 +1,44 @@
 """Caveats of a result: limits of the recordings within which the values of a model hold."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from estimators.checks.channel_rows import compute_driven_share
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.angle_error import TURN
 from estimators.diagnosis.questions import find_detectable_effects
 from estimators.diagnosis.result import Detectable
-from estimators.findings import Finding, Kind, Quantity
+from estimators.diagnosis.untested import UntestedRange, find_untested_range
+from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence
 from pendulum_env.physics import SIGNIFICANT, Gravity, Model, list_ids
 from pendulum_env.physics.friction import LoadDependentFriction
 from pendulum_env.physics.potential import GravityTilt
-from pendulum_env.physics.terms import find_untested_ends
 from pendulum_env.units import JointUnits
 
 MIN_WINDOWS = 40  # number of windows below which a finding warns
+
+
+@dataclass(frozen=True)
+class FewWindows(Finding):
+    """Few windows of motion: their number."""
+
+    count: int
+
+
+@dataclass(frozen=True)
+class PartOfTurn(Finding):
+    """Motion of less than a turn: its `angle`, and the `effects` that changed the estimate of gravity."""
+
+    angle: Quantity
+    effects: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class UnknownScale(Finding):
+    """Unknown scale of all parameters, as friction by load would not show: `share` of the motion that torque drives."""
+
+    share: float
 
 
 def find_caveats(evidence: Evidence, steps: Sequence[Step], terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
@@ -33,7 +56,7 @@ def find_caveats(evidence: Evidence, steps: Sequence[Step], terms: Terms, known:
         len(evidence.train.layout.clusters),
     )
     return [
-        *([Finding(Kind.FEW_STRETCHES, {"count": Quantity(count)})] if count < MIN_WINDOWS else []),
+        *([FewWindows(count)] if count < MIN_WINDOWS else []),
         *_find_part_of_turn(evidence, steps[0].model, model, high - low),
         *_find_untested_ranges(model, low, high),
         *_find_unknown_scale(evidence, terms, known),
@@ -55,8 +78,7 @@ def _find_part_of_turn(evidence: Evidence, base: Model, model: Model, reach: flo
     std = evidence.fits.fit_with_std(model.terms).model.estimates[Gravity.id].std
     if abs(new.value - old.value) <= SIGNIFICANT * std:
         return []
-    angle = Quantity(reach, unit=JointUnits().unit("rad"))
-    return [Finding(Kind.PART_OF_TURN, {"angle": angle}, effects=effects)]
+    return [PartOfTurn(Quantity(reach, unit=JointUnits().unit("rad")), effects)]
 
 
 def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
@@ -67,10 +89,10 @@ def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detect
         return []
     hidden = known or find_detectable_effects(evidence, terms, {id: evidence.library[id]})
     is_excited = any(detectable.is_excited for detectable in hidden if detectable.effect == id)
-    return [] if is_excited else [Finding(Kind.SCALE_UNKNOWN, {"share": Quantity(share)})]
+    return [] if is_excited else [UnknownScale(share)]
 
 
-def _find_untested_ranges(model: Model, low: float, high: float) -> list[Finding]:
+def _find_untested_ranges(model: Model, low: float, high: float) -> list[UntestedRange]:
     """Return a finding on each term that would act beyond the recorded range of angles [rad]."""
-    ends = {term.id: find_untested_ends(term, low, high, model.units(term.at)) for term in model.terms}
-    return [Finding(Kind.UNTESTED_RANGE, untested, effects=(id,)) for id, untested in ends.items() if untested]
+    findings = (find_untested_range(term, low, high, model.units(term.at)) for term in model.terms)
+    return [finding for finding in findings if finding is not None]

@@ -1,6 +1,6 @@
 """Conclusion of the diagnosis of a pendulum or an arm: findings, and the next step."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.remedies import find_remedies, find_uneven_clocks
@@ -11,18 +11,46 @@ from estimators.diagnosis.caveats import find_caveats
 from estimators.diagnosis.contacts import find_arm_contacts, find_contacts, mark_met_stops
 from estimators.diagnosis.experiment import suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
+from estimators.diagnosis.ranking import Tie
 from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.treatments import CarriedPayload
 from estimators.diagnosis.unexplained import (
+    HeldOutResidual,
     check_torque_sign,
     find_holdout_structure,
     find_joint_residuals,
     find_noise_not_logged,
 )
-from estimators.findings import Finding, Kind, withhold_everything
+from estimators.findings import Finding, withhold_everything
 from estimators.selection.physical import find_violations
 from estimators.selection.tables import find_explaining_law
 from pendulum_env.arms.joints import Rotor
 from pendulum_env.physics import TABLES
+
+
+@dataclass(frozen=True)
+class NoKnownEffect(Finding):
+    """Residual that no effect of the library explains.
+
+    Attributes:
+        tables: ids of tables that explain it.
+        has_drive: whether the settings of a drive may be wrong.
+    """
+
+    tables: tuple[str, ...] = ()
+    has_drive: bool = False
+
+
+@dataclass(frozen=True)
+class UnknownInertia(Finding):
+    """Unknown inertia, without which no experiment can be predicted."""
+
+
+@dataclass(frozen=True)
+class MissingRotors(Finding):
+    """Joints whose motor inertia the robot file lacks."""
+
+    joints: tuple[str, ...]
 
 
 def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
@@ -45,7 +73,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     table = trial.result.table.id if trial.result.table is not None and trial.result.table.id in TABLES else None
     if regions and table is None:
         table = find_explaining_law(evidence, model.terms, TABLES.values())
-    table_finding = None if table is None else Finding(Kind.TABLE_HELPS, effects=(table,))
+    table_finding = None if table is None else NoKnownEffect((table,))
     trial.setting.progress("looking for the next experiment", 0.95)
     is_complete = not regions and len(trial.terms) == len(evidence.fits.base)
     detectable = find_detectable_effects(evidence, trial.terms, evidence.library) if is_complete else ()
@@ -55,9 +83,9 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     limits = trial.setting.limits.with_default_torque((trial.data.whole or trial.data).recordings)
     suggestion, unanswerable, no_experiment = suggest_experiment(evidence, model, questions, limits, regions)
     if not model.has_known_inertia:
-        no_experiment = Finding(Kind.INERTIA_UNKNOWN)
+        no_experiment = UnknownInertia()
     elif regions and not questions:
-        no_experiment = find_holdout_structure(evidence, trial.terms) or table_finding or Finding(Kind.NO_EFFECT_OPEN)
+        no_experiment = find_holdout_structure(evidence, trial.terms) or table_finding or NoKnownEffect()
     contacts = find_contacts(evidence, trial.terms, model)
     return replace(
         diagnosis,
@@ -66,7 +94,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             *remedies,
             *channel,
             *contacts,
-            *(Finding(Kind.TIED, effects=group) for group in diagnosis.ambiguous),
+            *map(Tie, diagnosis.ambiguous),
             *doubts,
             *(find_noise_not_logged(trial.final) if not (regions or withhold_everything(doubts)) else ()),
             *find_caveats(evidence, diagnosis.steps, trial.terms, detectable),
@@ -87,14 +115,14 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     joints = [region.at for region in regions if not region.held_out_recordings]
     tables_at_joints = ([table for table in evidence.tables if table.at == joint] for joint in joints)
     tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evidence, terms, kinds)) is not None)
-    no_experiment = Finding(Kind.NO_EFFECT_OPEN) if residuals else None
+    no_experiment: Finding | None = NoKnownEffect() if residuals else None
     if residuals and not joints:
-        no_experiment = Finding(Kind.FIT_HELD_OUT, recordings=evidence.holdout.names)
+        no_experiment = HeldOutResidual(evidence.holdout.names)
     elif diagnosis.ambiguous:
-        no_experiment = Finding(Kind.TIED, effects=diagnosis.ambiguous[0])
+        no_experiment = Tie(diagnosis.ambiguous[0])
     elif tables:
-        no_experiment = Finding(Kind.TABLE_HELPS, effects=tables)
-    payloads = (treatment for treatment in trial.data.treatments if treatment.kind is Kind.PAYLOAD)
+        no_experiment = NoKnownEffect(tables)
+    payloads = (treatment for treatment in trial.data.treatments if isinstance(treatment, CarriedPayload))
     explained = {*residuals, *(term.at for term in terms if term.has_impacts)}
     contacts = find_arm_contacts(
         evidence, diagnosis.model, [joint for joint in diagnosis.model.body.joints if joint not in explained]
@@ -103,7 +131,7 @@ def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     findings = (
         *payloads,
         *contacts,
-        *([Finding(Kind.ROTORS_MISSING, joints=rotors)] if rotors else []),
+        *([MissingRotors(rotors)] if rotors else []),
         *find_driving_friction(trial.release_bounds(diagnosis.model)),
         *trial.data.timing.corrections,
     )

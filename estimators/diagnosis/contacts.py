@@ -1,7 +1,7 @@
 """Contacts that no effect of a model explains: torque at rest or at a reversal that dry friction cannot hold."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from estimators.data.settings import DATA
 from estimators.data.split import Parts, make_contact_finder
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.result import Candidate
-from estimators.findings import Finding, Kind, Quantity
+from estimators.diagnosis.untested import UntestedRange
+from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence
 from estimators.selection.motion_score import is_misfit
 from estimators.simulation.free_running import Segments, select_segments
@@ -26,7 +27,26 @@ from pendulum_env.units import JointUnits
 Place = tuple[float, float, float, str]  # of a contact: size of its torque [N m], angle [rad], time [s], recording
 
 
-def find_contacts(evidence: Evidence, final: Terms, model: Model) -> list[Finding]:
+@dataclass(frozen=True)
+class Contact(Finding):
+    """Contacts of a joint that no effect explains.
+
+    Attributes:
+        joint: joint of an arm; empty for a pendulum.
+        count: number of contacts.
+        torque, angle, time: unexplained torque of the largest, and its place.
+        recording: name of its recording.
+    """
+
+    joint: str
+    count: int
+    torque: Quantity
+    angle: Quantity
+    time: Quantity
+    recording: str
+
+
+def find_contacts(evidence: Evidence, final: Terms, model: Model) -> list[Contact]:
     """Return a finding on contacts that a model without a stop leaves, with the place of the largest, or an empty list.
 
     A contact is a torque at a reversal or at rest that exceeds dry friction, see `ContactTest`. The
@@ -43,13 +63,13 @@ def find_contacts(evidence: Evidence, final: Terms, model: Model) -> list[Findin
     return _make_findings(places, sum(count_contacts(part.data) for part in parts), model.units())
 
 
-def find_arm_contacts(evidence: Evidence, model: Model, joints: Iterable[str]) -> list[Finding]:
+def find_arm_contacts(evidence: Evidence, model: Model, joints: Iterable[str]) -> list[Contact]:
     """Return a finding on each of some joints of an arm that rests at an end of its range beyond dry friction.
 
     The torque of a joint at rest, less that of the model, exceeds twice its dry friction and noise, and presses
     outwards, beyond all angles at which the joint moves freely.
     """
-    findings, runs = list[Finding](), [run for part in evidence.fits.parts for run in _split_with_rests(part, model)]
+    findings, runs = list[Contact](), [run for part in evidence.fits.parts for run in _split_with_rests(part, model)]
     measured = [(run, *_measure_residual(run, model)) for run in runs]
     for joint in joints:
         low, high, places, touching = np.inf, -np.inf, list[Place](), list[Windows]()
@@ -94,12 +114,12 @@ def is_misfit_between_contacts(evidence: Evidence, step: Step) -> bool:
     return is_misfit(clear_segments, model, evidence.criterion)
 
 
-def mark_met_stops(candidates: Sequence[Candidate], contacts: Sequence[Finding]) -> tuple[Candidate, ...]:
-    """Replace the reason `NOT_TESTED` of candidates by contacts, at joints where contacts were found."""
-    met = {at: contact for contact in contacts for at in contact.joints or ("",)}
+def mark_met_stops(candidates: Sequence[Candidate], contacts: Sequence[Contact]) -> tuple[Candidate, ...]:
+    """Replace an untested range as the reason of candidates by contacts, at joints where contacts were found."""
+    met = {contact.joint: contact for contact in contacts}
     return tuple(
-        replace(candidate, reason=Finding(Kind.ONLY_CONTACTS, {"angle": met[at].numbers["angle"]}))
-        if candidate.reason.kind is Kind.NOT_TESTED and (at := candidate.effect.partition("@")[2]) in met
+        replace(candidate, reason=met[at])
+        if isinstance(candidate.reason, UntestedRange) and (at := candidate.effect.partition("@")[2]) in met
         else candidate
         for candidate in candidates
     )
@@ -151,11 +171,10 @@ def _list_places(data: RegressionData, residual: Array, which: Mask) -> list[Pla
     return [(float(abs(residual[k])), float(x.position[k]), float(x.time[k]), names[k]) for k in np.flatnonzero(which)]
 
 
-def _make_findings(places: Sequence[Place], count: int, units: JointUnits, at: str = "") -> list[Finding]:
+def _make_findings(places: Sequence[Place], count: int, units: JointUnits, at: str = "") -> list[Contact]:
     """Return a finding on contacts of a joint with the place of the largest; empty for none."""
     if not places:
         return []
     torque, angle, time, name = max(places)
-    numbers = {"torque": Quantity(torque, unit=units.unit("N m")), "angle": Quantity(angle, unit=units.unit("rad"))}
-    numbers |= {"time": Quantity(time, unit="s"), "count": Quantity(count)}
-    return [Finding(Kind.CONTACT, numbers, recordings=(name,), joints=(at,) if at else ())]
+    unexplained, place = Quantity(torque, unit=units.unit("N m")), Quantity(angle, unit=units.unit("rad"))
+    return [Contact(at, count, unexplained, place, Quantity(time, unit="s"), name)]

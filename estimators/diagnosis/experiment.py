@@ -11,7 +11,7 @@ Source: Atkinson and Fedorov, Biometrika 62(1), 1975.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from estimators.diagnosis.questions import Question
 from estimators.diagnosis.suggestion import RATE, Aim, Suggestion
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.free_swings import scale_swing
 from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region, makes_whole_turns
@@ -104,6 +104,21 @@ class ExperimentLimits:
         return (safe * min(low, 0.0), safe * max(high, 0.0)) if -hanging < high and low < hanging else (low, high)
 
 
+@dataclass(frozen=True)
+class BeyondLimits(Finding):
+    """Experiment that only its limits forbid.
+
+    Attributes:
+        limits: bounds of torque, angle and speed, by name; the recorded ones if they are left out.
+        place: position of the largest residual, which it would have to reach; else None.
+        aims: aims that it would reach.
+    """
+
+    limits: Mapping[str, Quantity]
+    place: Quantity | None
+    aims: tuple[Aim, ...]
+
+
 def suggest_experiment(
     evidence: Evidence,
     model: Model,
@@ -144,11 +159,8 @@ def suggest_experiment(
     if not limited_aims:
         return suggestion, aims, None
     units = model.units()
-    numbers = limits.list_quantities(units)
-    if place is not None:
-        numbers["place"] = Quantity(place, unit=units.unit("rad"))
-    pairs = tuple((aim.effect, aim.instead) for aim in limited_aims)
-    return suggestion, aims, Finding(Kind.BEYOND_LIMITS, numbers, pairs=pairs)
+    goal = None if place is None else Quantity(place, unit=units.unit("rad"))
+    return suggestion, aims, BeyondLimits(limits.list_quantities(units), goal, tuple(limited_aims))
 
 
 def _choose_experiment(

@@ -1,19 +1,20 @@
 """Explanation of a search: verdicts on effects, the unexplained residual, and the next step."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+from estimators.data.treatment import Action, Treatment
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis, TriedTreatment
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding
 from pendulum_env.recording.study import collect_log_format
 
 
 def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     """Return the diagnosis of a trial: verdicts, refit to the horizon, residual, findings and the next step."""
     trial.setting.progress("judging", 0.93)
-    has_contacts = any(tried_treatment.treatment.kind is Kind.IMPACTS_INCLUDED for tried_treatment in treatments)
+    has_contacts = Treatment(Action.IMPACTS_INCLUDED) in [tried.treatment for tried in treatments]
     candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts, has_contacts)
     refit = trial.case.refit_to_horizon(trial) if trial.case.refit_to_horizon is not None else None
     *others, last = trial.final.steps
@@ -45,7 +46,17 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     return diagnosis
 
 
-def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
+@dataclass(frozen=True)
+class SmallEffect(Finding):
+    """Effect that predicts better, with a p-value, but explains a smaller share than the `least`."""
+
+    effect: str
+    share: float
+    least: float
+    p_value: float
+
+
+def find_small_effect(diagnosis: Diagnosis) -> list[SmallEffect]:
     """Return a finding on the effect with the largest gain that failed only by its explained share.
 
     The list is empty if effects were selected or a residual is unexplained.
@@ -58,5 +69,4 @@ def find_small_effect(diagnosis: Diagnosis) -> list[Finding]:
         return []
     candidate, gates = max(small, key=lambda pair: pair[1]["gain"].value)
     share = gates["explained_share"]
-    numbers = {"share": share.value, "least": share.limit, "p_value": gates["p_value"].value}
-    return [Finding(Kind.SMALL_EFFECT, {k: Quantity(v) for k, v in numbers.items()}, effects=(candidate.effect,))]
+    return [SmallEffect(candidate.effect, share.value, share.limit, gates["p_value"].value)]

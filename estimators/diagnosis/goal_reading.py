@@ -16,14 +16,13 @@ from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.servo_refit import refine_rows
 from estimators.diagnosis.setting import Setting
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Quantity
 from estimators.in_loop import decide_conventions
+from estimators.in_loop.conventions import ControllerConvention, GoalConvention
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.weak_form.point import Point
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import replace_drive
-
-GOALS = {Kind.GOALS_HELD: "ramp", Kind.GOALS_RUN_ON: "held"}  # with the other reading
 
 
 def decide_drives(data: FitData, setting: Setting) -> FitData:
@@ -40,25 +39,26 @@ def reread_goals(trial: Trial) -> FitData | None:
     reading open, and the found model then predicts held-out motion better.
     """
     data, unseen = trial.data, refine_rows(trial.evidence)[1]
-    readings = [treatment for treatment in data.treatments if treatment.kind in GOALS]
+    readings = [treatment for treatment in data.treatments if isinstance(treatment, GoalConvention)]
     error = trial.result.steps[-1].errors["holdout"].total
     if len(readings) != 1 or error < trial.setting.criterion.loop.faithful * unseen.rollouts.noise.encoder_error:
         return None
-    other, is_held = Reading(trial, GOALS[readings[0].kind]), readings[0].kind is Kind.GOALS_HELD
+    is_held = readings[0].is_held
+    other = Reading(trial, "ramp" if is_held else "held")
     return None if is_held and not decide(other, Reading(trial), REREAD).passed else other.data
 
 
 def declare_goals(trial: Trial, goal: str) -> FitData:
     """Return the data of a trial with another reading of the goals; how controllers read positions is decided again."""
     data, changes = trial.data, dict[str, Any](goal=goal)
-    if data.has_treatment(Kind.POSITION_READ):
+    if any(isinstance(one, ControllerConvention) and one.is_of_position for one in data.treatments):
         changes["reads"] = None
 
     def declare(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
         return tuple(replace_drive(r, replace(r.drive, **changes)) for r in recordings if r.drive is not None)
 
-    finding = Finding(Kind.GOALS_HELD if goal == "held" else Kind.GOALS_RUN_ON)
-    data = data.with_treatment(finding, recordings=declare(data.recordings), holdout=declare(data.holdout))
+    treated = {"recordings": declare(data.recordings), "holdout": declare(data.holdout)}
+    data = data.with_treatment(GoalConvention(goal == "held"), **treated)
     return decide_drives(data, trial.setting) if "reads" in changes else data
 
 
@@ -77,8 +77,8 @@ class Reading:
     @property
     def gain(self) -> Quantity:
         """Gain over the other reading, by the base model [nat]; infinite if it is unknown."""
-        finding = next(treatment for treatment in self.data.treatments if treatment.kind in GOALS)
-        return finding.numbers.get("gain", Quantity(np.inf))
+        reading = next(treatment for treatment in self.data.treatments if isinstance(treatment, GoalConvention))
+        return reading.gain or Quantity(np.inf)
 
     def compute_held_out_error(self) -> float:
         """Return the held-out error of the model of the trial, refitted from its parameters to the data [rad]."""

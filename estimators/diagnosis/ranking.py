@@ -1,25 +1,39 @@
 """Verdicts on each effect of the library, and groups of effects that the data cannot distinguish."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from estimators.decisions.decision import Decision
-from estimators.decisions.errors import Step, Terms, compute_error_fall, get_error_at
-from estimators.decisions.gate import Gate, explain_rejection
+from estimators.decisions.errors import ErrorFall, Step, Terms, compute_error_fall, get_error_at
+from estimators.decisions.gate import FailedGates, Gate, explain_rejection
 from estimators.diagnosis.result import Candidate
-from estimators.findings import Finding, Kind, Quantity, Verdict
+from estimators.diagnosis.untested import UntestedRange, find_untested_range
+from estimators.findings import Finding, Verdict
 from estimators.selection.candidates import can_reproduce, needs_all_parts, screen_library, screen_replacements
 from estimators.selection.evidence import Evidence
 from estimators.selection.policies import ADD, CONFIRM, DETERMINE_LAG, EXCITE, FOLLOW_MOTION, NEED, REPLACE, SWAP, Rule
 from estimators.selection.search import SearchResult
 from estimators.selection.state import remove_term
-from estimators.selection.tables import explain_table, remove_table
+from estimators.selection.tables import ExplainingTable, remove_table
 from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import Term, is_hidden
-from pendulum_env.physics.terms import find_untested_ends
+
+
+@dataclass(frozen=True)
+class Tie(Finding):
+    """Effects that look the same in these data, the selected one first."""
+
+    effects: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Imitation(Finding):
+    """Effect that imitates another `effect` or term in these data, or several, if that is empty."""
+
+    effect: str = ""
 
 
 def rank_effects(
@@ -50,14 +64,14 @@ def rank_effects(
             verdicts[longer[-1].id] = _rank_other(result, longer, has_contacts)
     for id, (_, decision) in sorted(library.items()):
         if id not in verdicts:
-            untested = _find_untested_ends(result.evidence, result.evidence.library[id], has_contacts)
-            reason = untested or explain_rejection(decision.gates) or Finding(Kind.OTHERS_BETTER)
+            untested = _find_untested_range(result.evidence, result.evidence.library[id], has_contacts)
+            reason = untested or explain_rejection(decision.gates) or Imitation()
             verdict = Verdict.REJECTED if untested is None else Verdict.NOT_EXCITED
             verdicts[id] = Candidate(id, 0.0, verdict, 1.0, reason, decision=decision)
     for id, imitated in (doubt.rivals for doubt in doubts if doubt.rivals is not None):
         if id in verdicts and verdicts[id].verdict is Verdict.REJECTED:
-            reason = Finding(Kind.IMITATES, effects=(imitated,))
-            verdicts[id] = replace(verdicts.pop(id), verdict=Verdict.NOT_EXCITED, reason=reason)
+            demoted = replace(verdicts.pop(id), verdict=Verdict.NOT_EXCITED, reason=Imitation(imitated))
+            verdicts[id] = demoted
     order = list(Verdict)
     return sorted(verdicts.values(), key=lambda candidate: (order.index(candidate.verdict), -candidate.score)), groups
 
@@ -85,7 +99,7 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
         reason = compute_error_fall(before, after)
     else:  # without a simulation
         error_with, error_without = (_compute_held_out_rms(evidence, terms, term.at) for terms in (final, others))
-        reason = Finding(Kind.ERROR_FALLS_AT_JOINT, {"share": Quantity(error_with / error_without)}, joints=(term.at,))
+        reason = ErrorFall(joint=term.at, ratio=error_with / error_without)
     confirmed = evidence.decide(after, before, CONFIRM)
     decision = confirmed if is_hidden(term) else decide_finally(evidence, final, others).join(confirmed)
     best_gain = None if is_hidden(term) else evidence.best_gain(final, others)
@@ -96,7 +110,7 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
         tie = Decision((Gate("tie_probability", odds[id], least, True),))
         of_rival = decide_finally(evidence, rivals[id], others).join(tie)
         gain, variants = evidence.best_gain(rivals[id], others), evidence.count_compared_variants(rivals[id], others)
-        ties = Finding(Kind.TIES, effects=(term.id,))
+        ties = Tie((term.id, id))
         found_tied.append(
             Candidate(id, score * odds[id], Verdict.AMBIGUOUS, ratio, ties, gain, variants, of_rival, rivals[id])
         )
@@ -117,30 +131,32 @@ def _rank_other(result: SearchResult, longer: Terms, has_contacts: bool) -> Cand
     decision = decide_finally(evidence, longer, others)
     if decision.passed and not evidence.residuals.is_noise(longer):
         decision = decide_finally(evidence, longer, others, NEED)
-    untested, verdict = _find_untested_ends(evidence, type(term), has_contacts), Verdict.NOT_EXCITED
+    untested, verdict = _find_untested_range(evidence, type(term), has_contacts), Verdict.NOT_EXCITED
+    reason: Finding
     if untested is not None and not evidence.decide(longer, others, SWAP).passed:
         reason = untested
     elif not (excited := evidence.decide(longer, others, EXCITE)).passed:
-        reason, decision = Finding(Kind.NOT_EXCITED, effects=(term.id,)), excited
+        reason, decision = FailedGates(excited.gates), excited
         if containing := [other.id for other in others if can_reproduce(evidence, other, term)]:
-            verdict, reason = Verdict.REJECTED, Finding(Kind.IMITATES, effects=(containing[0],))
+            verdict, reason = Verdict.REJECTED, Imitation(containing[0])
     else:
         verdict, decision = Verdict.REJECTED, excited.join(decision)
         if decision.passed:
             step = evidence.fits.fit_with_std(longer, added=term.id)
             decision = decision.join(evidence.decide(step, result.steps[-1], CONFIRM))
         selected = [step.added for step in result.steps if step.added is not None]
-        reason = explain_rejection(decision.gates, selected) or Finding(Kind.OTHERS_BETTER)
+        reason = explain_rejection(decision.gates, selected) or Imitation()
         verdict = Verdict.NOT_EXCITED if "frequencies" in [gate.name for gate in decision.gates] else verdict
         if result.table is not None and term.kind == result.table.kind:
-            reason = explain_table(Kind.IMITATES_TABLE, result.table)
+            reason = ExplainingTable.from_table(result.table)
     return Candidate(term.id, 0.5 * (1 - gain.p_value), verdict, ratio, reason, gain, variants, decision, longer)
 
 
-def _find_untested_ends(evidence: Evidence, kind: type[Term], has_contacts: bool) -> Finding | None:
-    """Return the finding on ends of the range of an effect beyond which no motion went; None without any."""
-    ends = find_untested_ends(kind(), *evidence.train.get_range(kind.at), evidence.train.units(kind.at))
-    return Finding(Kind.NOT_TESTED, ends, effects=(kind.id,)) if ends and not has_contacts else None
+def _find_untested_range(evidence: Evidence, kind: type[Term], has_contacts: bool) -> UntestedRange | None:
+    """Return the finding on the range of an effect beyond which no motion went; None without any."""
+    if has_contacts:
+        return None
+    return find_untested_range(kind(), *evidence.train.get_range(kind.at), evidence.train.units(kind.at))
 
 
 def decide_finally(evidence: Evidence, after: Terms, before: Terms, policy: Rule = ADD) -> Decision:

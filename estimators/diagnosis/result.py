@@ -10,10 +10,10 @@ from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms
-from estimators.decisions.gate import explain_rejection
+from estimators.decisions.gate import FailedGates, explain_rejection
 from estimators.decisions.score import Gain
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Finding, Kind, Verdict
+from estimators.findings import Finding, Verdict
 from estimators.prediction import Prediction, predict_recordings
 from estimators.results import make_floors_json, make_result_json
 from estimators.selection.evidence import Evidence
@@ -24,7 +24,7 @@ from pendulum_env.notebook import Summarised
 from pendulum_env.physics import Model
 from pendulum_env.recording.channel import TorqueConstant
 
-SCHEMA = "pendulum-ident/diagnosis@2"
+SCHEMA = "pendulum-ident/diagnosis@3"
 
 
 @dataclass(frozen=True)
@@ -231,13 +231,12 @@ class Diagnosis(Summarised):
     def json(self) -> JSON:
         """Return the diagnosis as a dictionary for JSON.
 
-        `regions` lists the unexplained regions, `unexplained` sums them up. `table` is the first of `tables`. The joint
-        of a pendulum is "". `criterion` is null without data.
+        `regions` lists the unexplained regions, `unexplained` sums them up. The joint of a pendulum is "". `criterion`
+        is null without data.
         """
         base, known = self.steps[0].model, self.data
         criterion = None if known is None else {"significance": known.criterion.p_value, "block": known.criterion.block}
-        unlisted = [] if self.no_experiment is None or self.no_experiment in self.findings else [self.no_experiment]
-        return make_result_json(self.model, self.torque_constant, self.unexplained, self.disagreements) | {
+        return make_result_json(self.model, self.torque_constant, self.unexplained) | {
             "schema": SCHEMA,
             "criterion": criterion,
             "base": {
@@ -254,10 +253,10 @@ class Diagnosis(Summarised):
                 "joints": dict(self.joint_residuals),
             },
             "noise_floor": make_floors_json(self.floors),
-            "findings": [finding.json() for finding in (*self.findings, *unlisted)],
+            "findings": [finding.json() for finding in (*self.disagreements, *self.findings)],
             "treatments": [item.json() for item in self.treatments],
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
-            "table": next(iter(self.tables), None),
+            "no_experiment": self.no_experiment.json() if self.no_experiment is not None else None,
             "tables": list(self.tables),
             "inseparable": [list(group) for group in self.inseparable],
             "alignments": [alignment.json() for alignment in self.alignments],
@@ -287,10 +286,9 @@ class Addition(Summarised):
     criterion: Criterion = Criterion()
 
     @property
-    def objection(self) -> Finding | None:
+    def objection(self) -> FailedGates | None:
         """Finding against the effect: the failed tests; None without any."""
-        failed = [gate.name for gate in self.decision.gates if not gate.passed]
-        return Finding(Kind.BY_CHANCE) if failed == ["p_value"] else explain_rejection(self.decision.gates)
+        return explain_rejection(self.decision.gates)
 
     @property
     def noise_ratio(self) -> float:

@@ -3,21 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimators.checks.remedies import find_remedies
+from estimators.data.regions import ResidualWithoutPlace
 from estimators.decisions.criterion import LoopLimits
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.conclusion import NoKnownEffect
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.servo_refit import refine_rows
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.in_loop import list_decisions
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import compute_commanded_torque
+
+
+@dataclass(frozen=True)
+class ResultOfLongSteps(Finding):
+    """Effect that integration with shorter steps does not need."""
+
+
+@dataclass(frozen=True)
+class UnknownSpeedRate(Finding):
+    """Drive with an unknown rate of its speed: at some rate its gain imitates inertia."""
+
+    rate: Quantity
+    inertia: Quantity
+
+
+@dataclass(frozen=True)
+class ScaledTorque(Finding):
+    """Logged torque that is the requested torque of the drive times a factor."""
+
+    factor: float
 
 
 def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
@@ -32,7 +54,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     return replace(
         diagnosis,
         candidates=tuple(
-            replace(candidate, reason=Finding(Kind.LONG_STEPS)) if candidate.effect in dropped else candidate
+            replace(candidate, reason=ResultOfLongSteps()) if candidate.effect in dropped else candidate
             for candidate in diagnosis.candidates
         ),
         floors={"": refine_rows(trial.evidence)[0].rollouts.noise.encoder_error},
@@ -47,11 +69,11 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             ),
             *filter(None, doubts),
         ),
-        no_experiment=Finding(Kind.CHECK_DRIVE) if diagnosis.unexplained else None,
+        no_experiment=NoKnownEffect(has_drive=True) if diagnosis.unexplained else None,
     )
 
 
-def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopLimits) -> Finding | None:
+def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopLimits) -> UnknownSpeedRate | None:
     """Return a finding if a controller of unknown rate may act so late that its gain imitates inertia.
 
     The imitated inertia is half the speed gain over `slow_rate` [Hz]; it counts above one standard error.
@@ -62,10 +84,10 @@ def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopL
     if imitated_inertia <= model.estimates["inertia"].std:
         return None
     inertia = Quantity(imitated_inertia, unit=model.estimates["inertia"].unit)
-    return Finding(Kind.SPEED_RATE_UNKNOWN, {"rate": Quantity(limits.slow_rate, unit="Hz"), "inertia": inertia})
+    return UnknownSpeedRate(Quantity(limits.slow_rate, unit="Hz"), inertia)
 
 
-def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> Finding | None:
+def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> ScaledTorque | None:
     """Return a finding if the logged torque is that requested by the drive times a factor off 1.
 
     The factor is off by at least `torque_scale`. Drives with an integral part are not tested: the requested
@@ -82,7 +104,7 @@ def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> Fi
     factor = float(logged @ requested / max(requested @ requested, np.finfo(float).tiny))
     if abs(factor - 1.0) < limits.torque_scale:
         return None
-    return Finding(Kind.TORQUE_SCALED, {"factor": Quantity(factor)})
+    return ScaledTorque(factor)
 
 
 def find_loop_regions(trial: Trial) -> Sequence[Region]:
@@ -101,9 +123,7 @@ def find_loop_regions(trial: Trial) -> Sequence[Region]:
         worst = int(np.argmax(mean_errors))
         error, floor = float(np.mean(np.abs(residual))), data.noise.encoder_error
         unit = last.model.units().unit("rad")
-        numbers = {"error": Quantity(error, unit=unit), "times": Quantity(error / floor)}
-        if len(mean_errors) > 1:
-            numbers["worst"] = Quantity(mean_errors[worst], unit=unit)
-        cause = Finding(Kind.SERVO_OFF, numbers, recordings=(data.recordings[worst].name,))
+        largest = Quantity(mean_errors[worst], unit=unit) if len(mean_errors) > 1 else None
+        cause = ResidualWithoutPlace(Quantity(error, unit=unit), error / floor, largest, data.recordings[worst].name)
         return [replace(make_region_everywhere(cause, part.samples, error, floor), held_out_recordings=names)]
     return []

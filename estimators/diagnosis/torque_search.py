@@ -10,7 +10,7 @@ from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import check_torque_sign, find_unexplained
-from estimators.findings import NOTHING_DETERMINED, Finding, collect_withheld, withhold_everything
+from estimators.findings import Finding, collect_withheld, withhold_everything
 from estimators.schemes.identifiability import find_undetermined, find_undetermined_parameters, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.evidence import Evidence
@@ -56,7 +56,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
     unknown = (*unknown, *find_stiff_stops(last.model, trial.data.recordings))
-    withholding = (*unknown, *(doubt for doubt in doubts if doubt.kind in NOTHING_DETERMINED))
+    withholding = (*unknown, *(doubt for doubt in doubts if doubt.withholds_all))
     model = last.model.mark_unknown(collect_withheld(withholding))
     return replace(result, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
 

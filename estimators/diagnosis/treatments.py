@@ -1,17 +1,20 @@
 """Candidate treatments of the recordings: functions from a trial to treated data, and the decision on each."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 
 from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
+from estimators.data.treatment import Action, Treatment
 from estimators.decisions.decision import Decision, decide
 from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.result import TriedTreatment
 from estimators.diagnosis.setting import Setting
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Change, Finding, Quantity
+from estimators.in_loop.conventions import GoalConvention
 from estimators.selection.evidence import Evidence, Hypothesis
 from estimators.selection.policies import ADD_STOP, FOLLOW, SWAP, TIE
 from pendulum_env.arms.body import Body
@@ -20,10 +23,30 @@ from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.recording.channel import NEWTON_METRE
 
-GOALS = {Kind.GOALS_HELD, Kind.GOALS_RUN_ON}
-INPUTS = {Kind.PAYLOAD, *GOALS}  # treatments of payloads or goals, with the same rows
-TIMES = {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED}  # treatments of the time of the torque
-PURPOSES = {Kind.IMPACTS_INCLUDED: ADD_STOP, Kind.NARROWER_WINDOWS: FOLLOW}  # windows in contact, and near reversals
+TIMES = {Action.TIMED_BESIDE, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
+PURPOSES = {Action.IMPACTS_INCLUDED: ADD_STOP, Action.NARROWER_WINDOWS: FOLLOW}  # windows in contact, near reversals
+
+
+@dataclass(frozen=True)
+class CarriedPayload(Finding):
+    """Payload of an arm that some recordings show.
+
+    Attributes:
+        joint: joint before the link that carries it.
+        mass: its mass.
+        center: its centre in the frame of the joint, by axis.
+        torque_rms: torque error of joints without and with it.
+        recordings: names of the recordings.
+    """
+
+    joint: str
+    mass: Quantity
+    center: Mapping[str, Quantity]
+    torque_rms: Mapping[str, Change]
+    recordings: tuple[str, ...]
+
+
+INPUTS = CarriedPayload | GoalConvention  # treatments of payloads or goals, with the same rows
 
 
 def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
@@ -56,8 +79,9 @@ def decide_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     if not decision.passed:
         equal = decide(after, before, TIE).join(Decision((Gate("assumptions", *counts, counts[0] <= counts[1]),)))
         decision = equal if equal.passed else decision.join(equal)
-    if decision.passed and treatment.kind in PURPOSES:
-        decision = decision.join(decide(after, before, PURPOSES[treatment.kind]))
+    action = treatment.action if isinstance(treatment, Treatment) else None
+    if decision.passed and action in PURPOSES:
+        decision = decision.join(decide(after, before, PURPOSES[action]))
     return TriedTreatment(treatment, decision, *counts)
 
 
@@ -72,13 +96,14 @@ def _make_hypotheses(trial: Trial, best: Trial, treatment: Finding) -> tuple[Hyp
     The treated data serve both. If the treatment changes payloads or goals, each model has its own data. If it changes
     the time of the torque, the windows are those of the torque as logged, and each model has its own torque in these.
     """
-    of_trial, of_best = trial.evidence, best.evidence if treatment.kind in INPUTS else trial.evidence
-    if treatment.kind in TIMES:
+    has_own_data = isinstance(treatment, INPUTS)
+    of_trial, of_best = trial.evidence, best.evidence if has_own_data else trial.evidence
+    if isinstance(treatment, Treatment) and treatment.action in TIMES:
         logged = trial.data.without_timing()
         moved = (logged.move_logged_torque(each.data.timing) for each in (trial, best))
         of_trial, of_best = (trial.case.make_evidence(data, trial.setting) for data in moved)
         of_trial = _with_link(of_trial, trial)
-    if treatment.kind not in INPUTS:
+    if not has_own_data:
         of_best = _with_link(of_best, best)
     after = Hypothesis(of_trial, trial.result.terms, trial.result.steps[-1])
     return after, Hypothesis(of_best, best.result.terms)
@@ -96,22 +121,24 @@ def count_assumptions(trial: Trial) -> int:
     Goals that run on count as one, since held goals are the default. Excluded recordings do not count, as a test
     detected them.
     """
-    counted = Kind.IMPACTS_INCLUDED, Kind.BACK_EMF_INCLUDED, Kind.PAYLOAD
-    kinds = [treatment.kind for treatment in trial.data.treatments]
-    run_on = [kind for kind in kinds if kind in GOALS][-1:] == [Kind.GOALS_RUN_ON]
-    return len(trial.result.steps) - 1 + trial.data.timing.has_moved + sum(kind in counted for kind in kinds) + run_on
+    data, counted = trial.data, (Action.IMPACTS_INCLUDED, Action.BACK_EMF_INCLUDED)
+    n_treatments = sum(action in counted for action in data.actions)
+    n_payloads = sum(isinstance(treatment, CarriedPayload) for treatment in data.treatments)
+    goals = [treatment for treatment in data.treatments if isinstance(treatment, GoalConvention)]
+    run_on = bool(goals) and not goals[-1].is_held
+    return len(trial.result.steps) - 1 + data.timing.has_moved + n_treatments + n_payloads + run_on
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
     """Return data with narrower windows, closer to reversals, if torque leaves only noise but motion does not."""
     evidence, found = trial.evidence, trial.result
-    if trial.data.has_treatment(Kind.NARROWER_WINDOWS):
+    if trial.data.has_treatment(Action.NARROWER_WINDOWS):
         return None
     if not evidence.residuals.is_noise_by_part(found.terms)[0] or not evidence.motion.is_misfit(found.steps[-1]):
         return None
     share = evidence.criterion.shorter_window
     cut = replace(trial.data.cut, window_share=share)
-    return trial.data.with_treatment(Finding(Kind.NARROWER_WINDOWS, {"share": Quantity(share)}), cut=cut)
+    return trial.data.with_treatment(Treatment(Action.NARROWER_WINDOWS, {"share": Quantity(share)}), cut=cut)
 
 
 def scale_noise_by_model(trial: Trial) -> FitData | None:
@@ -119,14 +146,15 @@ def scale_noise_by_model(trial: Trial) -> FitData | None:
     train = trial.evidence.train
     if (inertia := find_inertia_of_noise(train, trial.result.terms, trial.setting.criterion)) is None:
         return None
-    numbers, unit = {"inertia": inertia.value, "before": train.data.base_inertia}, train.units().unit(inertia.unit)
-    finding = Finding(Kind.WINDOWS_BY_INERTIA, {name: Quantity(value, unit=unit) for name, value in numbers.items()})
-    return trial.data.with_treatment(finding, cut=replace(trial.data.cut, inertia=inertia.value))
+    values, unit = {"inertia": inertia.value, "before": train.data.base_inertia}, train.units().unit(inertia.unit)
+    sizes = {name: Quantity(value, unit=unit) for name, value in values.items()}
+    treatment = Treatment(Action.WINDOWS_BY_INERTIA, sizes)
+    return trial.data.with_treatment(treatment, cut=replace(trial.data.cut, inertia=inertia.value))
 
 
 def include_contacts(trial: Trial) -> FitData | None:
     """Add windows in contact with a stop, see `add_contacts` of `split`; None for few contacts."""
-    if trial.data.has_treatment(Kind.IMPACTS_INCLUDED):
+    if trial.data.has_treatment(Action.IMPACTS_INCLUDED):
         return None
     data = trial.data.with_contacts(trial.result.terms)
     return None if data is trial.data else data
@@ -151,14 +179,16 @@ def include_payload(trial: Trial) -> FitData | None:
     return None if data is trial.data else data
 
 
-def make_payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> Finding:
+def make_payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> CarriedPayload:
     """Return the finding on a payload in recordings: mass, centre, and torque RMS of joints without and with it."""
-    numbers = {"mass": payload.estimates["m"], **payload.center}
-    sizes = {name: Quantity(quantity.value, quantity.std, quantity.unit) for name, quantity in numbers.items()}
-    for at, (before, after) in payload.torque_rms.items():
-        unit = body.units(at).unit(NEWTON_METRE)
-        sizes |= {f"{at}.before": Quantity(before, unit=unit), f"{at}.after": Quantity(after, unit=unit)}
-    return Finding(Kind.PAYLOAD, sizes, recordings=names, joints=(payload.joint,))
+    estimates = {"mass": payload.estimates["m"], **payload.center}
+    sizes = {name: Quantity(estimate.value, estimate.std, estimate.unit) for name, estimate in estimates.items()}
+    units = {at: body.units(at).unit(NEWTON_METRE) for at in payload.torque_rms}
+    errors = {
+        at: Change(Quantity(before, unit=units[at]), Quantity(after, unit=units[at]))
+        for at, (before, after) in payload.torque_rms.items()
+    }
+    return CarriedPayload(payload.joint, sizes.pop("mass"), sizes, errors, names)
 
 
 def align_with_effects(trial: Trial) -> FitData | None:
@@ -169,7 +199,7 @@ def align_with_effects(trial: Trial) -> FitData | None:
     """
     known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
     effects = [term for term in trial.result.terms if term.id not in known]
-    if not effects or any(map(trial.data.has_treatment, (Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED))):
+    if not effects or any(action in TIMES for action in trial.data.actions):
         return None
     if not (trial.data.timing.has_moved or trial.data.timing.has_unknown or trial.unexplained):
         return None
@@ -183,6 +213,6 @@ def keep_logged_time(trial: Trial) -> FitData | None:
     None if this was done, if no torque was corrected, or if the correction leaves only noise without an effect.
     """
     has_effects = len(trial.result.steps) > 1
-    if not trial.data.timing.has_moved or trial.data.has_treatment(Kind.TIMED_AS_LOGGED):
+    if not trial.data.timing.has_moved or trial.data.has_treatment(Action.TIMED_AS_LOGGED):
         return None
     return trial.data.without_timing() if has_effects or trial.unexplained else None

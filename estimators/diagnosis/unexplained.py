@@ -1,7 +1,7 @@
 """Unexplained residual of the final model in torque or motion: its regions and findings."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from estimators.checks.remedies import find_reversed_torque
 from estimators.data.fits import fit_within_laws
@@ -9,15 +9,37 @@ from estimators.data.regions import find_failures, find_regions_at
 from estimators.decisions.criterion import is_noise
 from estimators.decisions.errors import Terms
 from estimators.diagnosis.contacts import is_misfit_between_contacts
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence
 from estimators.selection.physical import find_violations
+from estimators.selection.process_noise import UnloggedTorque
 from estimators.selection.search import SearchResult
-from estimators.selection.tables import explain_table
+from estimators.selection.tables import ExplainingTable
 from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, make_region_everywhere
 from estimators.weak_form.torque_windows import compute_negligible_residual
 from pendulum_env.physics import Term
+
+
+@dataclass(frozen=True)
+class ImpossibleBody(Finding):
+    """Best fit that violates physical bounds; `violations` by the name of the gate or the parameter."""
+
+    violations: Mapping[str, Quantity]
+
+
+@dataclass(frozen=True)
+class ErrorNearReversals(Finding):
+    """Position error of free-running simulation, without a residual where the joint moves freely."""
+
+    error: Quantity
+
+
+@dataclass(frozen=True)
+class HeldOutResidual(Finding):
+    """Residual of held-out recordings alone."""
+
+    recordings: tuple[str, ...]
 
 
 def check_torque_sign(evidence: Evidence) -> Finding | None:
@@ -40,11 +62,11 @@ def find_unexplained(result: SearchResult) -> list[Region]:
     train, holdout = evidence.fits.parts
     violations = find_violations(last.model, evidence.train.motions)
     if violations:
-        numbers = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in violations}
-        return [make_region_everywhere(Finding(Kind.IMPOSSIBLE, numbers, tuple(numbers)))]
+        sizes = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in violations}
+        return [make_region_everywhere(ImpossibleBody(sizes))]
     residual = train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
     if result.table is not None:
-        regions, cause = find_regions_at(train, residual), explain_table(Kind.TABLE_EXPLAINS, result.table)
+        regions, cause = find_regions_at(train, residual), ExplainingTable.from_table(result.table)
         place = next((region for region in regions if region.axis == result.table.axis), None)
         if place is None:
             return [make_region_everywhere(cause, train.samples), *regions]
@@ -64,11 +86,11 @@ def find_unexplained(result: SearchResult) -> list[Region]:
     if not is_misfit_between_contacts(evidence, last):
         return []
     error, units = last.errors["train"].position_rms, last.model.units()
-    cause = Finding(Kind.NEAR_REVERSALS, {"error": Quantity(error, unit=units.unit("rad"))})
-    return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, units.unit("rad/s"), is_profiled=False, cause=cause)]
+    reversals = ErrorNearReversals(Quantity(error, unit=units.unit("rad")))
+    return [Region("velocity", -SLOWEST, SLOWEST, 0.0, 0.0, units.unit("rad/s"), is_profiled=False, cause=reversals)]
 
 
-def find_noise_not_logged(result: SearchResult) -> list[Finding]:
+def find_noise_not_logged(result: SearchResult) -> list[UnloggedTorque]:
     """Return a finding if torque noise that is not logged explains the residual of the final model of a pendulum.
 
     Held-out data count if the fitted data leave only noise of the sensors.
@@ -102,7 +124,7 @@ def find_joint_residuals(evidence: Evidence, terms: Terms) -> tuple[dict[str, fl
     return sizes, regions
 
 
-def find_holdout_structure(evidence: Evidence, final: Sequence[Term]) -> Finding | None:
+def find_holdout_structure(evidence: Evidence, final: Sequence[Term]) -> HeldOutResidual | None:
     """Return a finding if the residual is noise in fitted data, but not in held-out data; else None."""
     is_there = evidence.residuals.is_noise_by_part(tuple(final)) == (True, False)
-    return Finding(Kind.FIT_HELD_OUT, recordings=evidence.holdout.names) if is_there else None
+    return HeldOutResidual(evidence.holdout.names) if is_there else None

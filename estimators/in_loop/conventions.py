@@ -17,12 +17,12 @@ All commands for servos with a drive use these recordings, and so the same torqu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.in_loop.convention_fits import Settings, choose_fit, complete_drives, fit_conventions, group_by_loop
 from estimators.in_loop.counts import find_encoder_step
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
@@ -34,9 +34,54 @@ from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import CONTROLLER, list_open_conventions
 from pendulum_env.servo.torque import depends_on_past
 
+
+@dataclass(frozen=True)
+class ControllerConvention(Finding):
+    """Convention by which a controller is simulated.
+
+    Attributes:
+        settings: settings of its drive: how it acts, or the position that it `reads`.
+        gain: gain over the likeliest other convention [nat].
+        recordings: names of the recordings of these drives.
+    """
+
+    settings: Mapping[str, str]
+    gain: Quantity
+    recordings: tuple[str, ...] = ()
+
+    @property
+    def is_of_position(self) -> bool:
+        """Return whether the convention is the position that the controller reads."""
+        return "reads" in self.settings
+
+
+@dataclass(frozen=True)
+class GoalConvention(Finding):
+    """Course of the goals between rows of a log.
+
+    Attributes:
+        is_held: whether goals are held from row to row; else they run on between rows.
+        gain: gain over the other course [nat]; None if the selected effects decided.
+        lateness: size of an effect that the other course needs, by its id; empty without one.
+        recordings: names of the recordings.
+    """
+
+    is_held: bool
+    gain: Quantity | None = None
+    lateness: Mapping[str, Quantity] = field(default_factory=dict)
+    recordings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class UnseenCounts(Finding):
+    """Counts of an encoder that a drive declares, and the log does not show."""
+
+    recordings: tuple[str, ...] = ()
+
+
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
 Recordings = tuple[Recording, ...]
-Decided = tuple[Settings, list[Finding]]
+Decided = tuple[Settings, list[ControllerConvention | GoalConvention | UnseenCounts]]
 
 
 class Conventions(NamedTuple):
@@ -89,19 +134,19 @@ def decide_open_torque(
 
 def list_decisions(findings: Sequence[Finding]) -> list[Finding]:
     """List the last decisions among findings: laws of controllers, the position that they read, and course of goals."""
-    controllers = [item for item in findings if item.kind in (Kind.CONTROLLER_READ, Kind.COUNTS_UNSEEN)]
-    positions = [item for item in findings if item.kind is Kind.POSITION_READ]
-    goals = [item for item in findings if item.kind in (Kind.GOALS_HELD, Kind.GOALS_RUN_ON)]
-    return [*controllers, *positions[-1:], *goals[-1:]]
+    laws = [item for item in findings if isinstance(item, ControllerConvention | UnseenCounts)]
+    positions = [law for law in laws if isinstance(law, ControllerConvention) and law.is_of_position]
+    goals = [item for item in findings if isinstance(item, GoalConvention)]
+    return [*(law for law in laws if law not in positions), *positions[-1:], *goals[-1:]]
 
 
 def _decide_together(
     recordings: Sequence[Recording], count: int, base: Sequence[Term], criterion: Criterion
-) -> tuple[Recordings, list[Finding]]:
+) -> tuple[Recordings, list[ControllerConvention | GoalConvention | UnseenCounts]]:
     """Decide the conventions of drives of one kind by their first `count` recordings; return findings as well."""
     base, part = make_base(recordings[:count], base), choose_parts(recordings[count:])[0]
     result = complete_drives(recordings, {})
-    findings: list[Finding] = []
+    findings: list[ControllerConvention | GoalConvention | UnseenCounts] = []
     for settle in (_decide_controller, _decide_counts):
         settings, own_findings = settle(result[:count], base, part, criterion)
         result, findings = complete_drives(result, settings), findings + own_findings
@@ -119,13 +164,14 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
     if len(controllers) == len(goals) == 1:
         return {}, []
     choices = [controller | goal for controller in controllers for goal in goals]
-    fits, findings = fit_conventions(recordings, choices, base, part, criterion), []
+    fits = fit_conventions(recordings, choices, base, part, criterion)
     settings: Settings = {}
+    findings: list[ControllerConvention | GoalConvention | UnseenCounts] = []
     if len(controllers) > 1:
         ranked = sorted(fits, key=lambda fit: (controllers.index(fit.select(CONTROLLER)), -fit.likelihood))
         choice = choose_fit(ranked, CONTROLLER, criterion.p_value, criterion)
         settings = choice.fit.select(CONTROLLER)
-        findings = [Finding(Kind.CONTROLLER_READ, {"gain": choice.gain}, pairs=tuple(settings.items()))]
+        findings = [ControllerConvention(settings, choice.gain)]
         fits = [fit for fit in fits if fit.select(CONTROLLER) == settings]
     if len(goals) > 1:
         late = [effect() for effect in LATE if effect.id not in list_ids(base)]
@@ -133,12 +179,11 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
         by_size = sorted(fits, key=lambda fit: (len(fit.terms), -fit.likelihood))
         choice = choose_fit(by_size, ("goal",), criterion.p_value, criterion)
         added = choice.alternative.terms[len(base) :]
-        sizes = {
-            name: Quantity(float(value), unit="s") for term in added for name, value in term.nonlinear_values.items()
+        lateness = {
+            term.id: Quantity(float(value), unit="s") for term in added for value in term.nonlinear_values.values()
         }
-        kind = Kind.GOALS_HELD if choice.fit.settings["goal"] == "held" else Kind.GOALS_RUN_ON
-        findings.append(Finding(kind, {"gain": choice.gain, **sizes}, effects=tuple(term.id for term in added)))
         settings = choice.fit.settings
+        findings.append(GoalConvention(settings["goal"] == "held", choice.gain, lateness))
     return settings, findings
 
 
@@ -150,10 +195,9 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part, criterion: C
     choices = list_open_conventions([r.actuator for r in recordings], ("reads",))
     readings = {r.actuator.reads for r in recordings}
     if find_encoder_step(recordings) is None:
-        return {}, [Finding(Kind.COUNTS_UNSEEN)] if "counts" in readings else []
+        return {}, [UnseenCounts()] if "counts" in readings else []
     if len(choices) == 1:
         return {}, []
     fits = fit_conventions(recordings, choices, base, part, criterion, has_counts=True)
     choice = choose_fit(fits, ("reads",), criterion.loop.counts_p_value, criterion)
-    pairs = tuple(choice.fit.settings.items())
-    return choice.fit.settings, [Finding(Kind.POSITION_READ, {"gain": choice.gain}, pairs=pairs)]
+    return choice.fit.settings, [ControllerConvention(choice.fit.settings, choice.gain)]

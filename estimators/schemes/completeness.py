@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -17,7 +17,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion, is_noise
-from estimators.findings import Finding, Kind, Quantity, bias_everything
+from estimators.findings import Finding, bias_everything
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.fitting import Identified
 from estimators.selection.process_noise import find_process_noise
@@ -27,6 +27,28 @@ from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Term
 
 Results = dict[str, Identified]
+
+
+@dataclass(frozen=True)
+class Incomplete(Finding):
+    """Model that does not explain the recordings.
+
+    Attributes:
+        noise_ratio: largest ratio of residual and noise floor; None if the residual is noise.
+        disagreement: largest difference of two schemes [standard errors]; None if they agree.
+        parameters: names of the parameters on which the schemes disagree.
+        joints: names of the joints of an arm with a residual.
+    """
+
+    noise_ratio: float | None = None
+    disagreement: float | None = None
+    parameters: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+
+    @property
+    def is_bias(self) -> bool:
+        """Return True: a missing effect shifts all estimates."""
+        return True
 
 
 def check_results(
@@ -43,16 +65,16 @@ def check_results(
         terms: terms of the model.
 
     Returns:
-        Windows, None for an arm or too little motion; findings; results, marked as biased by findings in `BIASING`.
+        Windows, None for an arm or too little motion; findings; results, marked as biased by a finding.
     """
     if isinstance(terms[0].mechanism, Body):
-        findings = find_driving_friction(next(iter(results.values())).model)
+        findings: list[Finding] = [*find_driving_friction(next(iter(results.values())).model)]
         with suppress(IdentificationError):
             data = RegressionData.from_arm(fit_data.recordings, terms)
             findings = [*findings, *_check_completeness(results, data, terms, fit_data.criterion)]
         return None, findings, _mark_biased(results, findings)
     recordings, criterion, windows = fit_data.recordings, fit_data.criterion, None
-    findings = find_wrong_columns(first, recordings, criterion) or find_driving_friction(first)
+    findings = find_wrong_columns(first, recordings, criterion) or [*find_driving_friction(first)]
     with suppress(IdentificationError):  # windows need more motion than some schemes
         windows = prepare_windows(recordings, inertia=fit_data.cut.inertia)
         if (inertia := find_inertia_of_noise(RegressionData(windows), terms, criterion)) is not None:
@@ -60,7 +82,7 @@ def check_results(
         findings = [*findings, *_check_recordings(fit_data, fit_each_recording([windows], terms, criterion), terms)]
         if not findings:
             findings = _check_completeness(results, RegressionData(windows), terms, criterion)
-            findings += find_uneven_clocks(recordings) if findings else []
+            findings += [*find_uneven_clocks(recordings)] if findings else []
     return windows, [*findings, *find_feedback(recordings, criterion)], _mark_biased(results, findings)
 
 
@@ -80,8 +102,8 @@ def _check_recordings(data: FitData, fits: Sequence[RecordingFit], terms: Sequen
     return [
         *timing.find(is_late=True),
         *(timing.find(is_late=False) if not any(term.delays_torque for term in terms) else ()),
-        *(disagreement.finding for disagreement in find_disagreements(fits, only_if_all_fit=True)),
-        *(disagreement.finding for disagreement in find_misfits(fits)),
+        *find_disagreements(fits, only_if_all_fit=True),
+        *find_misfits(fits),
     ]
 
 
@@ -109,12 +131,13 @@ def _check_completeness(
                 findings.append(noise.make_finding(units))
     gaps = sorted(_compute_scheme_differences(list(results.values()), criterion.agreement.scheme_difference))
     disagreements = {name: gap for gap, name in gaps if gap > criterion.z_score}  # largest gap of each name
-    numbers = {"residual": Quantity(max(ratios.values()))} if ratios else {}
-    numbers |= {"disagreement": Quantity(max(disagreements.values()))} if disagreements else {}
     joints, names = (
         tuple(sorted(filter(None, sizes), key=lambda name: -sizes[name])) for sizes in (ratios, disagreements)
     )
-    return [*findings, Finding(Kind.INCOMPLETE, numbers, names, joints=joints)] if numbers else findings
+    if not (ratios or disagreements):
+        return findings
+    largest_ratio, largest_gap = (max(sizes.values(), default=None) for sizes in (ratios, disagreements))
+    return [*findings, Incomplete(largest_ratio, largest_gap, names, joints)]
 
 
 def _compute_scheme_differences(results: Sequence[Identified], least: float) -> Iterator[tuple[float, str]]:

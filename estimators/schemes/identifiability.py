@@ -1,12 +1,13 @@
 """Findings on parameters that recordings do not determine."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import partial
 
 import numpy as np
 
-from estimators.findings import Finding, Kind, Quantity, collect_withheld
+from estimators.findings import Finding, Quantity, collect_withheld
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.balance import Segments, make_regressions, stack_equations, stack_series
 from estimators.schemes.fitting import Identified, join_names
@@ -26,8 +27,55 @@ MIN_LENGTH = 1e-4  # least length of a weighted sum of independent columns of le
 MAX_UNEXPLAINED = 0.9  # largest unexplained share of the squared torque of motion that follows the torque
 ONE_SIDED_SHARE = 0.002  # largest share of motion against the main direction, as noise
 ONE_SIZE_RESIDUAL = 0.02  # residual of a torque that depends on the direction of motion alone, as a share of its RMS
-CONSTANT_TORQUE = 1e-6  # largest relative change of a constant torque
 N_POSITIONS = 50  # instants at which the inertia of the joints is computed
+
+
+class Gap(StrEnum):
+    """Reason why recordings do not determine parameters; comments name its size."""
+
+    NO_MOTION = "no_motion"
+    TORQUE_IS_NOISE = "torque_is_noise"  # mean torque
+    TORQUE_FOLLOWS_DIRECTION = "torque_follows_direction"  # torque
+    ONE_DIRECTION = "one_direction"
+    SMALL_ANGLES = "small_angles"  # largest angle
+    NEVER_ACTS = "never_acts"
+    ACT_ALIKE = "act_alike"
+    LARGE_ERROR = "large_error"  # best fit of the parameter
+
+
+# gaps in the recordings that leave no parameter determined, and terms that look alike in them: an effect, a base term
+TOTAL = {Gap.NO_MOTION, Gap.TORQUE_IS_NOISE, Gap.TORQUE_FOLLOWS_DIRECTION}
+RIVALS = {Gap.ONE_DIRECTION: ("torque_offset", "coulomb"), Gap.SMALL_ANGLES: ("spring", "gravity")}
+
+
+@dataclass(frozen=True)
+class Undetermined(Finding):
+    """Parameters that the recordings do not determine.
+
+    Attributes:
+        gap: the reason.
+        parameters: their names; may be empty if a term of the model and an effect of the library are `rivals`.
+        size: torque, angle or best fit that shows the reason, see `Gap`; None for others.
+    """
+
+    gap: Gap
+    parameters: tuple[str, ...] = ()
+    size: Quantity | None = None
+
+    @property
+    def withheld(self) -> tuple[str, ...]:
+        """Names of the undetermined parameters."""
+        return self.parameters
+
+    @property
+    def withholds_all(self) -> bool:
+        """Return whether no parameter is determined."""
+        return self.gap in TOTAL
+
+    @property
+    def rivals(self) -> tuple[str, str] | None:
+        """The effect and the term that look alike; None for other gaps."""
+        return RIVALS.get(self.gap)
 
 
 def find_undetermined(
@@ -42,31 +90,29 @@ def find_undetermined(
     clear = [m.find_clear(GUARD_TIME) for m in measurements]
     velocity = np.concatenate([m.velocity[is_clear] for m, is_clear in zip(measurements, clear, strict=True)])
     if not len(velocity):
-        return (Finding(Kind.NO_MOTION, parameters=tuple(names)),)
+        return (Undetermined(Gap.NO_MOTION, tuple(names)),)
 
     doubts: list[Finding] = []
     is_free = not any(m.held.any() for m in measurements)
     if not is_free and not any(has_effective_torque(m) for m in measurements):
         mean = float(np.mean([m.held.mean() for m in measurements]))
-        is_constant = all(np.ptp(m.held) <= CONSTANT_TORQUE * abs(mean) for m in measurements)
-        kind = Kind.TORQUE_IS_CONSTANT if is_constant else Kind.TORQUE_IS_NOISE
-        doubts.append(Finding(kind, {"torque": Quantity(mean, unit=units.unit(NEWTON_METRE))}, tuple(names)))
+        doubts.append(Undetermined(Gap.TORQUE_IS_NOISE, tuple(names), Quantity(mean, unit=units.unit(NEWTON_METRE))))
     held = np.concatenate([m.held[is_clear] for m, is_clear in zip(measurements, clear, strict=True)])
     is_known = any(column.is_known for term in terms for column in term.columns)
     if not (doubts or is_free or is_known) and (size := _find_size_by_direction(held, velocity)) is not None:
         torque = Quantity(size, unit=units.unit(NEWTON_METRE))
-        doubts.append(Finding(Kind.TORQUE_FOLLOWS_DIRECTION, {"torque": torque}, tuple(names)))
+        doubts.append(Undetermined(Gap.TORQUE_FOLLOWS_DIRECTION, tuple(names), torque))
     moving = np.concatenate([m.velocity[m.moving] for m in measurements])  # clear samples are few if noise is large
     forwards = float(np.mean(moving > 0))
     if not ONE_SIDED_SHARE < forwards < 1 - ONE_SIDED_SHARE:
         constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
         withheld = tuple(name for name in constants if name in names)
-        doubts.append(Finding(Kind.ONE_DIRECTION, parameters=withheld, effects=("torque_offset", "coulomb")))
+        doubts.append(Undetermined(Gap.ONE_DIRECTION, withheld))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
     if furthest < SMALL_ANGLE and not units.is_prismatic:
         alike = ("gravity", "spring.stiffness")
         withheld, angle = alike if set(alike) <= set(names) else (), Quantity(furthest, unit=units.unit("rad"))
-        doubts.append(Finding(Kind.SMALL_ANGLES, {"angle": angle}, withheld, ("spring", "gravity")))
+        doubts.append(Undetermined(Gap.SMALL_ANGLES, withheld, angle))
     all_phi = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
     phi = np.concatenate([phi[is_clear] for phi, is_clear in zip(all_phi, clear, strict=True)])
     acts = np.any([np.any(phi, axis=0) for phi in all_phi], axis=0)
@@ -100,7 +146,7 @@ def find_unidentifiable(
     found = [name for name in find_undetermined_links(model, position, velocity, torque) if name not in withheld]
     estimates = {name: model.estimates[name] for name in found}
     sizes = {name: Quantity(estimate.value, estimate.std, estimate.unit) for name, estimate in estimates.items()}
-    return tuple(Finding(Kind.UNIDENTIFIABLE, {name: size}, (name,)) for name, size in sizes.items())
+    return tuple(Undetermined(Gap.LARGE_ERROR, (name,), size) for name, size in sizes.items())
 
 
 def withhold_estimates(
@@ -124,7 +170,7 @@ def withhold_estimates(
         names = {id: find_undetermined_links(result.model, *series_of_joints) for id, result in results.items()}
         unknown = {id: {*of_scheme} - withheld for id, of_scheme in names.items()}
         if shared := set.intersection(*unknown.values()):
-            doubts = (*doubts, Finding(Kind.UNIDENTIFIABLE, parameters=tuple(sorted(shared))))
+            doubts = (*doubts, Undetermined(Gap.LARGE_ERROR, tuple(sorted(shared))))
     else:
         measurements = [m for (m,) in measured]
         doubts = find_undetermined(measurements, terms, units)
@@ -230,7 +276,7 @@ def has_effective_torque(m: Measurements) -> bool:
     return bool(y @ y > 1e-18 * len(y) and residual @ residual < MAX_UNEXPLAINED * (y @ y))
 
 
-def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list[Finding]:
+def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list[Undetermined]:
     """Find linearly dependent columns of a regressor, and columns that never act.
 
     Args:
@@ -240,11 +286,11 @@ def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list
     """
     length = np.linalg.norm(phi, axis=0)
     idle = [name for name, does_act in zip(names, acts, strict=True) if not does_act]
-    doubts = [Finding(Kind.NEVER_ACTS, parameters=(name,)) for name in idle]
+    doubts = [Undetermined(Gap.NEVER_ACTS, (name,)) for name in idle]
     nonzero = np.flatnonzero(length)
     scaled = phi[:, nonzero] / length[nonzero]
     squares, directions = np.linalg.eigh(scaled.T @ scaled)
     for direction in directions.T[squares < MIN_LENGTH**2]:
         group = tuple(names[nonzero[j]] for j in np.flatnonzero(np.abs(direction) > 0.1))
-        doubts.append(Finding(Kind.INDISTINGUISHABLE, parameters=group))
+        doubts.append(Undetermined(Gap.ACT_ALIKE, group))
     return doubts

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimators.arguments import Recordings, Terms, apply_limits, check_options, select_recordings, select_terms
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.in_loop import list_decisions
 from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
@@ -23,6 +23,18 @@ from pendulum_env.arms.joints import find_body
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Bounds, Term
 from pendulum_env.recording.study import collect_log_format
+
+
+@dataclass(frozen=True)
+class CoarseEncoder(Finding):
+    """Encoder whose noise biases the estimates of some schemes."""
+
+
+@dataclass(frozen=True)
+class SlowedFilter(Finding):
+    """Filters whose cutoff is lowered, as the `rate` of the samples is low."""
+
+    rate: Quantity
 
 
 @refuse_unknown_arguments
@@ -70,7 +82,7 @@ def identify(
     results = fit_schemes(chosen, segments, swing_terms, fit_data.recordings)
     first_model = next(iter(results.values())).model
     has_bias = any(e.is_biased for result in results.values() for e in result.model.estimates.values())
-    noise_findings = (Finding(Kind.ENCODER_COARSE),) if has_bias else ()
+    noise_findings = (CoarseEncoder(),) if has_bias else ()
     results = _calibrate(results, fit_data, terms, swing_terms, chosen)
     results, undetermined = withhold_estimates(results, segments, swing_terms, fit_data.recordings[0].units)
     data, findings, results = check_results(first_model, results, fit_data, swing_terms)
@@ -99,7 +111,7 @@ def limit_filters(
         operator = scheme.operator if isinstance(scheme, Scheme) else None
         if isinstance(operator, LowPass) and operator.cutoff >= np.pi * rate:
             limited[k] = replace(scheme, operator=replace(operator, cutoff=rate))  # type: ignore[type-var]
-            findings = (Finding(Kind.FILTER_SLOWED, {"rate": Quantity(rate, unit="Hz")}),)
+            findings = (SlowedFilter(Quantity(rate, unit="Hz")),)
     return tuple(limited), findings
 
 

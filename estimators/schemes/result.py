@@ -21,7 +21,7 @@ from pendulum_env.notebook import Shown, summarise
 from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
-SCHEMA = "pendulum-ident/identification@2"
+SCHEMA = "pendulum-ident/identification@3"
 SAVED_SCHEME = "filtered_dynamic"  # scheme of the saved model of an arm
 MAX_NAMES = 3  # largest number of printed names of recordings
 

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
 from estimators.decisions.criterion import WhiteNoiseLimits
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding, Quantity
 from estimators.weak_form.torque_windows import TorqueWindows
 from estimators.weak_form.windows import Windows, mark_contacts
 from pendulum_env._typing import Array, Index
 from pendulum_env.units import JointUnits
+
+
+@dataclass(frozen=True)
+class UnloggedTorque(Finding):
+    """White torque noise that is not logged.
+
+    Attributes:
+        torque: noise of a sample.
+        hidden: largest RMS of an effect that it hides.
+    """
+
+    torque: Quantity
+    hidden: Quantity
 
 
 class ProcessNoise(NamedTuple):
@@ -29,12 +42,9 @@ class ProcessNoise(NamedTuple):
     std: float
     hidden: float
 
-    def make_finding(self, units: JointUnits) -> Finding:
+    def make_finding(self, units: JointUnits) -> UnloggedTorque:
         """Return the finding on the noise and on the effects that it hides."""
-        numbers = {"torque": self.std, "hidden": self.hidden}
-        return Finding(
-            Kind.NOISE_NOT_LOGGED, {name: Quantity(size, unit=units.unit("N m")) for name, size in numbers.items()}
-        )
+        return UnloggedTorque(*(Quantity(size, unit=units.unit("N m")) for size in (self.std, self.hidden)))
 
 
 def find_process_noise(

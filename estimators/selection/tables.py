@@ -1,13 +1,14 @@
 """Moves with tables: nonparametric functions that compete with effects, which may imitate an unknown law."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from estimators.data.variants import make_variants, refine_variants
 from estimators.decisions.errors import Terms
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Finding
 from estimators.selection.candidates import find_best_variant, refit_nonlinear, screen_effects
 from estimators.selection.evidence import Evidence
 from estimators.selection.policies import ADD, BEAT_BY_TABLE, CONFIRM, EXPLAIN_TORQUE, NEED, SWAP, TIE, TIE_TABLE
@@ -157,7 +158,14 @@ def find_explaining_law(evidence: Evidence, terms: Terms, laws: Iterable[type[Te
     return best[-1].id if best else None
 
 
-def explain_table(kind: Kind, table: Table) -> Finding:
-    """Return a finding of some kind about a table, with its nonlinear parameters."""
-    numbers = {name: Quantity(value) for name, value in table.nonlinear_values.items()}
-    return Finding(kind, numbers, effects=(table.id,))
+@dataclass(frozen=True)
+class ExplainingTable(Finding):
+    """Table that explains a residual, or more of it than an effect does: its id and nonlinear parameters."""
+
+    table: str
+    parameters: Mapping[str, float]
+
+    @classmethod
+    def from_table(cls, table: Table) -> Self:
+        """Make the finding on a table."""
+        return cls(table.id, dict(table.nonlinear_values))

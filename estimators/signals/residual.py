@@ -87,8 +87,8 @@ class Region:
 
     @property
     def kind(self) -> str:
-        """Return the kind of the cause, or the axis."""
-        return str(self.cause.kind) if self.cause is not None else self.axis
+        """Return the family of the cause, or the axis."""
+        return self.cause.family if self.cause is not None else self.axis
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; an infinite limit becomes null, and `unit` belongs to the axis."""

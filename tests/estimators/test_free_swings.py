@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose, identify
-from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Kind
+from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.free_swings import is_torque_needed
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.backends import record
@@ -257,8 +256,8 @@ def test_driven_and_free_recordings_together():
 def test_another_pendulum_has_another_inertia():
     heavier = replace(swinging(1.9, inertia=1.2 * INERTIA), name="heavier")
     (found,) = diagnose([swinging(), heavier]).disagreements
-    assert found.name == "heavier" and found.kind is Kind.SCALED_INERTIA
-    assert found.numbers["factor"].value == pytest.approx(1.2, rel=0.01)
+    assert found.recording == "heavier"
+    assert found.inertia_factor == pytest.approx(1.2, rel=0.01)
 
 
 def test_a_release_is_suggested():
@@ -266,7 +265,7 @@ def test_a_release_is_suggested():
     run = record(plant, STILL, 20.0, 200.0, rng=0, release=0.2)
     assert not run.torque.any()
     narrow, wide = diagnose(run), diagnose(run, max_angle=3.0, max_speed=30.0)
-    assert narrow.suggestion is None and narrow.no_experiment.pairs == (("spring", "gravity"),)
+    assert narrow.suggestion is None and narrow.no_experiment.aims == (Aim("spring", "gravity"),)
     suggested = wide.suggestion
     assert suggested is not None and suggested.signal is None and 0.2 < abs(suggested.release or 0.0) <= 3.0
     assert Suggestion.from_json(suggested.json()) == suggested

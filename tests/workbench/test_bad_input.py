@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimators.diagnosis.result import SCHEMA
 from pendulum_env.plant import hide, paper_plant
 from workbench.cli import main
 from workbench.errors import LONGEST, InputError, format_mistake
@@ -40,6 +41,10 @@ DIAGNOSES = [
     (json.dumps(DIAGNOSIS), "suggests no further experiment"),
     (json.dumps({**DIAGNOSIS, "inseparable": [["torque_offset", "spring"]]}), "no torque tells torque_offset"),
     (json.dumps({**DIAGNOSIS, "forbidden": "no experiment within 0.5 N m"}), "no experiment within 0.5 N m"),
+    (
+        json.dumps({**DIAGNOSIS, "schema": SCHEMA, "no_experiment": {"text": "nothing within 6 A"}}),
+        "nothing within 6 A",
+    ),
     (suggested(reach=[1.0]), "'suggestion.reach': Expected array of length 2"),
     (suggested(reach=[2, 1]), "'suggestion.reach' is [2, 1]: expected the lower angle first"),
     (suggested(seconds=1e308), "'suggestion.seconds': Expected float <= 100000"),

@@ -1,5 +1,6 @@
 """Files of --json have the fields that the page on results names, alike for a pendulum, an arm and a servo."""
 
+import dataclasses
 import json
 import re
 from functools import cache
@@ -8,6 +9,7 @@ import pytest
 
 from benchmarks.two_link import TwoLink
 from estimators import compare, diagnose, identify
+from estimators.findings import Finding
 from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
@@ -37,6 +39,18 @@ def names(cell):
 def fields(record):
     """Fields of a record that the page names."""
     return {name for kinds, cell, *_ in rows("### Records") if record in kinds.split(", ") for name in names(cell)}
+
+
+def families():
+    """Fields of each family of findings that the page names."""
+    return {
+        family: names(cell) for cell_of_family, cell, *_ in rows("### Findings") for family in names(cell_of_family)
+    }
+
+
+def test_every_family_of_findings_is_documented():
+    documented = {found.__name__: {own.name for own in dataclasses.fields(found)} for found in Finding.__subclasses__()}
+    assert {name.title().replace("_", ""): own for name, own in families().items()} == documented
 
 
 @cache
@@ -80,8 +94,7 @@ def test_records_have_the_documented_fields(files):
     assert all(own.keys() == fields("step") for own in diagnosis["steps"])
     assert all(own.keys() == fields("candidate") for own in diagnosis["candidates"])
     assert all(own.keys() == fields("region") for own in (*diagnosis["regions"], *comparison["regions"]))
-    assert all(own.keys() == fields("finding") for own in findings)
-    assert all(own.keys() == fields("quantity") for finding in findings for own in finding["numbers"].values())
+    assert findings and all(own.keys() == fields("finding") | families()[own["family"]] for own in findings)
     assert all(fields("quantity") <= own.keys() <= fields("estimate") for own in estimates)
     assert all({"joints"} <= own.keys() <= fields("errors") for own in errors)
     for own in errors:

@@ -8,9 +8,11 @@ import pytest
 
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
+from estimators.decisions.gate import FailedGates, Gate
 from estimators.diagnosis.result import Candidate, Diagnosis
-from estimators.findings import Finding, Kind, Verdict
+from estimators.findings import Verdict
 from estimators.regression.least_squares import IdentificationError
+from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.signals.residual import Region, compute_profiles, find_regions
 from pendulum_env.formatting import format_number
 from pendulum_env.physics import Samples
@@ -92,12 +94,12 @@ def test_open_questions_are_told(diagnosis):
 
     plain = told(replace(diagnosis, steps=diagnosis.steps[:1]))
     assert "Nothing is missing" in plain and "times smaller" not in plain
-    silent = Candidate("hard_stop", 0.0, Verdict.NOT_EXCITED, 1.0, Finding(Kind.NOT_EXCITED))
+    silent = Candidate("hard_stop", 0.0, Verdict.NOT_EXCITED, 1.0, FailedGates((Gate("excitation", 0.0, 1.0, False),)))
     uncertain = replace(
         diagnosis,
         ambiguous=(("stribeck", "presliding"),),
         unexplained=(REGION,),
-        findings=(Finding(Kind.ONE_DIRECTION),),
+        findings=(Undetermined(Gap.ONE_DIRECTION),),
         candidates=(*diagnosis.candidates, silent),
     )
     text = told(uncertain)

@@ -5,12 +5,12 @@ from typing import Any
 
 from estimators import Addition, Diagnosis, FitData, Identification, add, diagnose, fit, identify
 from estimators.arguments import apply_limits
+from estimators.checks.alignment import TorqueTiming
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.model_errors import compute_errors
 from estimators.data.split import split_arm
 from estimators.data.standard_errors import add_torque_constant
 from estimators.decisions.errors import Step
-from estimators.findings import Finding
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.progress import Progress
 from pendulum_env.physics import Model, Term
@@ -31,8 +31,8 @@ class BaseFit:
     step: Step  # the base model
     schemes: Identification | None  # of the base model; None if the data do not suffice
     disagreements: tuple[Disagreement, ...] = ()  # recordings of a different plant
-    late: tuple[Finding, ...] = ()  # findings on torque that was logged late
-    slow: tuple[Finding, ...] = ()  # findings on torque that acts late
+    late: tuple[TorqueTiming, ...] = ()  # findings on torque that was logged late
+    slow: tuple[TorqueTiming, ...] = ()  # findings on torque that acts late
 
 
 def fit_pendulum(

@@ -12,7 +12,7 @@ from workbench.app.session import Session
 from workbench.app.state import State
 from workbench.narrator.diagnosis import describe_errors, describe_result
 from workbench.narrator.effects import name_effect
-from workbench.narrator.findings import describe, describe_late
+from workbench.narrator.findings import describe, describe_timing
 from workbench.narrator.results import get_end_errors
 
 WHY = "No effect of the library does that, but several imitate it."
@@ -82,7 +82,7 @@ def show_findings(state: State) -> Component:
     known_text = [text] if known and not state.failure_reason else []
     result = state.diagnosis or state.fit
     texts = [state.failure_reason] if state.failure_reason else []
-    texts += [describe(disagreement.finding) for disagreement in (result.disagreements if result is not None else ())]
+    texts += map(describe, result.disagreements if result is not None else ())
     texts += map(describe, state.doubts)
     cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
     nothing = html.P("They determine all parameters of the model.")
@@ -96,7 +96,7 @@ def show_timing(state: State) -> list[Component]:
     buttons = []
     if state.fit.late:
         remedy = "It is corrected in all that follows." if state.is_aligned else WHY
-        texts = [describe_late(law, remedy) for law in state.fit.late]
+        texts = [describe_timing(law, remedy) for law in state.fit.late]
         buttons = [] if state.is_aligned else [make_button("Correct it", "align", primary=True)]
     else:
         texts = [describe(law) for law in state.fit.slow]

@@ -1,11 +1,17 @@
 """Texts of comparisons, diagnoses and additions, and JSON content with texts."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from estimators.decisions.errors import Step
+from estimators.diagnosis.contacts import Contact
+from estimators.diagnosis.explanation import SmallEffect
 from estimators.diagnosis.result import Addition, Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.findings import Kind, Quantity, withhold_everything
+from estimators.diagnosis.treatments import CarriedPayload
+from estimators.findings import Finding, Quantity, withhold_everything
 from estimators.results import Comparison
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
@@ -68,7 +74,7 @@ def describe_unexplained(diagnosis: Diagnosis, region: Region) -> str:
 
 def describe_suggestion(suggestion: Suggestion, units: JointUnits = TURNING) -> str:
     """Describe a suggested experiment."""
-    aims = describe_aims([(aim.effect, aim.instead) for aim in suggestion.settles])
+    aims = describe_aims(suggestion.settles)
     angle, speed = units.unit("rad"), measure(Quantity(suggestion.peak_speed, unit=units.unit("rad/s")), 2)
     if suggestion.signal is None:
         return (
@@ -105,10 +111,9 @@ def describe_result(diagnosis: Diagnosis) -> str:
     joints = join_words([at for at in dict.fromkeys(region.at for region in diagnosis.unexplained) if at])
     place = f" at {joints}" if joints else ""
     groups = [
-        f"a payload of {measure(Quantity(mass.value, unit=mass.unit))} in {join_words(finding.recordings)}"
+        f"a payload of {measure(replace(finding.mass, std=0.0))} in {join_words(finding.recordings)}"
         for finding in diagnosis.findings
-        if finding.kind is Kind.PAYLOAD
-        for mass in [finding.numbers["mass"]]
+        if isinstance(finding, CarriedPayload)
     ]
     groups += [join_words([name_effect(id) for id in group], "or") for group in diagnosis.effects]
     if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_in_loop:
@@ -120,8 +125,8 @@ def describe_result(diagnosis: Diagnosis) -> str:
             return f"The servo as described does not reproduce the log{part}"
     if withhold_everything(diagnosis.findings):
         return "These recordings do not determine the parameters"
-    contacts = [finding for finding in diagnosis.findings if finding.kind is Kind.CONTACT]
-    places = [f"{''.join(f' by {at}' for at in c.joints)} at {measure(c.numbers['angle'])}" for c in contacts]
+    contacts = [finding for finding in diagnosis.findings if isinstance(finding, Contact)]
+    places = [f"{f' by {contact.joint}' * bool(contact.joint)} at {measure(contact.angle)}" for contact in contacts]
     met = [f"a stop or a blow was met{where_met}" for where_met in places]
     if groups:
         remainder = f", and more{place} that no known effect explains" if diagnosis.unexplained else ""
@@ -197,7 +202,7 @@ def describe_detectable(detectable: Detectable) -> str:
 
 def describe_next_step(diagnosis: Diagnosis) -> str:
     """Describe the next experiment, or state why none is suggested."""
-    if contacts := [describe(finding) for finding in diagnosis.findings if finding.kind is Kind.CONTACT]:
+    if contacts := [describe(finding) for finding in diagnosis.findings if isinstance(finding, Contact)]:
         return contacts[0]
     if diagnosis.suggestion is not None:
         return describe_suggestion(diagnosis.suggestion, diagnosis.model.units())
@@ -205,7 +210,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         return describe(diagnosis.no_experiment)
     if diagnosis.inseparable:
         return f"No torque would tell {' from '.join(diagnosis.inseparable[0])}."
-    if any(finding.kind is Kind.SMALL_EFFECT for finding in diagnosis.findings):
+    if any(isinstance(finding, SmallEffect) for finding in diagnosis.findings):
         return "Record again, and hold the new recording out: it shows whether the small effect repeats."
     if hidden := [size.effect for size in diagnosis.detectable if not size.is_excited]:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
@@ -290,13 +295,18 @@ def describe_table(step: Step) -> str | None:
 
 @show_angles("rad")
 def write_comparison(comparison: Comparison) -> JSON:
-    """Return the content of `compare --json`: results, with texts of regions and disagreements."""
+    """Return the content of `compare --json`: results, with texts of regions and findings."""
     data = comparison.json()
     for entry, region in zip(data["regions"], comparison.regions, strict=True):
         entry["text"] = describe_region(region)
-    for entry, disagreement in zip(data["disagreements"], comparison.disagreements, strict=True):
-        entry["text"] = describe(disagreement.finding)
+    _add_texts(data["findings"], comparison.disagreements)
     return data
+
+
+def _add_texts(entries: Sequence[JSON], findings: Sequence[Finding]) -> None:
+    """Add to entries of JSON the texts of their findings."""
+    for entry, finding in zip(entries, findings, strict=True):
+        entry["text"] = describe(finding)
 
 
 @show_angles("rad")
@@ -305,17 +315,15 @@ def write_diagnosis(diagnosis: Diagnosis) -> JSON:
     data = diagnosis.json()
     for entry, candidate in zip(data["candidates"], diagnosis.candidates, strict=True):
         entry["reason"] = describe_reason(candidate)
-    data["advice"] = list_advice(diagnosis)
-    data["forbidden"] = None if diagnosis.no_experiment is None else describe(diagnosis.no_experiment)
-    for entry, alignment in zip(data["alignments"], diagnosis.alignments, strict=True):
-        entry["text"] = None if alignment.finding is None else describe(alignment.finding)
+    _add_texts(data["findings"], (*diagnosis.disagreements, *diagnosis.findings))
+    _add_texts(data["treatments"], [tried.treatment for tried in diagnosis.treatments])
+    if diagnosis.no_experiment is not None:
+        data["no_experiment"]["text"] = describe(diagnosis.no_experiment)
     for entry, region in zip(data["regions"], diagnosis.unexplained, strict=True):
         entry["text"] = describe_region(region)
     data["unexplained"]["where"] = (
         "; ".join(describe_unexplained(diagnosis, region) for region in diagnosis.unexplained) or None
     )
-    for entry, disagreement in zip(data["disagreements"], diagnosis.disagreements, strict=True):
-        entry["text"] = describe(disagreement.finding)
     if diagnosis.suggestion is not None:
         data["suggestion"]["text"] = describe_suggestion(diagnosis.suggestion, diagnosis.model.units())
     if diagnosis.refit is not None:

@@ -2,7 +2,10 @@
 
 import numpy as np
 
-from estimators.findings import Kind
+from estimators.checks.homogeneity import Disagreement
+from estimators.checks.signs import NegativeParameters
+from estimators.findings import Finding
+from estimators.schemes.completeness import Incomplete
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
@@ -10,8 +13,6 @@ from pendulum_env.formatting import TextTable
 from pendulum_env.units import show_angles
 from workbench.narrator.findings import describe
 
-FOR_DIAGNOSE = {Kind.INCOMPLETE, Kind.FRICTION_NEGATIVE}  # findings with the next step `diagnose`
-OUTLIERS = {Kind.OUTLIER_RECORDING, Kind.SCALED_INERTIA, Kind.SCALED_TORQUE, Kind.TURNED_ROUND}
 TIMES = "relative error"  # row with the median ratio of standard errors to the smallest ones
 TRUST = f"{TIMES}: standard errors of a scheme over the smallest; trust schemes near 1"
 
@@ -49,18 +50,23 @@ def explain_trust(table: TextTable) -> str:
 
 def list_warnings(identification: Identification) -> list[str]:
     """List the findings of an identification, each with its next step."""
-    texts = []
-    for finding in identification.findings:
-        text = describe(finding)
-        text += " Run `diagnose`." if finding.kind in FOR_DIAGNOSE else ""
-        text += " Leave it out, or find out what was changed." if finding.kind in OUTLIERS else ""
-        texts.append(text)
-    return texts
+    return [f"{describe(finding)}{_advise(finding)}" for finding in identification.findings]
+
+
+def _advise(finding: Finding) -> str:
+    """Return the next step after a finding; empty if its text has one."""
+    if isinstance(finding, Incomplete) or (
+        isinstance(finding, NegativeParameters) and "gravity" not in finding.parameters
+    ):
+        return " Run `diagnose`."
+    is_outlier = isinstance(finding, Disagreement) and finding.residual is None
+    return " Leave it out, or find out what was changed." if is_outlier else ""
 
 
 @show_angles("rad")
 def write_identification(identification: Identification) -> JSON:
-    """Return the content of `identify --json`: results and findings, with their texts as `doubts`."""
-    doubts = zip(list_warnings(identification), identification.findings, strict=True)
-    texts = [{"text": text, "withheld": [*finding.withheld]} for text, finding in doubts]
-    return identification.json() | {"doubts": texts}
+    """Return the content of `identify --json`: results, and findings with their texts."""
+    data = identification.json()
+    for entry, text in zip(data["findings"], list_warnings(identification), strict=True):
+        entry["text"] = text
+    return data

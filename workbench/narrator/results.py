@@ -14,7 +14,7 @@ from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.narrator import diagnosis as narration
-from workbench.narrator.findings import FLOOR_SOURCES, describe, measure
+from workbench.narrator.findings import FLOOR_SOURCES, describe, measure, name_treatment
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.tables import (
     tabulate_candidates,
@@ -63,8 +63,7 @@ def narrate_summary(diagnosis: Diagnosis, n_remarks: int | None = REMARKS) -> Pa
         for region in reversed(first.values())
         if narration.describe_region(region) != step
     ]
-    findings = [disagreement.finding for disagreement in diagnosis.disagreements]
-    lines += [f"{describe(finding)} It is not fitted: diagnose it on its own." for finding in findings]
+    lines += [f"{describe(other)} It is not fitted: diagnose it on its own." for other in diagnosis.disagreements]
     lines += [f"note: {remark}" for remark in narration.list_remarks(diagnosis)[:n_remarks]]
     return Part(narration.describe_result(diagnosis), [*lines, f"next: {step}"])
 
@@ -87,7 +86,9 @@ def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:
     parts += narrate_detectable(diagnosis)
     if treatments := tuple(narration.describe_treatment(treatment) for treatment in diagnosis.treatments):
         rows = [
-            (str(tried.treatment.kind), *gate.cells) for tried in diagnosis.treatments for gate in tried.decision.gates
+            (name_treatment(tried.treatment), *gate.cells)
+            for tried in diagnosis.treatments
+            for gate in tried.decision.gates
         ]
         table = TextTable(("treatment", *GATE_HEADERS), rows, left=("gate", "result"))
         parts.append(Part("Treatments of the recordings that were tried", [treatments, table], brief=False))
@@ -156,7 +157,7 @@ def narrate_candidates(candidates: Sequence[Candidate], max_rows: int | None = R
 
 def narrate_disagreements(disagreements: Sequence[Disagreement]) -> list[Part]:
     """Make the part on recordings of a different plant; empty without any."""
-    texts = tuple(describe(disagreement.finding) for disagreement in disagreements)
+    texts = tuple(map(describe, disagreements))
     return [Part("Recordings that disagree", [texts])] if texts else []
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from estimators import Diagnosis, diagnose
-from estimators.findings import Kind
+from estimators.diagnosis.explanation import SmallEffect
 from pendulum_env._typing import JSON
 from pendulum_env.errors import format_error
 from pendulum_env.physics.plugin import describe_fault, load_plugin
@@ -109,7 +109,7 @@ def make_rows(diagnosis: Diagnosis) -> list[JSON]:
     joints, rows = tuple(diagnosis.floors), []
     estimates = [(*_split_joint(name, joints), estimate) for name, estimate in diagnosis.model.readable.items()]
     groups = [(_split_joint(group[0], joints)[0], group) for group in diagnosis.effects]
-    small = [_split_joint(f.effects[0], joints) for f in diagnosis.findings if f.kind is Kind.SMALL_EFFECT]
+    small = [_split_joint(found.effect, joints) for found in diagnosis.findings if isinstance(found, SmallEffect)]
     for joint in joints:
         parameters = {name: estimate for at, name, estimate in estimates if at == joint}
         effects = [[_split_joint(effect, (joint,))[1] for effect in group] for at, group in groups if at == joint]

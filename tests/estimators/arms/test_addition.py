@@ -8,7 +8,7 @@ from scipy.signal import butter, lfilter
 
 from benchmarks.two_link import TwoLink
 from estimators import IdentificationError, add, compare, diagnose, identify
-from estimators.findings import Finding, Kind
+from estimators.schemes.completeness import Incomplete
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
 from tests.two_link import record_arm
@@ -48,8 +48,8 @@ def test_the_hidden_effect_lowers_both_errors_and_its_size_is_found(added):
 
 def test_what_is_missing_at_a_joint_is_warned_of_and_judged_and_nothing_where_nothing_is(body, recording, lacking):
     (finding,) = identify(recording, arm_base(body)).findings
-    assert finding.kind is Kind.INCOMPLETE and finding.joints == ("elbow",)
-    assert 10 <= finding.numbers["residual"].value < 100
+    assert isinstance(finding, Incomplete) and finding.joints == ("elbow",)
+    assert 10 <= finding.noise_ratio < 100
     compared = compare(lacking, recording)
     assert {region.at for region in compared.regions} == {"elbow"}
     whole = record_arm(seed=1)
@@ -80,7 +80,7 @@ def test_an_effect_that_is_not_there_is_objected_to_and_what_cannot_be_added_is_
     assert needless.objection is not None
     assert abs(needless.after.model.estimates["spring.stiffness@shoulder"].value) < 0.02
     chance = add(complete, "torque_offset@shoulder", recording)
-    assert chance.objection == Finding(Kind.BY_CHANCE)
+    assert [gate.name for gate in chance.objection.gates] == ["p_value"]
     steady = replace(recording, temperature=np.full_like(recording.torque, 25.0))
     for run, id, kind, why in (
         (recording, "spring@wrist", ValueError, "unknown joint 'wrist'"),

@@ -12,7 +12,10 @@ from benchmarks.six_joint import Hidden
 from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose
 from estimators.data.fit_data import FitData
-from estimators.findings import Finding, Kind, Verdict
+from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect
+from estimators.diagnosis.treatments import CarriedPayload
+from estimators.diagnosis.unexplained import HeldOutResidual
+from estimators.findings import Verdict
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
@@ -75,7 +78,7 @@ def test_rotors_that_the_robot_file_lacks_are_identified(n):
     joints, lacking = six_joint.JOINTS[2:n], replace(six_joint.body(six_joint.JOINTS[:n]), rotors=False)
     found = diagnose(six_joint.simulate(3, rubs=[1.0] * n, seconds=10.0), (), arm_base(lacking))
     assert set(found.selected) == {f"rotor@{joint}" for joint in joints} and not found.joint_residuals
-    assert found.findings == (Finding(Kind.ROTORS_MISSING, joints=tuple(joints)),) and found.no_experiment is None
+    assert found.findings == (MissingRotors(tuple(joints)),) and found.no_experiment is None
     for joint, value in zip(joints, six_joint.ROTORS[2:], strict=False):
         estimate = found.model[f"rotor@{joint}"]
         assert abs(estimate.value - value) < 4 * estimate.std
@@ -86,13 +89,13 @@ def test_a_missing_rotor_is_a_finding_beside_the_next_step_until_the_user_adds_i
     """Ripple at the elbow stays unexplained."""
     lacking = replace(six_joint.body(six_joint.JOINTS[:3]), rotors=False)
     recording = six_joint.simulate(3, Hidden("cogging", 2, 2.0), rubs=[1.0] * 3, seconds=10.0)
-    missing = Finding(Kind.ROTORS_MISSING, joints=(six_joint.JOINTS[2],))
+    missing = MissingRotors((six_joint.JOINTS[2],))
     first = diagnose(recording, (), arm_base(lacking), only=["rotor"])
     assert missing in first.findings and first.joint_residuals
     second = diagnose(recording, (), first.model.terms, only=["rotor"])
     assert second.findings == () and second.joint_residuals
     for found in (first, second):
-        assert found.no_experiment is not None and found.no_experiment.kind in (Kind.TABLE_HELPS, Kind.NO_EFFECT_OPEN)
+        assert isinstance(found.no_experiment, NoKnownEffect)
 
 
 HEAVY = replace(TwoLink(), mass=(1.2, 1.1), inertia=(0.02, 0.012))  # with 0.3 kg at the forearm's centre of mass
@@ -103,12 +106,12 @@ def test_a_payload_in_some_recordings_is_identified_and_the_arm_is_found_without
     runs = [[record_arm(HEAVY if seed == 4 else TwoLink(), seed=seed) for seed in part] for part in (fitted, unseen)]
     found = diagnose(*runs, arm_base(body), library=SOME)
     (payload,), (tried,) = found.findings, found.treatments
-    assert payload.kind is Kind.PAYLOAD and payload == tried.treatment and tried.is_kept
+    assert isinstance(payload, CarriedPayload) and payload == tried.treatment and tried.is_kept
     assert payload.recordings == ("run 4",) and payload.joints == ("elbow",)
-    mass, place = payload.numbers["mass"], payload.numbers["z"]
+    mass, place = payload.mass, payload.center["z"]
     assert abs(mass.value - 0.3) < 4 * mass.std < 0.01 and abs(place.value + 0.15) < 4 * place.std < 0.01
     for joint in body.joints:
-        assert payload.numbers[f"{joint}.after"].value < 0.1 * payload.numbers[f"{joint}.before"].value
+        assert payload.torque_rms[joint].after.value < 0.1 * payload.torque_rms[joint].before.value
     assert found.selected == () and not found.joint_residuals and found.no_experiment is None
     for name, value in zip(body.names, body.values, strict=True):
         estimate = found.model.estimates[name]
@@ -124,7 +127,7 @@ def test_recordings_that_agree_or_differ_in_friction_show_no_payload(body, frict
         assert not found.joint_residuals and found.no_experiment is None
     else:
         assert set(found.joint_residuals) == set(body.joints)
-        assert found.no_experiment == Finding(Kind.FIT_HELD_OUT, recordings=("run 1",))
+        assert found.no_experiment == HeldOutResidual(("run 1",))
         assert all(region.held_out_recordings == ("run 1",) for region in found.unexplained)
 
 
@@ -136,10 +139,10 @@ def test_a_payload_of_an_arm_of_six_joints_is_identified_beside_an_effect(six, i
     full = replace(six_joint.simulate(2, hidden, seconds=8.0, load=load), name="full")
     fitted, unseen = ([empty], [full]) if is_held_out else ([empty, full], [])
     found = diagnose(fitted, unseen, arm_base(six), library=SOME)
-    payload = next(own for own in found.findings if own.kind is Kind.PAYLOAD)
+    payload = next(own for own in found.findings if isinstance(own, CarriedPayload))
     assert payload.recordings == ("full",) and found.selected == ("cogging@elbow",) and not found.joint_residuals
-    assert payload.numbers["mass"].value == pytest.approx(2.4, rel=0.01)
-    assert [payload.numbers[axis].value for axis in "xyz"] == pytest.approx(load.center, abs=1e-3)
+    assert payload.mass.value == pytest.approx(2.4, rel=0.01)
+    assert [payload.center[axis].value for axis in "xyz"] == pytest.approx(load.center, abs=1e-3)
 
 
 @pytest.mark.slow
@@ -148,7 +151,7 @@ def test_different_payloads_are_identified_each_and_warmer_friction_is_none(six)
     runs = [replace(six_joint.simulate(k, seconds=8.0, load=own), name=f"run {k}") for k, own in ((1, None), (2, load))]
     last = replace(six_joint.simulate(3, seconds=8.0, load=other), name="run 3")
     found = diagnose(runs, last, arm_base(six), library=SOME)
-    masses = {own.recordings: own.numbers["mass"].value for own in found.findings if own.kind is Kind.PAYLOAD}
+    masses = {own.recordings: own.mass.value for own in found.findings if isinstance(own, CarriedPayload)}
     assert masses == {("run 2",): pytest.approx(2.6, rel=0.01), ("run 3",): pytest.approx(1.2, rel=0.01)}
     warm = replace(six_joint.simulate(2, seconds=8.0, rubs=[0.7] * 6), name="warm")
     found = diagnose(runs[:1], warm, arm_base(six), library=SOME)
@@ -194,9 +197,7 @@ def test_a_law_that_no_effect_is_can_be_kept_as_a_table_of_its_joint(six, tmp_pa
     recording = six_joint.simulate(6, Hidden("cable", 2, share=0.6), seconds=12.0)
     found = diagnose(recording, (), arm_base(six), library={"stribeck": Stribeck})
     assert found.selected == () and "elbow" in found.joint_residuals
-    assert found.tables == ("torque_by_angle@elbow",) and found.no_experiment == Finding(
-        Kind.TABLE_HELPS, effects=found.tables
-    )
+    assert found.tables == ("torque_by_angle@elbow",) and found.no_experiment == NoKnownEffect(found.tables)
     assert [one.axis for one in found.unexplained if one.at == "elbow"] == ["position"]
     added = add(found.model, "torque_by_angle@elbow", recording)
     after = error_at("elbow", added.after)
@@ -234,7 +235,7 @@ def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):
         ratio = error_at(joint, added.after) / error_at(joint, added.before)
         assert candidate.error_ratio == pytest.approx(ratio, rel=0.5)  # other windows
         assert candidate.reason.joints == (joint,)
-        assert candidate.reason.numbers["share"].value == candidate.error_ratio
+        assert candidate.reason.ratio == candidate.error_ratio
 
 
 def test_shape_parameters_have_standard_errors_that_cover_the_truth_and_are_kept(body, tmp_path):

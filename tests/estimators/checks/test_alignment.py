@@ -8,12 +8,11 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, random_case
-from estimators.checks.alignment import Alignment
+from estimators.checks.alignment import Alignment, TorqueTiming
 from estimators.checks.channel import estimate_alignment, estimate_alignments
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Kind
 from estimators.signals.channel import Channel
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
@@ -54,7 +53,7 @@ def test_torque_that_is_logged_late_is_found_to_a_fifth_of_a_sample(excitation, 
     assert found.lag == 0
     assert found.delay == pytest.approx(1e-3 * samples, abs=2e-4)
     assert 0 < found.delay_std < 1e-4
-    assert found.finding.kind is Kind.TORQUE_LATE and found.finding.numbers["delay"].value == found.delay
+    assert found.finding.is_late and found.finding.delay.value == found.delay
 
 
 @pytest.mark.parametrize("rate", [100.0, 130.0])
@@ -76,16 +75,15 @@ def test_torque_that_is_logged_through_a_filter_is_found_where_it_steps(time_con
     assert found.is_late
     assert found.delay == 0
     assert found.lag == pytest.approx(time_constant, rel=0.05)
-    assert found.finding.numbers.keys() == {"lag"}
+    assert found.finding.delay is None and found.finding.lag is not None
 
 
 def test_slow_torque_does_not_tell_a_filter_from_a_delay_and_both_are_said():
-    numbers = estimate_alignment([logged_filtered(run("two_tone", 1000.0), 0.003)]).finding.numbers
-    (lag,) = (number.value for name, number in numbers.items() if name.endswith("lag"))
-    (delay,) = (number.value for name, number in numbers.items() if name.endswith("delay"))
-    assert any(name.startswith("rival") for name in numbers)
-    assert lag == pytest.approx(0.003, abs=2e-4)
-    assert delay == pytest.approx(0.0025, abs=2e-4)  # of the filter, from sample to sample
+    finding = estimate_alignment([logged_filtered(run("two_tone", 1000.0), 0.003)]).finding
+    assert (finding.rival_lag is None) != (finding.rival_delay is None)
+    lag, delay = finding.lag or finding.rival_lag, finding.delay or finding.rival_delay
+    assert lag.value == pytest.approx(0.003, abs=2e-4)
+    assert delay.value == pytest.approx(0.0025, abs=2e-4)  # of the filter, from sample to sample
 
 
 def test_a_delay_and_a_filter_are_found_together():
@@ -129,7 +127,11 @@ def test_held_torque_that_is_late_by_less_than_a_controller_makes_it_was_not_sam
     found = estimate_alignment(
         [replace(arm, position=CubicSpline(arm.time, arm.position)(arm.time + share / 250.0))], arm_base(body())
     )
-    assert found.finding.kind is Kind.TORQUE_LATE and found.delay == pytest.approx(share / 250.0, abs=0.05 / 250.0)
+    assert (
+        found.finding.is_late
+        and not found.finding.is_sampled
+        and found.delay == pytest.approx(share / 250.0, abs=0.05 / 250.0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -151,7 +153,7 @@ def test_a_drive_with_a_dead_time_is_the_law_of_a_log_that_is_ahead_and_both_are
     assert found.is_found
     assert not found.is_late
     assert found.delay == pytest.approx(-0.012, abs=2e-4)
-    assert found.finding.kind is Kind.ACTS_LATE
+    assert not found.finding.is_late
     assert found.apply(recording) is recording  # the drive is part of the plant
 
 
@@ -174,7 +176,7 @@ def test_a_log_of_every_few_samples_of_a_controller_holds_torque_that_was_sample
     fast, every = run("pd_loop", 500.0), 10
     slow_log = every_few(fast, every)
     found = estimate_alignment([slow_log])
-    assert found.channel.is_sampled and found.json()["sampled"] and found.finding.kind is Kind.TORQUE_SAMPLED
+    assert found.channel.is_sampled and found.json()["sampled"] and found.finding.is_sampled
     assert found.delay == pytest.approx((every - 1) * 0.001, abs=3e-4)  # half a sample, less that of the controller
     assert not estimate_alignment([fast]).is_late
     rubs = run("pd_loop", 500.0, load_dependent_friction={"load_out": 0.5})  # gears that rub under load
@@ -192,7 +194,7 @@ def test_sampled_torque_is_late_by_half_a_sample_though_that_hardly_helps_to_pre
     noisy = replace(fast, torque=fast.torque + np.random.default_rng(0).normal(0.0, 0.3, len(fast)))
     found = estimate_alignment([every_few(noisy, 10)])
     assert found.channel == Channel(0.005, 0.0, True) and found.is_half_sample
-    assert found.finding == Finding(Kind.TORQUE_SAMPLED)
+    assert found.finding == TorqueTiming(is_late=True, is_sampled=True)
     other = every_few(noisy, 5)  # of another period
     np.testing.assert_array_equal(
         found.apply(other).torque, Alignment(Channel(0.0025, 0.0, True), 1e-9, 0.0).apply(other).torque

@@ -7,10 +7,9 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import identify
-from estimators.checks.closed_loop import find_feedback, is_consistent
+from estimators.checks.closed_loop import Feedback, find_feedback, is_consistent
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
-from estimators.findings import Kind
 from estimators.weak_form.floors import compute_noise_floor
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import BASE, simulate
@@ -30,16 +29,16 @@ def test_a_controller_is_told_with_the_gain_by_which_it_answers():
     recording = run("pd_loop")
     (found,) = find_feedback([recording])
     # 12 N m/rad, and 1.2 N m s/rad on a velocity filtered at 30 Hz, of which a sample passes 1 - exp(-2 pi 30 / 500)
-    assert found.numbers["gain"].value == pytest.approx(-(12 + 1.2 * 500 * 0.314), rel=0.2)
-    assert found.kind is Kind.FEEDBACK and found.recordings == ("run 1",)
-    assert any(own.kind is Kind.FEEDBACK for own in identify([recording]).findings)
+    assert found.gain.value == pytest.approx(-(12 + 1.2 * 500 * 0.314), rel=0.2)
+    assert isinstance(found, Feedback) and found.recordings == ("run 1",)
+    assert any(isinstance(own, Feedback) for own in identify([recording]).findings)
 
 
 def test_recordings_of_one_controller_are_one_finding():
     recordings = [replace(run("pd_loop"), name="first"), replace(run("pd_loop"), name="second"), run(PLANNED[0])]
     (found,) = find_feedback(recordings)
     assert found.recordings == ("first", "second")
-    assert found.numbers == find_feedback(recordings[:1])[0].numbers
+    assert found.gain == find_feedback(recordings[:1])[0].gain
 
 
 @pytest.mark.parametrize("excitation", PLANNED)

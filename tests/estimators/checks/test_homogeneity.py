@@ -9,13 +9,13 @@ from benchmarks.independent_plant import Experiment, Plant, random_case, simulat
 from estimators import compare, identify
 from estimators.checks.homogeneity import (
     ComparedParameters,
+    Disagreement,
     RecordingFit,
     find_disagreements,
     find_misfits,
     fit_each_recording,
     pool_fits,
 )
-from estimators.findings import Kind
 from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, effect
 from pendulum_env.recording import Recording
@@ -59,7 +59,7 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
     assert np.isfinite(pool_fits([make_recording(1, 1.0), make_recording(2, 1.0)]).theta).all()
     assert find_disagreements([make_recording(1, 1.0), make_recording(2, 1.0), make_recording(3, 1.0)]) == ()
     assert [
-        one.recording
+        one.number
         for one in find_disagreements([make_recording(1, 1.0), make_recording(2, 1.0), make_recording(3, 2.0)])
     ] == [3]
 
@@ -68,13 +68,13 @@ def test_recordings_that_tell_a_sum_alone_are_compared_by_that():
 def test_the_one_recording_with_a_heavier_payload_is_named_and_measured(heavier):
     plants = [HEAVIER if j == heavier else PLANT for j in range(3)]
     (one,) = find_disagreements(fit_each_recording([prepare_windows(recorded(plants))], BASE))
-    assert (one.recording, one.name, len(one.others)) == (heavier + 1, f"run {heavier}", 2)
+    assert (one.number, one.recording, len(one.others)) == (heavier + 1, f"run {heavier}", 2)
     differences = {d.parameter: d for d in one.differences}
     assert differences.keys() == {"inertia", "gravity"}
     for difference in differences.values():
         assert difference.value / difference.others == pytest.approx(1.1, abs=0.01)
         assert abs(difference.value - 1.1 * difference.others) < 4 * difference.std + 0.005 * difference.others
-    assert one.finding.kind is Kind.OUTLIER_RECORDING and one.finding.recordings[0] == f"run {heavier}"
+    assert not one.is_turned and one.torque_factor is None and one.recording == f"run {heavier}"
 
 
 @pytest.mark.slow
@@ -83,12 +83,12 @@ def test_a_missing_effect_is_found_beside_another_payload():
     runs = recorded([replace(plant, effects=hidden) for plant in (PLANT, HEAVIER, PLANT)])
     found = diagnosed(runs, only=("quadratic_drag", "stribeck", "gravity_tilt"))
     assert found.selected == ("quadratic_drag",)
-    assert [one.recording for one in found.disagreements] == [2]
+    assert [one.number for one in found.disagreements] == [2]
 
 
 def test_a_held_out_recording_may_disagree_too():
     (one,) = diagnosed(recorded([PLANT]), recorded([PLANT, HEAVIER])[1:], only=["stribeck"]).disagreements
-    assert (one.recording, one.others) == (2, ("run 0",))
+    assert (one.number, one.others) == (2, ("run 0",))
 
 
 def test_what_is_no_other_plant_is_not_told():
@@ -124,9 +124,9 @@ def test_a_recording_whose_torque_is_turned_round_is_named_whatever_else_is_miss
     runs = recorded([plant] * 2)
     runs[which] = turned(runs[which])
     (one,) = find_disagreements(fit_each_recording([prepare_windows(runs)], BASE), only_if_all_fit=True)
-    assert (one.recording, one.others) == (which + 1, (f"run {1 - which}",))
-    assert one.kind is Kind.TURNED_ROUND
-    assert one.finding in identify(runs, schemes="energy").findings
+    assert (one.number, one.others) == (which + 1, (f"run {1 - which}",))
+    assert one.is_turned
+    assert one in identify(runs, schemes="energy").findings
     alike = [turned(run) for run in recorded([plant] * 2)]
     assert find_disagreements(fit_each_recording([prepare_windows(alike)], BASE), only_if_all_fit=True) == ()
 
@@ -135,8 +135,8 @@ def test_a_torque_in_other_units_is_told_from_another_plant():
     runs = recorded([PLANT] * 3)
     runs[1] = replace(runs[1], torque=2 * runs[1].torque)
     (one,) = find_disagreements(fit_each_recording([prepare_windows(runs)], BASE), only_if_all_fit=True)
-    assert one.recording == 2
-    assert one.kind is Kind.SCALED_TORQUE and one.numbers["factor"].value == pytest.approx(2, rel=1e-3)
+    assert one.number == 2
+    assert one.torque_factor == pytest.approx(2, rel=1e-3)
 
 
 @pytest.mark.slow
@@ -144,8 +144,8 @@ def test_a_recording_that_no_parameters_fit_is_named_beside_good_ones():
     runs = recorded([PLANT] * 3)
     runs[2] = replace(runs[2], position=runs[2].position + 0.3)  # of another encoder zero
     found = identify(runs, schemes="energy").findings
-    assert [own.recordings[0] for own in found if own.kind is Kind.MISFIT] == ["run 2"]
-    assert compare(identify(runs[:2], schemes="energy")["energy"].model, runs).disagreements[0].name == "run 2"
+    assert [own.recording for own in found if isinstance(own, Disagreement) and own.residual is not None] == ["run 2"]
+    assert compare(identify(runs[:2], schemes="energy")["energy"].model, runs).disagreements[0].recording == "run 2"
     assert identify(runs[:2], schemes="energy").findings == ()
 
 
@@ -154,7 +154,7 @@ def test_comparison_names_the_recordings_of_another_plant_than_the_models():
     model = identify(first, schemes="filtered_dynamic")["filtered_dynamic"].model
     found = compare(model, others)
     (one,) = found.disagreements
-    assert (one.recording, one.name, one.others) == (2, "run 2", ())
+    assert (one.number, one.recording, one.others) == (2, "run 2", ())
     assert {d.parameter for d in one.differences} == {"inertia", "gravity"}
     rubbing = recorded([RUBBING] * 3)  # what lacks an effect is of no other plant
     assert compare(identify(rubbing[0], schemes="energy")["energy"].model, rubbing).disagreements == ()

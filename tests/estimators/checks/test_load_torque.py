@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.remedies import find_wrong_columns
+from estimators.checks.torque_constant import UnknownConstant
 from estimators.comparison import compare
-from estimators.findings import Kind
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, KnownLoad, Model, effect
@@ -106,7 +106,9 @@ def test_a_load_torque_of_the_wrong_sign_is_refused_where_a_current_was_logged()
     run = in_amperes(brake(seconds=10.0))
     found = identify([replace(run, load_torque=-run.load_torque)], schemes=["dynamic"])
     assert found.torque_constant is None
-    assert any(own.kind is Kind.CONSTANT_NEGATIVE and own.parameters for own in found.findings)
+    assert any(
+        isinstance(own, UnknownConstant) and own.constant is not None and own.by_load_torque for own in found.findings
+    )
 
 
 def test_the_opposite_sign_of_a_load_torque_is_reported(tmp_path):

@@ -2,8 +2,7 @@
 
 import pytest
 
-from estimators.checks.signs import find_driving_friction
-from estimators.findings import Finding, Kind
+from estimators.checks.signs import NegativeParameters, find_driving_friction
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.physics.table import FrictionBySpeed
 
@@ -22,4 +21,4 @@ from pendulum_env.physics.table import FrictionBySpeed
 )
 def test_friction_that_surely_drives_is_said_whatever_else_outweighs_it(terms, theta, std, told):
     found = find_driving_friction(Model.build(terms, [0.1, *theta], [0.01, 0.01, 0.01, std, *theta[3:]]))
-    assert found == ([Finding(Kind.FRICTION_NEGATIVE, parameters=tuple(told.split()))] if told else [])
+    assert found == ([NegativeParameters(tuple(told.split()))] if told else [])

@@ -8,11 +8,10 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.channel import estimate_alignment
-from estimators.checks.torque_constant import estimate_torque_constant, find_gain_doubts
+from estimators.checks.torque_constant import GearLosses, UnknownConstant, estimate_torque_constant, find_gain_doubts
 from estimators.comparison import compare
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.addition import add
-from estimators.findings import Kind
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
@@ -108,8 +107,8 @@ def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():
     always = replace(run, torque=np.sign(np.gradient(run.position)), torque_unit="V")
     model = Model.build(BASE, list(UNLOADED.values()))
     one_number, back_emf = find_gain_doubts(model, TorqueConstant(0.5, 0.01, "V", 2), prepare_windows([always]))
-    assert one_number.kind is Kind.GEAR_LOSS_UNKNOWN and one_number.numbers["share"].value == 1.0
-    assert back_emf.numbers["back_emf"].value == pytest.approx(0.3)  # 0.15 N m s/rad of viscous friction over 0.5 N m/V
+    assert isinstance(one_number, GearLosses) and one_number.share.value == 1.0
+    assert back_emf.constant.value == pytest.approx(0.3)  # 0.15 N m s/rad of viscous friction over 0.5 N m/V
     assert find_gain_doubts(model, TorqueConstant(0.5, 0.01, "A", 2), prepare_windows([run])) == []
 
 
@@ -134,11 +133,11 @@ def test_standard_errors_of_the_torque_constant_are_honest():
 def test_without_loads_that_differ_all_is_in_amperes_and_a_finding_says_why():
     one, other = (replace(recording, load=LOADS[3]) for recording in bench(loads=(LOADS[3],), seed=0)[:1] * 2)
     for runs, why in (
-        ([one, other], Kind.LOADS_EQUAL),
-        ([replace(one, load=None)], Kind.LOADS_UNKNOWN),
+        ([one, other], UnknownConstant("A", loads=1)),
+        ([replace(one, load=None)], UnknownConstant("A", loads=0)),
     ):
         found = identify(runs)
-        assert estimate_torque_constant(runs).kind is why and why in [finding.kind for finding in found.findings]
+        assert estimate_torque_constant(runs) == why and why in found.findings
         assert found.torque_constant is None and found.torque_unit == "A"
         for result in found.schemes.values():
             assert [e.unit for e in result.model.estimates.values()] == ["A s^2", "A", "A s/rad", "A"]
@@ -151,14 +150,15 @@ def test_without_loads_that_differ_all_is_in_amperes_and_a_finding_says_why():
 def test_what_tells_no_torque_constant_is_said():
     light, heavy = runs = bench(loads=(LOADS[0], LOADS[6]))
     still = replace(heavy, position=np.zeros(len(heavy)), velocity=None)
-    assert estimate_torque_constant([light, still]).kind is Kind.ONE_LOAD_MOVED
+    assert estimate_torque_constant([light, still]) == UnknownConstant("A", loads=2, moved=1)
     more = estimate_torque_constant([*runs, replace(still, load=LOADS[3])])
     assert more.value == pytest.approx(estimate_torque_constant(runs).value, rel=1e-3)
     barely = Load(LOADS[3].inertia + 1e-5, LOADS[3].gravity + 1e-3)
     first, second = bench(loads=(LOADS[3], LOADS[3]))
-    assert estimate_torque_constant([first, replace(second, load=barely)]).kind is Kind.CONSTANT_UNCERTAIN
+    uncertain = estimate_torque_constant([first, replace(second, load=barely)])
+    assert isinstance(uncertain, UnknownConstant) and uncertain.inverse is not None
     turned = estimate_torque_constant([replace(run, torque=-run.torque) for run in runs])
-    assert turned.kind is Kind.CONSTANT_NEGATIVE and turned.numbers["torque_constant"].value < 0
+    assert isinstance(turned, UnknownConstant) and turned.constant.value < 0
     with pytest.raises(IdentificationError, match="torque is in A in load 0 and in N m in load 1: read all recordings"):
         identify([light, replace(heavy, torque_unit="N m")])
 

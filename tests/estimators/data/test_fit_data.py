@@ -11,7 +11,6 @@ from estimators import align
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion, TimingLimits
-from estimators.findings import Kind
 from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording, write_recording
@@ -36,7 +35,7 @@ def test_each_recording_is_timed_by_itself_where_they_differ():
     in_time, behind = mixed().timing.alignments
     assert not in_time.is_found and behind.delay == pytest.approx(LATE / mixed().recordings[1].rate, rel=0.05)
     (finding,) = mixed().timing.find(is_late=True)
-    assert finding.recordings == ("moving, late",) and finding.kind is Kind.TORQUE_LATE
+    assert finding.recordings == ("moving, late",) and finding.is_late and not finding.is_corrected
 
 
 def test_held_out_recordings_tell_the_timing_of_the_log_too():
@@ -52,7 +51,7 @@ def test_align_corrects_recordings_and_files_as_a_diagnosis_does(tmp_path):
     for given in ([late(good), late(good.slice(0, 4000))], str(tmp_path / "late.csv")):
         found = align(given)
         assert all(law.delay == pytest.approx(LATE / good.rate, rel=0.05) for law in found.alignments)
-        assert [finding.kind for finding in found.findings] == [Kind.TORQUE_LATE_CORRECTED] and "late" in str(found)
+        assert [finding.is_corrected for finding in found.findings] == [True] and "late" in str(found)
         error = np.abs(found.recordings[0].torque - good.torque[: len(found.recordings[0])])
         assert error.max() < 0.05 * np.abs(late(good).torque - good.torque).max()
     assert str(align(good)) == "Torque and motion are in time."

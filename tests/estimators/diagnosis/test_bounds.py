@@ -9,7 +9,8 @@ from benchmarks.independent_plant import Plant
 from estimators import diagnose
 from estimators.data.fits import fit_terms, fit_within_laws
 from estimators.data.regression_data import RegressionData
-from estimators.findings import Finding, Kind
+from estimators.diagnosis.conclusion import NoKnownEffect
+from estimators.diagnosis.ranking import Imitation
 from estimators.weak_form.columns import list_bounds
 from pendulum_env.physics import BASE
 from pendulum_env.physics.limits import limit_term, release_term
@@ -133,7 +134,7 @@ def test_a_spring_that_pulls_is_a_spring_and_the_offset_that_is_part_of_it_is_re
     assert found.selected == ("spring",)
     assert found.model.estimates["spring.stiffness"].value == pytest.approx(0.02, abs=0.001)
     offset = next(one for one in found.candidates if one.effect == "torque_offset")
-    assert offset.verdict == "rejected" and offset.reason == Finding(Kind.IMITATES, effects=("spring",))
+    assert offset.verdict == "rejected" and offset.reason == Imitation("spring")
 
 
 SMALL, LARGE = ({"excitation": "filtered_noise", "scale": scale, "torque_noise": 0.002} for scale in (0.08, 0.15))
@@ -161,7 +162,7 @@ def test_a_cable_is_a_torque_by_angle_where_gravity_is_known_to_be_none(seed, se
     found = diagnose(runs[:1], runs[1:], fixed={"gravity": 0.0})
     assert found.selected == () and found.tables == ("torque_by_angle",)
     assert found.model.estimates["gravity"].value == 0
-    assert Finding(Kind.TABLE_HELPS, effects=("torque_by_angle",)) in (*found.findings, found.no_experiment)
+    assert NoKnownEffect(("torque_by_angle",)) in (*found.findings, found.no_experiment)
 
 
 def test_a_known_value_is_kept_to_the_last_digit_so_that_it_violates_no_bound():

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators.findings import Kind
+from estimators.diagnosis.caveats import PartOfTurn
 from tests.cases import diagnosed, recorded
 from tests.motions import record_motion
 
@@ -20,11 +20,11 @@ def test_gravity_is_conditional_where_an_effect_of_the_angle_is_seen_over_part_o
         found[np.ptp(run.position) > 2 * np.pi] = diagnosed([run], only=["spring", "cogging", "stribeck"])
     assert all(one.selected == ("spring",) for one in found.values())
     caveats = {
-        is_whole: [own for own in one.findings if own.kind is Kind.PART_OF_TURN] for is_whole, one in found.items()
+        is_whole: [own for own in one.findings if isinstance(own, PartOfTurn)] for is_whole, one in found.items()
     }
     assert not caveats[True]
     (caveat,) = caveats[False]
-    assert caveat.effects == ("spring",) and 0.5 < caveat.numbers["angle"].value < 2 * np.pi
+    assert caveat.effects == ("spring",) and 0.5 < caveat.angle.value < 2 * np.pi
 
 
 @pytest.mark.parametrize("torque", [lambda q: 0.15 * q**3, lambda q: 0.2 * q * np.abs(q)], ids=["hardening", "hose"])

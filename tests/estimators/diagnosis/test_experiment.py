@@ -8,10 +8,10 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.data.split import split_recordings
-from estimators.diagnosis.experiment import SAFE_SHARE, ExperimentLimits, suggest_experiment
+from estimators.diagnosis.experiment import SAFE_SHARE, BeyondLimits, ExperimentLimits, suggest_experiment
 from estimators.diagnosis.questions import Question, make_typical_effect
 from estimators.diagnosis.suggestion import Aim, Suggestion
-from estimators.findings import Finding, Kind, Verdict
+from estimators.findings import Finding, Verdict
 from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region
 from pendulum_env.physics import BASE, effects
@@ -123,7 +123,7 @@ def test_an_experiment_goes_where_most_is_left(evidence):
             less, _ = tried(place, **{name: most[name]})
             assert less is None or {"angle": max(map(abs, less.reach)), "speed": less.peak_speed}[name] <= most[name]
     found, forbidden = tried(high + 2.0)
-    assert found is None and forbidden.numbers["place"].value == pytest.approx(high + 2.0)
+    assert found is None and forbidden.place.value == pytest.approx(high + 2.0)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,7 @@ def test_limits_that_leave_no_experiment_are_said(limits, given):
     recording, _ = first("a spring at small angles")
     found = diagnosed([recording], **limits)
     assert found.suggestion is None and found.inseparable == ()
-    assert found.no_experiment.kind is Kind.BEYOND_LIMITS and found.no_experiment.pairs == (("spring", "gravity"),)
-    assert {name: found.no_experiment.numbers[name].value for name in given} == given
-    assert limits or found.no_experiment.numbers.keys() == {"torque"}  # unless asked, it stays within what was recorded
+    assert isinstance(found.no_experiment, BeyondLimits) and found.no_experiment.aims == (Aim("spring", "gravity"),)
+    assert {name: found.no_experiment.limits[name].value for name in given} == given
+    assert limits or found.no_experiment.limits.keys() == {"torque"}  # unless asked, it stays within what was recorded
     assert first("a spring at small angles")[1].no_experiment is None

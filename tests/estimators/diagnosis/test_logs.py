@@ -7,9 +7,12 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import align, identify
+from estimators.checks.alignment import TorqueTiming
+from estimators.checks.remedies import WrongColumn
 from estimators.data.model_errors import compute_errors
 from estimators.data.split import add_contacts, make_contact_finder, split_recordings
-from estimators.findings import Kind
+from estimators.diagnosis.caveats import FewWindows
+from estimators.diagnosis.untested import UntestedRange
 from estimators.selection.evidence import Evidence
 from estimators.weak_form.contacts import count_contacts
 from estimators.weak_form.floors import compute_noise_floor
@@ -18,8 +21,6 @@ from pendulum_env.physics import BASE, Term, effect
 from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import BLOW, CASES, DRAG_AND_TILT, THETA, WALLS, diagnosed, make_plain_model, recorded, recording
-
-TIMING = {Kind.TORQUE_LATE, Kind.TORQUE_LATE_CORRECTED, Kind.ACTS_LATE}
 
 
 @pytest.mark.slow
@@ -38,9 +39,9 @@ def test_torque_that_is_logged_a_sample_late_is_corrected_and_becomes_no_effect(
     assert found.selected == tuple(CASES[name].hidden)
     assert found.unexplained == ()
     assert found.alignments[0].delay == pytest.approx(1 / good.rate, rel=0.1)
-    assert found.findings[0].kind is Kind.TORQUE_LATE_CORRECTED
-    assert any(own.kind is Kind.TORQUE_LATE for own in identify([late], effects_of(name)).findings)
-    assert not any(own.kind in TIMING for own in identify([good], effects_of(name)).findings)
+    assert found.findings[0].is_corrected
+    assert any(isinstance(own, TorqueTiming) and own.is_late for own in identify([late], effects_of(name)).findings)
+    assert not any(isinstance(own, TorqueTiming) for own in identify([good], effects_of(name)).findings)
 
 
 @pytest.mark.slow
@@ -63,7 +64,7 @@ def test_friction_with_a_state_that_looks_like_late_torque_is_told_from_it():
     found = diagnosed("bristles 1", "bristles 2")
     assert found.selected == ("presliding",)
     assert not any(one.is_found for one in found.alignments)
-    assert not any(own.kind in TIMING for own in found.findings)
+    assert not any(isinstance(own, TorqueTiming) for own in found.findings)
     late = [replace(r, time=r.time[8:], position=r.position[8:], torque=r.torque[:-8]) for r in runs]
     assert [one.delay for one in diagnosed(late[:1], late[1:]).alignments] == pytest.approx([0.008] * 2, abs=5e-4)
 
@@ -75,10 +76,10 @@ def effects_of(name: str) -> tuple[Term, ...]:
 def test_torque_of_the_other_sign_is_told():
     r = recording("paper's encoder")
     turned = Recording(r.time, r.position, -r.torque, name="turned")
-    assert any(own.kind is Kind.INERTIA_NEGATIVE for own in identify([turned]).findings)
+    assert any(isinstance(own, WrongColumn) and own.inertia is not None for own in identify([turned]).findings)
     found = diagnosed([turned])
     assert found.selected == ()
-    assert found.unexplained[0].cause.kind is Kind.INERTIA_NEGATIVE
+    assert found.unexplained[0].cause.column == "torque"
 
 
 @pytest.mark.slow
@@ -87,8 +88,8 @@ def test_of_a_damped_stop_to_one_side_the_other_side_is_left_open():
     assert found.selected == ("hard_stop",) and "hard_stop.upper" not in found.model.estimates
     truth = {"hard_stop.stiffness": 60.0, "hard_stop.lower": -0.9, "hard_stop.damping_time": 0.3 / 60.0}
     assert {name: found.model.estimates[name].value for name in truth} == pytest.approx(truth, rel=0.03)
-    (untested,) = (own for own in found.findings if own.kind is Kind.UNTESTED_RANGE)
-    assert untested.numbers["high"].value == pytest.approx(recording("lower stop").position.max(), abs=0.02)
+    (untested,) = (own for own in found.findings if isinstance(own, UntestedRange))
+    assert untested.high.value == pytest.approx(recording("lower stop").position.max(), abs=0.02)
 
 
 def test_actions_drawn_at_random_raise_no_alarm():
@@ -143,7 +144,7 @@ def test_the_ringing_of_a_transmission_is_followed_into_the_end_that_is_held_out
 def test_half_a_second_of_motion_is_diagnosed_with_a_caveat_and_nothing_is_named():
     found = diagnosed("short")
     assert found.selected == ()
-    assert any(own.kind is Kind.FEW_STRETCHES for own in found.findings)
+    assert any(isinstance(own, FewWindows) for own in found.findings)
 
 
 def test_a_recording_without_motion_changes_nothing_beside_a_good_one():

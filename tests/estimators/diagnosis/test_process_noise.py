@@ -7,8 +7,9 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose, identify
-from estimators.findings import Finding, Kind
-from estimators.selection.process_noise import bound_hidden_effect, compute_white_p_values
+from estimators.findings import Finding
+from estimators.schemes.completeness import Incomplete
+from estimators.selection.process_noise import UnloggedTorque, bound_hidden_effect, compute_white_p_values
 from pendulum_env.recording import Recording
 from tests import slow
 
@@ -26,7 +27,7 @@ def swing(seed: int, noise: float, rate: float = 100.0, hidden: float = 0.0, **e
 
 
 def find_noise(findings: Sequence[Finding]) -> list[Finding]:
-    return [finding for finding in findings if finding.kind is Kind.NOISE_NOT_LOGGED]
+    return [finding for finding in findings if isinstance(finding, UnloggedTorque)]
 
 
 @pytest.mark.parametrize("seed", slow.but_first([1, 2, 3]))
@@ -36,8 +37,8 @@ def test_white_noise_of_the_torque_that_is_not_logged_is_no_missing_effect(seed)
     assert found.evidence.residuals.relative_rms(found.model.terms) > 2.5
     assert found.selected == () and not found.unexplained
     (noise,) = find_noise(found.findings)
-    assert noise.numbers["torque"].value == pytest.approx(0.15, rel=0.1)
-    assert 0.0 < noise.numbers["hidden"].value < 0.1
+    assert noise.torque.value == pytest.approx(0.15, rel=0.1)
+    assert 0.0 < noise.hidden.value < 0.1
     for name, value in PLANT.items():
         own = found.model.estimates[name]
         assert abs(own.value - value) < 4 * own.std and not own.is_biased
@@ -46,13 +47,13 @@ def test_white_noise_of_the_torque_that_is_not_logged_is_no_missing_effect(seed)
 def test_identify_reports_noise_that_is_not_logged_and_trusts_its_estimates():
     results = identify([swing(2, 0.15)])
     (noise,) = results.findings
-    assert find_noise([noise]) and noise.numbers["torque"].value == pytest.approx(0.15, rel=0.1)
+    assert find_noise([noise]) and noise.torque.value == pytest.approx(0.15, rel=0.1)
     assert not any(own.is_biased for result in results.values() for own in result.model.estimates.values())
 
 
 def test_more_recordings_show_an_effect_of_half_the_noise_of_a_window():
     results = identify([swing(seed, 0.15, hidden=0.04) for seed in range(2, 12)])  # windows average 0.15 N m to 0.08
-    assert [finding.kind for finding in results.findings] == [Kind.INCOMPLETE]
+    assert [type(finding) for finding in results.findings] == [Incomplete]
     assert all(own.is_biased for result in results.values() for own in result.model.estimates.values())
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose
-from estimators.findings import Kind
+from estimators.diagnosis.explanation import SmallEffect
 from pendulum_env.recording import Recording
 from tests.cases import recorded
 
@@ -19,10 +19,10 @@ def test_a_significant_effect_below_the_noise_is_a_finding(is_hidden):
     fitted, held_out = (Recording(run.time, run.position, run.torque) for run in runs)
     found = diagnose(fitted, held_out, only=["stribeck", "cogging"])
     assert not found.selected
-    small = [own for own in found.findings if own.kind is Kind.SMALL_EFFECT]
+    small = [own for own in found.findings if isinstance(own, SmallEffect)]
     assert [own.effects for own in small] == ([("stribeck",)] if is_hidden else [])
     for own in small:
-        assert 0 < own.numbers["share"].value < own.numbers["least"].value and own.numbers["p_value"].value < 0.01
+        assert 0 < own.share < own.least and own.p_value < 0.01
 
 
 def sweep(begin: float) -> np.ndarray:

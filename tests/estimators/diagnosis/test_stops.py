@@ -9,7 +9,9 @@ from benchmarks.two_link import TwoLink
 from estimators import diagnose
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import make_contact_finder, split_at_contacts
-from estimators.findings import Kind
+from estimators.data.standard_errors import StiffStop
+from estimators.diagnosis.contacts import Contact
+from estimators.diagnosis.untested import UntestedRange
 from estimators.weak_form.contacts import count_contacts
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import arm_base
@@ -57,7 +59,7 @@ def test_an_arm_that_stands_on_its_stop_has_one_where_it_rests(stiffness):
         assert estimates["hard_stop.stiffness"].value == pytest.approx(stiffness, rel=0.1)
     else:
         assert estimates["hard_stop.stiffness"].is_unknown
-        assert [own.effects for own in found.findings if own.kind is Kind.STIFF_STOP] == [("hard_stop",)]
+        assert [own.effect for own in found.findings if isinstance(own, StiffStop)] == ["hard_stop"]
     assert estimates["inertia"].value == pytest.approx(INERTIA, rel=0.04)
 
 
@@ -71,8 +73,8 @@ def test_an_arm_that_stands_on_its_stop_before_it_moves_has_no_payload_change():
     run = recorded(Plant(**ARM, coulomb=0.15, effects=wall), experiment, commands=[command])[0]
     found = diagnosed([run], only=FEW)
     assert set(found.selected) <= {"hard_stop"} and found.ambiguous == () and found.unexplained == ()
-    place = {own.kind: own.numbers["angle"].value for own in found.findings if "angle" in own.numbers}
-    assert place.get(Kind.CONTACT, place.get(Kind.STIFF_STOP)) == pytest.approx(-STOP, abs=0.01)
+    place = {type(own): own.angle.value for own in found.findings if isinstance(own, Contact | StiffStop)}
+    assert place.get(Contact, place.get(StiffStop)) == pytest.approx(-STOP, abs=0.01)
     for name, value in (ARM | {"coulomb": 0.15}).items():
         own = found.model.estimates[name]
         assert abs(own.value - value) < max(4 * own.std, 0.01 * value), name
@@ -134,11 +136,11 @@ def test_a_limit_that_is_met_once_is_a_contact_and_no_effect(upper, seed):
     (met,) = np.flatnonzero(np.diff((run.position > upper).astype(int)) == 1)
     found = diagnosed([run], only=FEW)
     assert found.selected == () and found.model.estimates["inertia"].value == pytest.approx(INERTIA, rel=0.01)
-    (contact,) = [own for own in found.findings if own.kind is Kind.CONTACT]
-    assert contact.numbers["angle"].value == pytest.approx(upper, abs=0.05) and contact.numbers["count"].value == 1
-    assert contact.numbers["time"].value == pytest.approx(run.time[met], abs=0.2)
+    (contact,) = [own for own in found.findings if isinstance(own, Contact)]
+    assert contact.angle.value == pytest.approx(upper, abs=0.05) and contact.count == 1
+    assert contact.time.value == pytest.approx(run.time[met], abs=0.2)
     without = diagnosed([free], only=FEW)
-    assert without.selected == () and Kind.CONTACT not in {own.kind for own in without.findings}
+    assert without.selected == () and not any(isinstance(own, Contact) for own in without.findings)
 
 
 LINK = TwoLink(viscous=(0.3, 0.1), coulomb=(0.4, 0.15))
@@ -175,19 +177,19 @@ def test_a_joint_of_an_arm_that_stands_on_its_stop_is_a_contact(tmp_path, goal, 
     (tmp_path / "arm.urdf").write_text(LINK.urdf())
     base = arm_base(read_body(tmp_path / "arm.urdf"))
     found = diagnose(two_links(2, goal, limits), (), base, only=["hard_stop", "spring"])
-    contacts = [own for own in found.findings if own.kind is Kind.CONTACT]
+    contacts = [own for own in found.findings if isinstance(own, Contact)]
     assert (
         found.selected == ()
         and not found.joint_residuals
         and [own.joints for own in contacts] == [("elbow",)] * bool(limits)
     )
-    reasons = {own.effect: own.reason.kind for own in found.candidates}
-    assert reasons["hard_stop@shoulder"] is Kind.NOT_TESTED
-    assert reasons["hard_stop@elbow"] is (Kind.ONLY_CONTACTS if limits else Kind.NOT_TESTED)
+    reasons = {own.effect: type(own.reason) for own in found.candidates}
+    assert reasons["hard_stop@shoulder"] is UntestedRange
+    assert reasons["hard_stop@elbow"] is (Contact if limits else UntestedRange)
     for own in contacts:
-        assert own.numbers["angle"].value == pytest.approx(1.0, abs=0.02)
-        assert own.numbers["torque"].value > 2 * LINK.coulomb[1] and 12 < own.numbers["time"].value < 25
-        assert 8 <= own.numbers["count"].value <= 14  # once a second
+        assert own.angle.value == pytest.approx(1.0, abs=0.02)
+        assert own.torque.value > 2 * LINK.coulomb[1] and 12 < own.time.value < 25
+        assert 8 <= own.count <= 14  # once a second
     for name in ("viscous@elbow", "coulomb@elbow", "coulomb@shoulder"):
         own, values = found.model.estimates[name], {"viscous": LINK.viscous, "coulomb": LINK.coulomb}
         assert own.value == pytest.approx(values[name.split("@")[0]][JOINTS.index(name.split("@")[1])], rel=0.05)

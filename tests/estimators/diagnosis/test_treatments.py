@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import Diagnosis, add, compare, diagnose
-from estimators.findings import Kind
+from estimators.data.treatment import Action, Treatment
 from pendulum_env.physics import BASE, Model
 from pendulum_env.physics.potential import Spring
 from pendulum_env.recording import Recording
@@ -32,11 +32,11 @@ def diagnosed_under_chirps(plant: Plant, *only: str, late: int = 0) -> Diagnosis
 def test_diagnosis_records_the_treatments_that_were_tried():
     found = diagnosed("bouncing")
     (tried,) = found.treatments
-    assert tried.treatment.kind is Kind.IMPACTS_INCLUDED and tried.is_kept
+    assert tried.treatment == Treatment(Action.IMPACTS_INCLUDED) and tried.is_kept
     assert [gate.name for gate in tried.decision.gates] == ["gain", "p_value", "stops"] and tried.decision.passed
-    assert found.data.has_treatment(Kind.IMPACTS_INCLUDED)
+    assert found.data.has_treatment(Action.IMPACTS_INCLUDED)
     (row,) = found.json()["treatments"]
-    assert row["kind"] == "impacts_included" and row["kept"] and row["assumptions"] == {"with": 2, "without": 0}
+    assert row["action"] == "impacts_included" and row["kept"] and row["assumptions"] == {"with": 2, "without": 0}
 
 
 def test_friction_that_fades_under_a_chirp_is_no_late_log():
@@ -58,10 +58,10 @@ def test_a_wave_of_the_angle_is_no_stop_that_yields():
 def test_torque_is_either_timed_or_kept_as_logged():
     hidden = {"viscous_asymmetry": {"asym_v": 0.15}, "cogging": {"cog_n": 3, "cog_s": 0.3, "cog_c": 0.0}}
     found = diagnosed_under_chirps(Plant(effects=hidden), "viscous_asymmetry", late=1)
-    kinds = {treatment.kind for treatment in found.data.treatments}
+    actions = {*found.data.actions}
     assert found.selected == ("viscous_asymmetry",) and found.unexplained
-    assert not kinds >= {Kind.TIMED_BESIDE, Kind.TIMED_AS_LOGGED}
-    tried = [treatment for treatment in found.treatments if treatment.treatment.kind is Kind.TIMED_AS_LOGGED]
+    assert not actions >= {Action.TIMED_BESIDE, Action.TIMED_AS_LOGGED}
+    tried = [treatment for treatment in found.treatments if treatment.treatment == Treatment(Action.TIMED_AS_LOGGED)]
     assert {gate.name for treatment in tried for gate in treatment.decision.gates} <= GATES
 
 
@@ -86,7 +86,7 @@ def record_turns_against_a_spring(**friction_spot: float) -> list[Recording]:
 def test_windows_follow_the_inertia_of_the_model_with_the_spring():
     fitted, unseen = record_turns_against_a_spring()
     found = diagnose(fitted, unseen, only=("spring", "torque_offset"))
-    assert found.data.has_treatment(Kind.WINDOWS_BY_INERTIA)
+    assert found.data.has_treatment(Action.WINDOWS_BY_INERTIA)
     assert found.steps[0].model.estimates["inertia"].value < 0.5 * TRUE_SPRING["inertia"]
     assert found.selected == ("spring",) and not found.unexplained
     model = Model.build((*BASE, Spring()), [*TRUE_SPRING.values(), -0.4 * 0.3])

@@ -17,11 +17,12 @@ from estimators.decisions.criterion import LoopLimits
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.goal_reading import reread_goals
 from estimators.diagnosis.servo import SERVO
-from estimators.diagnosis.servo_conclusion import find_torque_scale
+from estimators.diagnosis.servo_conclusion import ScaledTorque, UnknownSpeedRate, find_torque_scale
 from estimators.diagnosis.servo_refit import make_data
 from estimators.diagnosis.setting import Setting
-from estimators.findings import Finding, Kind, Quantity
+from estimators.findings import Quantity
 from estimators.in_loop import complete_drives, decide_conventions
+from estimators.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from estimators.in_loop.fit import fit_rollouts
 from estimators.in_loop.likelihood import compute_log_likelihood
 from estimators.in_loop.linearisation import linearise_errors
@@ -45,6 +46,11 @@ TRUE = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
 FEW = [id for id in effects() if id in ("stribeck", "load_dependent_friction", "cogging", "viscous_asymmetry")]
 TYPICAL = np.array([1e-3, 0.05, 5e-3, 0.01, 0.01])
 MODEL, TILTED = Model.build(BASE, list(TRUE.values())), (*BASE, GravityTilt())
+
+
+def list_laws(findings):
+    """Findings on laws of controllers."""
+    return [own for own in findings if isinstance(own, ControllerConvention) and not own.is_of_position]
 
 
 def with_goals(recordings: list[Recording], is_held: bool) -> tuple[Recording, ...]:
@@ -247,12 +253,12 @@ def test_convention_of_an_integral_is_found_by_the_motion(windup, order):
     """Wound up, the integral of another convention biases the inertia and leaves errors that no joint has."""
     recordings = [integrating(kp, k, windup, order) for k, kp in enumerate((3.0, 5.0, 4.0))]
     found = diagnose(recordings[:2], recordings[2:], only=("stribeck", "quadratic_drag"))
-    (read,) = (own for own in found.findings if own.kind is Kind.CONTROLLER_READ)
-    assert dict(read.pairs) == {"windup": windup, "integral": order}
+    (read,) = list_laws(found.findings)
+    assert read.settings == {"windup": windup, "integral": order}
     assert not found.selected and not found.unexplained
     assert found.model.estimates["inertia"].value == pytest.approx(TRUE["inertia"], rel=0.01)
     declared = [replace(own, drive=replace(own.drive, windup=windup, integral=order)) for own in recordings]
-    assert not any(own.kind is Kind.CONTROLLER_READ for own in decide_conventions(declared).findings)
+    assert not list_laws(decide_conventions(declared).findings)
 
 
 @pytest.mark.parametrize("count", [0.0, 8e-3])
@@ -262,8 +268,8 @@ def test_friction_is_found_whether_the_controller_reads_counts_or_exact_position
     decided = decide_conventions(recordings[:2], recordings[2:])
     for recording in (*decided.recordings, *decided.holdout):
         assert recording.drive is not None and recording.drive.reads == ("counts" if count else "exact")
-    (read,) = (own for own in decided.findings if own.kind is Kind.POSITION_READ)
-    assert dict(read.pairs) == {"reads": "counts" if count else "exact"} and read.numbers["gain"].value > 0
+    (read,) = (own for own in decided.findings if isinstance(own, ControllerConvention) and own.is_of_position)
+    assert read.settings == {"reads": "counts" if count else "exact"} and read.gain.value > 0
     estimates = add(MODEL, "viscous_asymmetry", recordings[:2], recordings[2:]).before.model.estimates
     for name, value in (TRUE | {"viscous": 0.2}).items():
         assert abs(estimates[name].value - value) < 3 * estimates[name].std
@@ -275,7 +281,7 @@ def test_reading_of_the_position_that_one_drive_declares_holds_for_all():
     said = [replace(recordings[0], drive=replace(recordings[0].drive, reads="exact")), *recordings[1:]]
     decided = decide_conventions(said)
     assert all(own.drive is not None and own.drive.reads == "exact" for own in decided.recordings)
-    assert not any(own.kind is Kind.POSITION_READ for own in decided.findings)
+    assert not any(isinstance(own, ControllerConvention) and own.is_of_position for own in decided.findings)
 
 
 def test_declared_counts_are_reported_if_the_log_shows_no_step_of_an_encoder():
@@ -284,7 +290,7 @@ def test_declared_counts_are_reported_if_the_log_shows_no_step_of_an_encoder():
     drive = replace(recording.drive, reads="counts")
     filtered = replace(recording, position=recording.position + noise, drive=drive)
     (found,) = decide_conventions([filtered]).findings
-    assert found.kind is Kind.COUNTS_UNSEEN
+    assert isinstance(found, UnseenCounts)
     assert Rollouts((filtered,)).creep_torque == Rollouts((filtered,)).without_counts.creep_torque > 0
 
 
@@ -302,8 +308,8 @@ def test_quantity_that_the_derivative_part_acts_on_is_found_by_the_motion(deriva
     """The derivative of the error kicks at each step of the goal; taken for that of the velocity, it leaves drag."""
     recordings = [integrating(kp, k, "stop", "after", 0.0, 0.04, derivative) for k, kp in enumerate((3.0, 5.0, 4.0))]
     found = diagnose(recordings[:2], recordings[2:], only=("quadratic_drag", "torque_saturation"))
-    (read,) = (own for own in found.findings if own.kind is Kind.CONTROLLER_READ)
-    assert dict(read.pairs) == {"derivative": derivative} == {"derivative": found.model.log_format["derivative"]}
+    (read,) = list_laws(found.findings)
+    assert read.settings == {"derivative": derivative} == {"derivative": found.model.log_format["derivative"]}
     assert not found.selected and not found.unexplained
     for name, value in (TRUE | {"viscous": 0.2}).items():
         assert abs(found.model.estimates[name].value - value) < 4 * found.model.estimates[name].std
@@ -316,7 +322,7 @@ def test_every_command_uses_the_torque_with_the_integral():
     model, conventions = identified.primary.model, {"windup": "clamp", "integral": "before"}
     assert model.estimates["gravity"].value == pytest.approx(TRUE["gravity"], rel=0.01)
     assert conventions.items() <= model.log_format.items()
-    assert [own.kind for own in identified.findings if own.kind is Kind.CONTROLLER_READ]
+    assert list_laws(identified.findings)
     compared = compare(identified.least_squares, recordings[2:])
     assert compared.data is not None
     assert compared.joint.errors.torque_rms < 0.1 * np.sqrt(np.mean(recordings[2].torque ** 2))
@@ -339,7 +345,7 @@ def test_sets_of_several_kinds_are_identified_with_conventions_of_each():
     other = replace(asked[1], drive=replace(asked[1].drive, encoder="output"))
     for mixed, names in (([asked[0], driveless], {("gain-3.0",)}), ([asked[0], other], {("gain-3.0",), ("gain-5.0",)})):
         found = identify(mixed, schemes="filtered_dynamic")
-        assert {own.recordings for own in found.findings if own.kind is Kind.CONTROLLER_READ} == names
+        assert {own.recordings for own in list_laws(found.findings)} == names
         assert found.primary.model.estimates["gravity"].value == pytest.approx(TRUE["gravity"], rel=0.02)
         with pytest.raises(RecordingError):
             diagnose(mixed)
@@ -369,7 +375,7 @@ def test_kind_of_drive_that_is_only_held_out_is_decided_by_its_own_motion():
         decided = decide_conventions(recordings, [other])
         (held_out,) = decided.holdout
         assert (held_out.drive.windup, held_out.drive.integral) == ("clamp", "before")
-        (read,) = (own for own in decided.findings if own.kind is Kind.CONTROLLER_READ)
+        (read,) = list_laws(decided.findings)
         assert read.recordings == (other.name,)
 
 
@@ -578,8 +584,8 @@ def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):
         drive = replace(own.drive, kp=0.75 * own.drive.kp)
         logs.append(read_recording(path, drive=drive, columns={"torque": "torque:Nm"}))
     wrong = diagnose(logs[:2], logs[2:], only=["stribeck"]).findings
-    (scaled,) = (own for own in wrong if own.kind is Kind.TORQUE_SCALED)
-    assert scaled.numbers["factor"].value == pytest.approx(1 / 0.75, rel=0.01)
+    (scaled,) = (own for own in wrong if isinstance(own, ScaledTorque))
+    assert scaled.factor == pytest.approx(1 / 0.75, rel=0.01)
     with_integral = [replace(own, drive=replace(own.drive, ki=0.5)) for own in logs]
     limits = LoopLimits()
     assert find_torque_scale(logs, limits) is not None and find_torque_scale(with_integral, limits) is None
@@ -588,7 +594,7 @@ def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):
 def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
     def asked(rate: float | None, kd: float) -> bool:
         damped = [replace(own, drive=replace(own.drive, rate=rate, kd=kd)) for own in plain[:2]]
-        return any(own.kind is Kind.SPEED_RATE_UNKNOWN for own in diagnose(damped, only=["stribeck"]).findings)
+        return any(isinstance(own, UnknownSpeedRate) for own in diagnose(damped, only=["stribeck"]).findings)
 
     assert asked(None, 0.03) and not asked(1000.0, 0.03)
 
@@ -637,10 +643,10 @@ def test_a_drive_without_any_torque_is_refused(plain):
 @pytest.mark.parametrize(("is_held", "late"), [(True, 0.0), (False, 0.0), (False, 0.02)])
 def test_goals_are_held_or_run_on_as_the_base_model_with_a_lag_and_a_dead_time_decides(is_held, late):
     recordings = [logged_slowly(is_held, late, kp, k) for k, kp in enumerate((4.0, 7.0))]
-    kinds = {own.kind for own in decide_conventions(recordings).findings}
-    assert (Kind.GOALS_HELD in kinds, Kind.GOALS_RUN_ON in kinds) == (is_held, not is_held)
+    read = [own for own in decide_conventions(recordings).findings if isinstance(own, GoalConvention)]
+    assert [own.is_held for own in read] == [is_held]
     declared = decide_conventions(with_goals(recordings, not is_held))  # as the user has it
-    assert not {own.kind for own in declared.findings} & {Kind.GOALS_HELD, Kind.GOALS_RUN_ON}
+    assert not any(isinstance(own, GoalConvention) for own in declared.findings)
     assert {own.drive.goal for own in declared.recordings if own.drive} == {"ramp" if is_held else "held"}
 
 
@@ -661,7 +667,7 @@ def test_goals_are_read_the_other_way_only_if_the_found_model_predicts_better_so
     straight = [logged_slowly(True, 0.0, kp, k) for k, kp in enumerate((4.0, 7.0, 5.0))]
     tilted = [replace(own, position=own.position + tilt, reference=own.reference + tilt) for own in straight]
     first, second, last = with_goals(tilted, is_held)
-    tie = Finding(Kind.GOALS_HELD if is_held else Kind.GOALS_RUN_ON, {"gain": Quantity(gain, 1.0)})
+    tie = GoalConvention(is_held, Quantity(gain, 1.0))
     data = FitData.from_recordings([first, second], [last], BASE).with_treatment(tie)
     changed = reread_goals(Trial.search(SERVO, data, Setting(BASE, {"dead_time": effects()["dead_time"]})))
     goals = None if changed is None else {own.drive.goal for own in changed.recordings if own.drive}

@@ -7,10 +7,10 @@ from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.run import diagnose
-from estimators.findings import Kind
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes import six
-from estimators.schemes.identification import identify
+from estimators.schemes.completeness import Incomplete
+from estimators.schemes.identification import SlowedFilter, identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.windows import cut
@@ -111,7 +111,7 @@ def test_several_recordings_share_one_set_of_parameters():
 def test_slow_sampling_lowers_the_filters_and_says_so():
     found = identify(recorded(PLANT, Experiment(rate=50.0, seconds=20.0, counts=None, torque_noise=0.0)))
     (finding,) = found.findings
-    assert finding.kind is Kind.FILTER_SLOWED and finding.numbers["rate"].value == pytest.approx(50.0)
+    assert isinstance(finding, SlowedFilter) and finding.rate.value == pytest.approx(50.0)
     for scheme in SCHEMES:
         np.testing.assert_allclose(found[scheme.id].model.theta, TRUTH, rtol=0.03)
 
@@ -121,9 +121,9 @@ def test_what_the_terms_lack_is_said_in_one_line_and_nothing_where_they_lack_not
     plants = {"whole": paper_plant(), "lacking": hide(paper_plant(), "stribeck=0.45")}
     runs = {name: record(plant, excitation("paper", 1), 15, rng=1) for name, plant in plants.items()}
     found = {name: identify(run) for name, run in runs.items()}
-    assert Kind.INCOMPLETE not in {one.kind for one in found["whole"].findings}
-    (incomplete,) = (one for one in found["lacking"].findings if one.kind is Kind.INCOMPLETE)
-    assert incomplete.numbers.keys() == {"residual", "disagreement"} and "coulomb" in incomplete.parameters
+    assert not any(isinstance(one, Incomplete) for one in found["whole"].findings)
+    (incomplete,) = (one for one in found["lacking"].findings if isinstance(one, Incomplete))
+    assert None not in (incomplete.noise_ratio, incomplete.disagreement) and "coulomb" in incomplete.parameters
     for name, run in runs.items():  # all estimates of an incomplete model are biased, also by a single scheme
         (alone,) = identify(run, schemes="energy").values()
         models = [found[name].least_squares, alone.model, *(scheme.model for scheme in found[name].values())]

@@ -9,7 +9,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.data.split import split_recordings
 from estimators.data.variants import refine_variants
 from estimators.diagnosis.ranking import compute_alternatives, rank_effects
-from estimators.findings import Kind
+from estimators.diagnosis.untested import UntestedRange
 from estimators.selection.candidates import find_best_variant
 from estimators.selection.evidence import Evidence
 from estimators.selection.links import leave_limits
@@ -104,8 +104,8 @@ def test_an_end_of_the_range_where_contacts_were_seen_was_tested(evidence):
     (recording,) = evidence.train.recordings
     found = search(Evidence.from_data(*split_recordings([recording]), library={"hard_stop": effect("hard_stop")}))
     ((unmet,), _), ((met,), _) = (rank_effects(found, found.terms, has_contacts=own) for own in (False, True))
-    assert unmet.reason.kind is Kind.NOT_TESTED
-    assert met.reason.kind is not Kind.NOT_TESTED and not met.decision.passed
+    assert isinstance(unmet.reason, UntestedRange)
+    assert not isinstance(met.reason, UntestedRange) and not met.decision.passed
 
 
 def make_run_at_constant_speed(seed: int) -> Recording:

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import scipy
 
-from estimators.checks.signs import find_driving_friction
+from estimators.checks.signs import NegativeParameters, find_driving_friction
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Errors, Step
 from estimators.decisions.gate import explain_rejection
-from estimators.findings import Finding, Kind
 from estimators.regression.least_squares import Equations, Fit, solve
 from estimators.selection.gates import compare_base, compare_errors, compute_coefficient_chance
 from estimators.selection.physical import find_violations
@@ -45,7 +44,7 @@ def test_friction_at_a_motor_of_two_joints_is_friction_of_both():
     both = [*terms, get_coupling("elbow,-wrist", True)()]
     assert find_violations(Model.build(both, [*little, 0.01, 0.2, 0.3]), motions) == []
     (told,) = find_driving_friction(Model.build(terms, [0.1, 0.2, -0.2, 0.1], 0.01))
-    assert told == Finding(Kind.FRICTION_NEGATIVE, parameters=("viscous@wrist",))
+    assert told == NegativeParameters(("viscous@wrist",))
     (wrong,) = find_violations(Model.build(both, [*little, -5.0, 0.2, 0.3]), motions)
     assert (wrong.name, wrong.value) == ("coupling.inertia@elbow,-wrist", -5.0)
 
