@@ -8,10 +8,10 @@ from .diagnosis.result import Addition, Diagnosis
 from .diagnosis.run import diagnose
 from .diagnosis.torque_search import fit
 from .findings import Finding, Quantity, Verdict
+from .identification import identify
 from .prediction import Prediction
 from .regression.least_squares import IdentificationError
 from .results import Comparison
-from .schemes.identification import identify
 from .schemes.result import Identification
 from .schemes.six import SCHEMES, scheme
 from .search_hints import SearchHints, set_hints

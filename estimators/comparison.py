@@ -13,7 +13,7 @@ from estimators.arguments import (
     select_recordings,
     select_visible_effects,
 )
-from estimators.checks.homogeneity import find_disagreements_with_model, find_misfits, fit_each_recording
+from estimators.checks.homogeneity import fit_each_recording
 from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_inertia
@@ -23,6 +23,7 @@ from estimators.data.regression_data import RegressionData, drop_unstable_segmen
 from estimators.data.settings import DATA
 from estimators.data.split import CutSettings
 from estimators.decisions.criterion import Criterion
+from estimators.diagnosis.checks import Subject, examine
 from estimators.in_loop.motion import LoopMotion, simulate_in_loop
 from estimators.results import Comparison, Distance
 from estimators.signals.residual import compute_profiles
@@ -94,7 +95,7 @@ def compare(
         joint,
         tuple(compute_profiles(joined.samples, residual, joint.noise_floor, units=joined.units()) if separate else ()),
         tuple(find_failures(joined, residual, criterion, n_regions)) if has_torque else (),
-        (*find_disagreements_with_model(model, fits), *find_misfits(fits)),
+        examine(Subject(data, model, fits=fits)),
         recordings[0].torque_constant,
         data,
         None if joints else horizon or HORIZON,

@@ -9,6 +9,7 @@ from functools import cached_property
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.decisions.errors import Errors, get_single
+from estimators.findings import Finding
 from estimators.prediction import Prediction, predict_recordings
 from estimators.signals.residual import AXES, Profile, Region
 from estimators.simulation.free_running import HORIZON
@@ -63,7 +64,7 @@ class Comparison(Summarised):
         profiles: residual torque over position, velocity, torque, time and frequency, all recordings together; empty
             for an arm.
         regions: regions with a residual above the noise, the most significant first; for an arm, joint by joint.
-        disagreements: recordings of another plant than the model or the other recordings.
+        findings: on data and model.
         torque_constant: ratio of torque and current, if a current was converted.
         data: the compared recordings.
         horizon: length of free runs [s]; None for an arm.
@@ -74,7 +75,7 @@ class Comparison(Summarised):
     joint: Distance
     profiles: tuple[Profile, ...]
     regions: tuple[Region, ...]
-    disagreements: tuple[Disagreement, ...] = ()
+    findings: tuple[Finding, ...] = ()
     torque_constant: TorqueConstant | None = None
     data: FitData | None = field(default=None, compare=False, repr=False)
     horizon: float | None = HORIZON
@@ -83,6 +84,11 @@ class Comparison(Summarised):
     def errors(self) -> Errors:
         """Return the errors on all recordings together."""
         return self.joint.errors
+
+    @property
+    def disagreements(self) -> tuple[Disagreement, ...]:
+        """Recordings of another plant than the model or the other recordings."""
+        return tuple(finding for finding in self.findings if isinstance(finding, Disagreement))
 
     @cached_property
     def recordings(self) -> tuple[Prediction, ...]:
@@ -103,7 +109,7 @@ class Comparison(Summarised):
         """Return a dictionary for JSON; `joint` has all recordings together."""
         return make_result_json(self.model, self.torque_constant, self.regions) | {
             "schema": SCHEMA,
-            "findings": [disagreement.json() for disagreement in self.disagreements],
+            "findings": [finding.json() for finding in self.findings],
             "recordings": [distance.json() for distance in self.distances],
             "joint": self.joint.json(),
             "horizon": self.horizon,

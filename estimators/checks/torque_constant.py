@@ -59,12 +59,10 @@ class GearLosses(Finding):
     Attributes:
         constant: the torque constant.
         share: share of the motion that the motor drives.
-        is_braked: whether the load torque nearly always opposes the motion.
     """
 
     constant: Quantity
-    share: Quantity
-    is_braked: bool
+    share: float
 
 
 @dataclass(frozen=True)
@@ -143,13 +141,12 @@ def find_gain_doubts(
 ) -> list[Finding]:
     """Find errors that the torque constant of a model in N m may have.
 
-    Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the drive does not log amperes.
+    Gear losses may be part of it if nearly all motion is driven, back-EMF if the drive does not log amperes.
     """
     findings, share = list[Finding](), compute_driven_share(data, data.torque.recorded)
-    is_braked = is_brake(data, criterion.columns)
-    if share > criterion.columns.driven_share or is_braked:
+    if share > criterion.columns.driven_share:
         known = Quantity(constant.value, constant.std, constant.unit)
-        findings.append(GearLosses(known, Quantity(share), is_braked))
+        findings.append(GearLosses(known, share))
     if constant.of != "A" and "viscous" in model.estimates:
         back_emf = model.estimates["viscous"].value / constant.value
         findings.append(BackEmfInFriction(Quantity(back_emf, unit=f"{constant.of} s/rad")))

@@ -20,6 +20,7 @@ from estimators.decisions.decision import Decision
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.cases import choose_case
+from estimators.diagnosis.checks import Subject, examine
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import decide_treatment, scale_noise_by_model
@@ -104,7 +105,8 @@ def add(
     log_format = collect_log_format(trial.data.recordings)
     steps = case.present(trial, before, True), trial.present(trial.final.steps[-1], True)
     before, after = (step.with_log_format(log_format) for step in steps)
-    return Addition(before, after, trial.evidence.residuals.holdout_floors, decision, trial.data.doubt, criterion)
+    findings = examine(Subject(trial.data, after.model))
+    return Addition(before, after, trial.evidence.residuals.holdout_floors, decision, findings, criterion)
 
 
 def _fit_effect(

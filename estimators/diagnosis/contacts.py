@@ -114,9 +114,9 @@ def is_misfit_between_contacts(evidence: Evidence, step: Step) -> bool:
     return is_misfit(clear_segments, model, evidence.criterion)
 
 
-def mark_met_stops(candidates: Sequence[Candidate], contacts: Sequence[Contact]) -> tuple[Candidate, ...]:
-    """Replace an untested range as the reason of candidates by contacts, at joints where contacts were found."""
-    met = {contact.joint: contact for contact in contacts}
+def mark_met_stops(candidates: Sequence[Candidate], findings: Sequence[Finding]) -> tuple[Candidate, ...]:
+    """Replace an untested range as the reason of candidates by contacts, at joints where findings have them."""
+    met = {contact.joint: contact for contact in findings if isinstance(contact, Contact)}
     return tuple(
         replace(candidate, reason=met[at])
         if isinstance(candidate.reason, UntestedRange) and (at := candidate.effect.partition("@")[2]) in met

@@ -1,13 +1,14 @@
 """Explanation of a search: verdicts on effects, the unexplained residual, and the next step."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from estimators.data.treatment import Action, Treatment
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.checks import Subject, examine
+from estimators.diagnosis.contacts import mark_met_stops
 from estimators.diagnosis.ranking import rank_effects
 from estimators.diagnosis.result import Diagnosis, TriedTreatment
-from estimators.findings import Finding
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -41,32 +42,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
         refit=refit,
     )
     diagnosis = trial.case.conclude(trial, diagnosis)
-    diagnosis = replace(diagnosis, findings=(*diagnosis.findings, *find_small_effect(diagnosis)))
+    findings = examine(Subject.from_trial(trial, diagnosis))
+    diagnosis = replace(diagnosis, findings=findings, candidates=mark_met_stops(diagnosis.candidates, findings))
     trial.setting.progress("done", 1.0)
     return diagnosis
-
-
-@dataclass(frozen=True)
-class SmallEffect(Finding):
-    """Effect that predicts better, with a p-value, but explains a smaller share than the `least`."""
-
-    effect: str
-    share: float
-    least: float
-    p_value: float
-
-
-def find_small_effect(diagnosis: Diagnosis) -> list[SmallEffect]:
-    """Return a finding on the effect with the largest gain that failed only by its explained share.
-
-    The list is empty if effects were selected or a residual is unexplained.
-    """
-    if diagnosis.selected or diagnosis.unexplained:
-        return []
-    pairs = [(candidate, {gate.name: gate for gate in candidate.decision.gates}) for candidate in diagnosis.candidates]
-    small = [(c, gates) for c, gates in pairs if [*gates][-1:] == ["explained_share"] and "p_value" in gates]
-    if not small:
-        return []
-    candidate, gates = max(small, key=lambda pair: pair[1]["gain"].value)
-    share = gates["explained_share"]
-    return [SmallEffect(candidate.effect, share.value, share.limit, gates["p_value"].value)]

@@ -169,7 +169,6 @@ class Diagnosis(Summarised):
         no_experiment: reason why no experiment decides a question or explains a residual; None without a reason.
         tables: ids of tables that explain the residual: one, or one per joint.
         inseparable: pairs of ids that no experiment distinguishes.
-        disagreements: recordings that disagree with the others; they are not fitted.
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque was corrected.
         detectable: absent effects that the data would have shown; only of a complete model.
@@ -191,7 +190,6 @@ class Diagnosis(Summarised):
     no_experiment: Finding | None = None
     tables: tuple[str, ...] = ()
     inseparable: tuple[tuple[str, ...], ...] = ()
-    disagreements: tuple[Disagreement, ...] = ()
     alignments: tuple[Alignment, ...] = ()
     detectable: tuple[Detectable, ...] = ()
     torque_constant: TorqueConstant | None = None
@@ -216,6 +214,11 @@ class Diagnosis(Summarised):
     def recordings(self) -> tuple[Prediction, ...]:
         """Prediction of each recording by the final model, fitted ones first; without excluded recordings."""
         return predict_recordings(self.model, self.data)
+
+    @property
+    def disagreements(self) -> tuple[Disagreement, ...]:
+        """Recordings that disagree with the others; fitted ones were excluded."""
+        return tuple(finding for finding in self.findings if isinstance(finding, Disagreement))
 
     @property
     def selected(self) -> tuple[str, ...]:
@@ -253,7 +256,7 @@ class Diagnosis(Summarised):
                 "joints": dict(self.joint_residuals),
             },
             "noise_floor": make_floors_json(self.floors),
-            "findings": [finding.json() for finding in (*self.disagreements, *self.findings)],
+            "findings": [finding.json() for finding in self.findings],
             "treatments": [item.json() for item in self.treatments],
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
             "no_experiment": self.no_experiment.json() if self.no_experiment is not None else None,
@@ -274,7 +277,7 @@ class Addition(Summarised):
         after: refitted model with the effect, and its errors.
         floors: noise floor of the held-out torque at each joint [N m]; in the loop, of the position [rad].
         decision: tests of the effect.
-        doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
+        findings: on data and model.
         criterion: thresholds of the decisions.
     """
 
@@ -282,7 +285,7 @@ class Addition(Summarised):
     after: Step
     floors: Mapping[str, float]
     decision: Decision = NOTHING_TESTED
-    doubt: Finding | None = None
+    findings: tuple[Finding, ...] = ()
     criterion: Criterion = Criterion()
 
     @property

@@ -7,15 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.checks.remedies import find_remedies
 from estimators.data.regions import ResidualWithoutPlace
 from estimators.decisions.criterion import LoopLimits
 from estimators.diagnosis.case import Trial
-from estimators.diagnosis.conclusion import NoKnownEffect
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.servo_refit import refine_rows
 from estimators.findings import Finding, Quantity
-from estimators.in_loop import list_decisions
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
@@ -28,29 +25,25 @@ class ResultOfLongSteps(Finding):
 
 
 @dataclass(frozen=True)
-class UnknownSpeedRate(Finding):
-    """Drive with an unknown rate of its speed: at some rate its gain imitates inertia."""
+class DoubtfulDrive(Finding):
+    """Description of a drive that may be wrong; without a field, as no effect explains the residual.
 
-    rate: Quantity
-    inertia: Quantity
+    Attributes:
+        rate, inertia: rate of the speed at which an unknown rate imitates an inertia, and this inertia.
+        torque_factor: ratio of the logged torque to that requested by the drive.
+    """
 
-
-@dataclass(frozen=True)
-class ScaledTorque(Finding):
-    """Logged torque that is the requested torque of the drive times a factor."""
-
-    factor: float
+    rate: Quantity | None = None
+    inertia: Quantity | None = None
+    torque_factor: float | None = None
 
 
 def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
-    """Add findings on the drive and on the reading of the goals, and the noise floors of the rollouts.
+    """Add the noise floors of the rollouts, and the next step.
 
     Candidates that the refit dropped get the reason `LONG_STEPS`. An unexplained residual forbids a next experiment.
     """
-    data = trial.data
     dropped = list_ids(trial.result.terms) - list_ids(trial.final.terms)
-    recordings, limits = data.recordings, trial.setting.criterion.loop
-    doubts = data.doubt, find_speed_rate(diagnosis.model, recordings, limits), find_torque_scale(recordings, limits)
     return replace(
         diagnosis,
         candidates=tuple(
@@ -58,22 +51,11 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             for candidate in diagnosis.candidates
         ),
         floors={"": refine_rows(trial.evidence)[0].rollouts.noise.encoder_error},
-        findings=(
-            *list_decisions(data.treatments),
-            *find_remedies(
-                trial.release_bounds(diagnosis.model),
-                data.recordings,
-                diagnosis.ambiguous,
-                not diagnosis.unexplained,
-                data.criterion,
-            ),
-            *filter(None, doubts),
-        ),
-        no_experiment=NoKnownEffect(has_drive=True) if diagnosis.unexplained else None,
+        no_experiment=DoubtfulDrive() if diagnosis.unexplained else None,
     )
 
 
-def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopLimits) -> UnknownSpeedRate | None:
+def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopLimits) -> DoubtfulDrive | None:
     """Return a finding if a controller of unknown rate may act so late that its gain imitates inertia.
 
     The imitated inertia is half the speed gain over `slow_rate` [Hz]; it counts above one standard error.
@@ -84,10 +66,10 @@ def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopL
     if imitated_inertia <= model.estimates["inertia"].std:
         return None
     inertia = Quantity(imitated_inertia, unit=model.estimates["inertia"].unit)
-    return UnknownSpeedRate(Quantity(limits.slow_rate, unit="Hz"), inertia)
+    return DoubtfulDrive(Quantity(limits.slow_rate, unit="Hz"), inertia)
 
 
-def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> ScaledTorque | None:
+def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> DoubtfulDrive | None:
     """Return a finding if the logged torque is that requested by the drive times a factor off 1.
 
     The factor is off by at least `torque_scale`. Drives with an integral part are not tested: the requested
@@ -104,7 +86,7 @@ def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> Sc
     factor = float(logged @ requested / max(requested @ requested, np.finfo(float).tiny))
     if abs(factor - 1.0) < limits.torque_scale:
         return None
-    return ScaledTorque(factor)
+    return DoubtfulDrive(torque_factor=factor)
 
 
 def find_loop_regions(trial: Trial) -> Sequence[Region]:

@@ -1,6 +1,6 @@
 """Unexplained residual of the final model in torque or motion: its regions and findings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from estimators.checks.remedies import find_reversed_torque
@@ -11,7 +11,6 @@ from estimators.decisions.errors import Terms
 from estimators.diagnosis.contacts import is_misfit_between_contacts
 from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence
-from estimators.selection.physical import find_violations
 from estimators.selection.process_noise import UnloggedTorque
 from estimators.selection.search import SearchResult
 from estimators.selection.tables import ExplainingTable
@@ -19,13 +18,6 @@ from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, make_region_everywhere
 from estimators.weak_form.torque_windows import compute_negligible_residual
 from pendulum_env.physics import Term
-
-
-@dataclass(frozen=True)
-class ImpossibleBody(Finding):
-    """Best fit that violates physical bounds; `violations` by the name of the gate or the parameter."""
-
-    violations: Mapping[str, Quantity]
 
 
 @dataclass(frozen=True)
@@ -51,19 +43,14 @@ def check_torque_sign(evidence: Evidence) -> Finding | None:
 def find_unexplained(result: SearchResult) -> list[Region]:
     """Return the regions of the unexplained residual of the final model of a pendulum; empty if all is noise.
 
-    The first cause in this order decides: a reversed sign of the torque (all time), violated bounds (all velocities),
-    a table that replaces effects, torque of fitted data, torque of held-out data, free-running motion near reversals
-    without contacts.
+    The first cause in this order decides: a reversed sign of the torque (all time), a table that replaces effects,
+    torque of fitted data, torque of held-out data, free-running motion near reversals without contacts.
     """
     evidence, last = result.evidence, result.steps[-1]
     if (reversal := check_torque_sign(evidence)) is not None:
         end = float(evidence.train.samples.time.max())
         return [Region("time", 0.0, end, 0.0, 0.0, is_profiled=False, cause=reversal)]
     train, holdout = evidence.fits.parts
-    violations = find_violations(last.model, evidence.train.motions)
-    if violations:
-        sizes = {gate.name: Quantity(gate.value, unit=gate.unit) for gate in violations}
-        return [make_region_everywhere(ImpossibleBody(sizes))]
     residual = train.with_link_states(last.model).residual(last.model.terms, last.model.theta)
     if result.table is not None:
         regions, cause = find_regions_at(train, residual), ExplainingTable.from_table(result.table)

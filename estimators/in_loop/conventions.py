@@ -41,12 +41,13 @@ class ControllerConvention(Finding):
 
     Attributes:
         settings: settings of its drive: how it acts, or the position that it `reads`.
-        gain: gain over the likeliest other convention [nat].
+        gain: gain over the likeliest other convention [nat]; None if the drive declares counts of an encoder, and the
+            log shows no step of them.
         recordings: names of the recordings of these drives.
     """
 
     settings: Mapping[str, str]
-    gain: Quantity
+    gain: Quantity | None = None
     recordings: tuple[str, ...] = ()
 
     @property
@@ -72,16 +73,9 @@ class GoalConvention(Finding):
     recordings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class UnseenCounts(Finding):
-    """Counts of an encoder that a drive declares, and the log does not show."""
-
-    recordings: tuple[str, ...] = ()
-
-
 LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
 Recordings = tuple[Recording, ...]
-Decided = tuple[Settings, list[ControllerConvention | GoalConvention | UnseenCounts]]
+Decided = tuple[Settings, list[ControllerConvention | GoalConvention]]
 
 
 class Conventions(NamedTuple):
@@ -134,19 +128,19 @@ def decide_open_torque(
 
 def list_decisions(findings: Sequence[Finding]) -> list[Finding]:
     """List the last decisions among findings: laws of controllers, the position that they read, and course of goals."""
-    laws = [item for item in findings if isinstance(item, ControllerConvention | UnseenCounts)]
-    positions = [law for law in laws if isinstance(law, ControllerConvention) and law.is_of_position]
+    laws = [item for item in findings if isinstance(item, ControllerConvention)]
+    positions = [law for law in laws if law.is_of_position]
     goals = [item for item in findings if isinstance(item, GoalConvention)]
     return [*(law for law in laws if law not in positions), *positions[-1:], *goals[-1:]]
 
 
 def _decide_together(
     recordings: Sequence[Recording], count: int, base: Sequence[Term], criterion: Criterion
-) -> tuple[Recordings, list[ControllerConvention | GoalConvention | UnseenCounts]]:
+) -> tuple[Recordings, list[ControllerConvention | GoalConvention]]:
     """Decide the conventions of drives of one kind by their first `count` recordings; return findings as well."""
     base, part = make_base(recordings[:count], base), choose_parts(recordings[count:])[0]
     result = complete_drives(recordings, {})
-    findings: list[ControllerConvention | GoalConvention | UnseenCounts] = []
+    findings: list[ControllerConvention | GoalConvention] = []
     for settle in (_decide_controller, _decide_counts):
         settings, own_findings = settle(result[:count], base, part, criterion)
         result, findings = complete_drives(result, settings), findings + own_findings
@@ -166,7 +160,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
     choices = [controller | goal for controller in controllers for goal in goals]
     fits = fit_conventions(recordings, choices, base, part, criterion)
     settings: Settings = {}
-    findings: list[ControllerConvention | GoalConvention | UnseenCounts] = []
+    findings: list[ControllerConvention | GoalConvention] = []
     if len(controllers) > 1:
         ranked = sorted(fits, key=lambda fit: (controllers.index(fit.select(CONTROLLER)), -fit.likelihood))
         choice = choose_fit(ranked, CONTROLLER, criterion.p_value, criterion)
@@ -195,7 +189,7 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part, criterion: C
     choices = list_open_conventions([r.actuator for r in recordings], ("reads",))
     readings = {r.actuator.reads for r in recordings}
     if find_encoder_step(recordings) is None:
-        return {}, [UnseenCounts()] if "counts" in readings else []
+        return {}, [ControllerConvention({"reads": "exact"})] if "counts" in readings else []
     if len(choices) == 1:
         return {}, []
     fits = fit_conventions(recordings, choices, base, part, criterion, has_counts=True)

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from benchmarks.truth import Truth
-from estimators.schemes.identification import identify
+from estimators.identification import identify
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, effects
 from tests.cases import CASES, make_recording

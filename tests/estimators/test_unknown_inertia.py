@@ -8,7 +8,7 @@ import pytest
 from estimators.checks.remedies import WrongColumn
 from estimators.comparison import compare
 from estimators.diagnosis.addition import add
-from estimators.schemes.identification import identify
+from estimators.identification import identify
 from pendulum_env.physics import BASE, Model, ModelError
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording

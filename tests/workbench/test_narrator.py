@@ -22,26 +22,22 @@ from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import ErrorFall
 from estimators.decisions.gate import FailedGates, Gate
 from estimators.diagnosis.caveats import FewWindows, PartOfTurn, UnknownScale
+from estimators.diagnosis.completeness import Incomplete
 from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect, UnknownInertia
 from estimators.diagnosis.contacts import Contact
 from estimators.diagnosis.experiment import BeyondLimits
-from estimators.diagnosis.explanation import SmallEffect
 from estimators.diagnosis.ranking import Imitation, Tie
 from estimators.diagnosis.result import Detectable
-from estimators.diagnosis.servo_conclusion import (
-    ResultOfLongSteps,
-    ScaledTorque,
-    UnknownSpeedRate,
-)
+from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps
+from estimators.diagnosis.small_effect import SmallEffect
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.diagnosis.treatments import CarriedPayload
-from estimators.diagnosis.unexplained import ErrorNearReversals, HeldOutResidual, ImpossibleBody
+from estimators.diagnosis.unexplained import ErrorNearReversals, HeldOutResidual
 from estimators.diagnosis.untested import UntestedRange
 from estimators.findings import Change, Finding, Quantity
-from estimators.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
-from estimators.schemes.completeness import Incomplete
+from estimators.identification import CoarseEncoder, SlowedFilter
+from estimators.in_loop.conventions import ControllerConvention, GoalConvention
 from estimators.schemes.identifiability import Gap, Undetermined
-from estimators.schemes.identification import CoarseEncoder, SlowedFilter
 from estimators.selection.process_noise import UnloggedTorque
 from estimators.selection.tables import ExplainingTable
 from estimators.signals.residual import Region
@@ -65,7 +61,7 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     UnknownConstant("A", inverse=Quantity(2.0, 0.9, "A/(N m)")),
     UnknownConstant("A", has_integral=True),
     *(UnknownConstant("V", loads, moved) for loads, moved in ((0, 0), (1, 0), (2, 0), (2, 1))),
-    *(GearLosses(Quantity(0.5, 0.01, "N m/A"), Quantity(0.95), is_braked) for is_braked in (False, True)),
+    GearLosses(Quantity(0.5, 0.01, "N m/A"), 0.95),
     BackEmfInFriction(Quantity(0.3, unit="V s/rad")),
     *(TorqueTiming(is_late, Quantity(0.0099, 4e-5, "s"), rival_lag=Quantity(0.01, unit="s")) for is_late in (0, 1)),
     TorqueTiming(is_late=True, is_sampled=True, is_corrected=True, recordings=NAMES),
@@ -76,7 +72,7 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     *(GoalConvention(is_held, gain, {"dead_time": Quantity(0.01, unit="s")})
       for is_held, gain in ((True, Quantity(3.0, 1.0)), (False, None))),
     *(ControllerConvention(settings, Quantity(3.0, 5.0)) for settings in ({"reads": "exact"}, {"windup": "stop"})),
-    UnseenCounts(),
+    ControllerConvention({"reads": "exact"}),
     Feedback(Quantity(-3.0, unit="N m/rad"), NAMES),
     Disagreement(3, "run 2", NAMES, (Difference("viscous", "N m s/rad", 1.12, 1.0, 0.01),)),
     Disagreement(3, "run 2", (), is_turned=True),
@@ -95,8 +91,9 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     CoarseEncoder(),
     Incomplete(11.0, 8.5, ("viscous",), ("elbow",)),
     UnloggedTorque(TORQUE, TORQUE),
-    UnknownSpeedRate(Quantity(50.0, unit="Hz"), Quantity(0.01, unit="kg m^2")),
-    ScaledTorque(2.0),
+    DoubtfulDrive(),
+    DoubtfulDrive(Quantity(50.0, unit="Hz"), Quantity(0.01, unit="kg m^2")),
+    DoubtfulDrive(torque_factor=2.0),
     FewWindows(12),
     PartOfTurn(ANGLE, ("spring",)),
     UnknownScale(0.95),
@@ -104,7 +101,6 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     MissingRotors(("elbow",)),
     *(UntestedRange("hard_stop", low, high) for low, high in ((None, ANGLE), (ANGLE, None), (ANGLE, ANGLE))),
     Tie(("spring", "gravity")),
-    ImpossibleBody({"negative_inertia": Quantity(-1.0, unit="kg m^2"), "viscous": Quantity(-1.0, unit="N m s/rad")}),
     ErrorNearReversals(ANGLE),
     ResidualWithoutPlace(TORQUE, 5.0, None, "run 0"),
     ResidualWithoutPlace(TORQUE, 5.0),
@@ -114,7 +110,6 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     NoKnownEffect(),
     NoKnownEffect(("torque_by_angle", "friction_by_speed")),
     UnknownInertia(),
-    NoKnownEffect(has_drive=True),
     BeyondLimits({"torque": TORQUE}, None, (Aim("stribeck"),)),
 )  # fmt: skip
 PHRASES = (

@@ -108,7 +108,7 @@ def test_open_questions_are_told(diagnosis):
     assert "Record both directions." in text
     assert describe_reason(silent) in text
     heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
-    disagreeing = told(replace(diagnosis, disagreements=(heavier,)))
+    disagreeing = told(replace(diagnosis, findings=(heavier,)))
     assert "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher" in disagreeing
     stuck = replace(diagnosis, steps=diagnosis.steps[:1], unexplained=(REGION,))
     assert "Something is missing, and no known effect explains it" in told(stuck)

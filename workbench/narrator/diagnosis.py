@@ -7,8 +7,8 @@ import numpy as np
 
 from estimators.decisions.errors import Step
 from estimators.diagnosis.contacts import Contact
-from estimators.diagnosis.explanation import SmallEffect
 from estimators.diagnosis.result import Addition, Detectable, Diagnosis, HorizonRefit, TriedTreatment
+from estimators.diagnosis.small_effect import SmallEffect
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.diagnosis.treatments import CarriedPayload
 from estimators.findings import Finding, Quantity, withhold_everything
@@ -224,7 +224,7 @@ def list_advice(diagnosis: Diagnosis) -> list[str]:
     if has_searched(diagnosis) and diagnosis.data is not None:
         notes = [note for recording in diagnosis.data.recordings for note in recording.notes]
         texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
-    texts += [describe(finding) for finding in diagnosis.findings]
+    texts += [describe(finding) for finding in diagnosis.findings if finding not in diagnosis.disagreements]
     texts += [describe_next_step(diagnosis)] if diagnosis.suggestion is not None else []
     texts += [describe(diagnosis.no_experiment)] if diagnosis.no_experiment is not None else []
     return list(dict.fromkeys(texts))
@@ -299,7 +299,7 @@ def write_comparison(comparison: Comparison) -> JSON:
     data = comparison.json()
     for entry, region in zip(data["regions"], comparison.regions, strict=True):
         entry["text"] = describe_region(region)
-    _add_texts(data["findings"], comparison.disagreements)
+    _add_texts(data["findings"], comparison.findings)
     return data
 
 
@@ -315,7 +315,7 @@ def write_diagnosis(diagnosis: Diagnosis) -> JSON:
     data = diagnosis.json()
     for entry, candidate in zip(data["candidates"], diagnosis.candidates, strict=True):
         entry["reason"] = describe_reason(candidate)
-    _add_texts(data["findings"], (*diagnosis.disagreements, *diagnosis.findings))
+    _add_texts(data["findings"], diagnosis.findings)
     _add_texts(data["treatments"], [tried.treatment for tried in diagnosis.treatments])
     if diagnosis.no_experiment is not None:
         data["no_experiment"]["text"] = describe(diagnosis.no_experiment)

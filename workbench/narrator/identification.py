@@ -4,8 +4,8 @@ import numpy as np
 
 from estimators.checks.homogeneity import Disagreement
 from estimators.checks.signs import NegativeParameters
+from estimators.diagnosis.completeness import Incomplete
 from estimators.findings import Finding
-from estimators.schemes.completeness import Incomplete
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body

@@ -161,6 +161,12 @@ def narrate_disagreements(disagreements: Sequence[Disagreement]) -> list[Part]:
     return [Part("Recordings that disagree", [texts])] if texts else []
 
 
+def narrate_findings(comparison: Comparison) -> list[Part]:
+    """Make the part on other findings of a comparison; empty without any."""
+    texts = tuple(describe(finding) for finding in comparison.findings if finding not in comparison.disagreements)
+    return [Part("Findings", [texts])] if texts else []
+
+
 def narrate_addition(addition: Addition) -> list[Part]:
     """Make the parts of an addition: errors before and after, conclusion, and parameters."""
     sentences = [narration.describe_addition(addition)]
@@ -171,8 +177,7 @@ def narrate_addition(addition: Addition) -> list[Part]:
             f"The residual is {addition.noise_ratio:.1f} times the noise floor: another effect is missing. "
             "Run `diagnose`."
         )
-    if addition.doubt is not None:
-        sentences.append(f"warning: {describe(addition.doubt)}")
+    sentences += [f"warning: {describe(finding)}" for finding in addition.findings]
     title, steps = "the model refitted without and with the effect", (addition.before, addition.after)
     parameters = Part("Parameters", [tabulate_parameters(addition.model)])
     if addition.model.body.can_simulate:
@@ -222,6 +227,7 @@ def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[P
     return [
         Part(title, [table, *in_words, LEGEND]),
         *narrate_disagreements(comparison.disagreements),
+        *narrate_findings(comparison),
         Part(f"Where, all {is_arm} recordings together" if is_arm > 1 else "Where", content),
     ]
 

@@ -7,8 +7,8 @@ from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.errors import Step
 from estimators.diagnosis.result import Diagnosis
+from estimators.identification import identify
 from estimators.regression.least_squares import IdentificationError
-from estimators.schemes.identification import identify
 from estimators.schemes.result import Identification
 from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import Array

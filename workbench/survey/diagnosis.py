@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from estimators import Diagnosis, diagnose
-from estimators.diagnosis.explanation import SmallEffect
+from estimators.diagnosis.small_effect import SmallEffect
 from pendulum_env._typing import JSON
 from pendulum_env.errors import format_error
 from pendulum_env.physics.plugin import describe_fault, load_plugin

@@ -8,7 +8,7 @@ from scipy.signal import butter, lfilter
 
 from benchmarks.two_link import TwoLink
 from estimators import IdentificationError, add, compare, diagnose, identify
-from estimators.schemes.completeness import Incomplete
+from estimators.diagnosis.completeness import Incomplete
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
 from tests.two_link import record_arm

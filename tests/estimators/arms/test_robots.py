@@ -6,7 +6,7 @@ import pytest
 from estimators import compare, diagnose, identify
 from estimators.arms.excitation import design_excitation
 from estimators.arms.limits import DEFAULT_LIMITS
-from estimators.schemes.completeness import Incomplete
+from estimators.diagnosis.completeness import Incomplete
 from pendulum_env.arms import read_arm_recording
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.joints import arm_base

@@ -10,7 +10,7 @@ from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators.checks.remedies import find_wrong_columns
 from estimators.checks.torque_constant import UnknownConstant
 from estimators.comparison import compare
-from estimators.schemes.identification import identify
+from estimators.identification import identify
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import BASE, KnownLoad, Model, effect
 from pendulum_env.physics import simulate as fly

@@ -9,7 +9,7 @@ import scipy.integrate
 
 from estimators import identify
 from estimators.checks.remedies import Remedy, UnevenClock, WrongColumn, find_remedies, find_wrong_columns
-from estimators.schemes.completeness import Incomplete
+from estimators.diagnosis.completeness import Incomplete
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model

@@ -12,8 +12,8 @@ from estimators.checks.torque_constant import GearLosses, UnknownConstant, estim
 from estimators.comparison import compare
 from estimators.data.fit_data import FitData
 from estimators.diagnosis.addition import add
+from estimators.identification import identify
 from estimators.regression.least_squares import IdentificationError
-from estimators.schemes.identification import identify
 from estimators.schemes.six import SCHEMES
 from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, Estimate, KnownLoad, Model, ModelError, effect
@@ -107,7 +107,7 @@ def test_what_a_voltage_and_a_motor_that_always_drives_leave_open_is_said():
     always = replace(run, torque=np.sign(np.gradient(run.position)), torque_unit="V")
     model = Model.build(BASE, list(UNLOADED.values()))
     one_number, back_emf = find_gain_doubts(model, TorqueConstant(0.5, 0.01, "V", 2), prepare_windows([always]))
-    assert isinstance(one_number, GearLosses) and one_number.share.value == 1.0
+    assert isinstance(one_number, GearLosses) and one_number.share == 1.0
     assert back_emf.constant.value == pytest.approx(0.3)  # 0.15 N m s/rad of viscous friction over 0.5 N m/V
     assert find_gain_doubts(model, TorqueConstant(0.5, 0.01, "A", 2), prepare_windows([run])) == []
 
@@ -202,7 +202,7 @@ def test_friction_that_is_pressed_by_the_load_itself_takes_each_load_into_accoun
 
 def test_an_effect_is_added_under_known_loads():
     found = add(Model.build(BASE, list(UNLOADED.values())), "load_dependent_friction", bench("motor", LOADS[:6:2]))
-    assert found.doubt is None and found.objection is None
+    assert found.findings == () and found.objection is None
     assert found.model.torque_constant.value == pytest.approx(K, rel=0.01)
     assert found.model.estimates["load_dependent_friction"].value == pytest.approx(0.12, rel=0.05)
 

@@ -163,7 +163,7 @@ def swing_at(frequency: float) -> Recording:
 
 def list_disagreements(criterion: Criterion) -> list[int]:
     train, holdout = split_recordings(make_runs()[:2], make_runs()[2:])
-    return [d.recording for d in find_disagreements(fit_each_recording([train.data, holdout.data], BASE, criterion))]
+    return [d.number for d in find_disagreements(fit_each_recording([train.data, holdout.data], BASE, criterion))]
 
 
 def list_explained(criterion: Criterion) -> list[bool]:

@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose, identify
+from estimators.diagnosis.completeness import Incomplete
 from estimators.findings import Finding
-from estimators.schemes.completeness import Incomplete
 from estimators.selection.process_noise import UnloggedTorque, bound_hidden_effect, compute_white_p_values
 from pendulum_env.recording import Recording
 from tests import slow

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import diagnose
-from estimators.diagnosis.explanation import SmallEffect
+from estimators.diagnosis.small_effect import SmallEffect
 from pendulum_env.recording import Recording
 from tests.cases import recorded
 

@@ -11,18 +11,19 @@ from benchmarks import servos
 from benchmarks.independent_plant import Experiment, Plant, simulate
 from estimators import add, compare, diagnose, identify
 from estimators.arguments import apply_limits
+from estimators.checks.torque_constant import UnknownConstant
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import LoopLimits
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.goal_reading import reread_goals
 from estimators.diagnosis.servo import SERVO
-from estimators.diagnosis.servo_conclusion import ScaledTorque, UnknownSpeedRate, find_torque_scale
+from estimators.diagnosis.servo_conclusion import DoubtfulDrive, find_torque_scale
 from estimators.diagnosis.servo_refit import make_data
 from estimators.diagnosis.setting import Setting
 from estimators.findings import Quantity
 from estimators.in_loop import complete_drives, decide_conventions
-from estimators.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
+from estimators.in_loop.conventions import ControllerConvention, GoalConvention
 from estimators.in_loop.fit import fit_rollouts
 from estimators.in_loop.likelihood import compute_log_likelihood
 from estimators.in_loop.linearisation import linearise_errors
@@ -37,6 +38,7 @@ from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording, RecordingError, Source, read_recording, write_recording, write_study
+from pendulum_env.recording.channel import Load
 from pendulum_env.servo import ServoDrive
 from tests.notes import list_notes
 from workbench.cli import main
@@ -276,6 +278,16 @@ def test_friction_is_found_whether_the_controller_reads_counts_or_exact_position
     assert estimates["coulomb"].value == pytest.approx(TRUE["coulomb"], rel=0.015)
 
 
+def test_the_current_of_a_controller_with_an_integral_is_not_converted_by_loads():
+    servo = integrating(4.0, 0, "stop", "after")
+    logged = {"time": servo.time, "position": servo.position, "reference": servo.reference}
+    recording = read_recording(logged, drive=replace(servo.drive, output="current"))
+    weighted = replace(recording, load=Load(inertia=0.01, gravity=0.5))
+    data = FitData.from_recordings([recording, weighted])
+    assert data.doubt == UnknownConstant("A", has_integral=True)
+    assert all(own.torque_unit == "A" for own in data.recordings)
+
+
 def test_reading_of_the_position_that_one_drive_declares_holds_for_all():
     recordings = [integrating(kp, k, "stop", "after", ki=0.0, count=8e-3) for k, kp in enumerate((4.0, 6.0))]
     said = [replace(recordings[0], drive=replace(recordings[0].drive, reads="exact")), *recordings[1:]]
@@ -290,7 +302,7 @@ def test_declared_counts_are_reported_if_the_log_shows_no_step_of_an_encoder():
     drive = replace(recording.drive, reads="counts")
     filtered = replace(recording, position=recording.position + noise, drive=drive)
     (found,) = decide_conventions([filtered]).findings
-    assert isinstance(found, UnseenCounts)
+    assert found == ControllerConvention({"reads": "exact"}, recordings=found.recordings)
     assert Rollouts((filtered,)).creep_torque == Rollouts((filtered,)).without_counts.creep_torque > 0
 
 
@@ -584,8 +596,8 @@ def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):
         drive = replace(own.drive, kp=0.75 * own.drive.kp)
         logs.append(read_recording(path, drive=drive, columns={"torque": "torque:Nm"}))
     wrong = diagnose(logs[:2], logs[2:], only=["stribeck"]).findings
-    (scaled,) = (own for own in wrong if isinstance(own, ScaledTorque))
-    assert scaled.factor == pytest.approx(1 / 0.75, rel=0.01)
+    (scaled,) = (own for own in wrong if isinstance(own, DoubtfulDrive) and own.torque_factor)
+    assert scaled.torque_factor == pytest.approx(1 / 0.75, rel=0.01)
     with_integral = [replace(own, drive=replace(own.drive, ki=0.5)) for own in logs]
     limits = LoopLimits()
     assert find_torque_scale(logs, limits) is not None and find_torque_scale(with_integral, limits) is None
@@ -594,7 +606,7 @@ def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):
 def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
     def asked(rate: float | None, kd: float) -> bool:
         damped = [replace(own, drive=replace(own.drive, rate=rate, kd=kd)) for own in plain[:2]]
-        return any(isinstance(own, UnknownSpeedRate) for own in diagnose(damped, only=["stribeck"]).findings)
+        return any(isinstance(own, DoubtfulDrive) and own.rate for own in diagnose(damped, only=["stribeck"]).findings)
 
     assert asked(None, 0.03) and not asked(1000.0, 0.03)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators import identify
-from estimators.schemes.identification import CoarseEncoder
+from estimators.identification import CoarseEncoder
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import has_encoder_bias, measure_segments
 from pendulum_env.physics import BASE

@@ -5,9 +5,9 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import diagnose
+from estimators.identification import identify
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identifiability import Gap, Undetermined, find_undetermined
-from estimators.schemes.identification import identify
 from estimators.schemes.six import GUARD_TIME
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects

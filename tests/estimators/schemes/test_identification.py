@@ -6,11 +6,11 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.diagnosis.completeness import Incomplete
 from estimators.diagnosis.run import diagnose
+from estimators.identification import SlowedFilter, identify
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes import six
-from estimators.schemes.completeness import Incomplete
-from estimators.schemes.identification import SlowedFilter, identify
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.windows import cut

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimators.arguments import Recordings, Terms, apply_limits, check_options, select_recordings, select_terms
+from estimators.checks.homogeneity import fit_each_recording
 from estimators.data.fit_data import FitData
+from estimators.data.fits import find_inertia_of_noise
+from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
-from estimators.findings import Finding, Quantity
+from estimators.diagnosis.checks import Subject, examine
+from estimators.findings import Finding, Quantity, bias_everything
 from estimators.free_swings import make_swing_terms, restore_known
-from estimators.in_loop import list_decisions
+from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
-from estimators.schemes.completeness import check_results
 from estimators.schemes.fitting import Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification
 from estimators.schemes.six import LowPass, Regressor, Scheme, select_schemes
+from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.arms.joints import find_body
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import BASE, Bounds, Term
+from pendulum_env.physics import BASE, Bounds, Model, Term
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -82,22 +87,45 @@ def identify(
     results = fit_schemes(chosen, segments, swing_terms, fit_data.recordings)
     first_model = next(iter(results.values())).model
     has_bias = any(e.is_biased for result in results.values() for e in result.model.estimates.values())
-    noise_findings = (CoarseEncoder(),) if has_bias else ()
     results = _calibrate(results, fit_data, terms, swing_terms, chosen)
     results, undetermined = withhold_estimates(results, segments, swing_terms, fit_data.recordings[0].units)
-    data, findings, results = check_results(first_model, results, fit_data, swing_terms)
-    constant_findings = (fit_data.doubt,) if fit_data.doubt is not None else ()
+    doubts = (*filter_findings, *([CoarseEncoder()] if has_bias else []), *undetermined)
+    subject = _make_subject(first_model, [*results.values()], fit_data, swing_terms)
+    findings = examine(replace(subject, doubts=doubts))
     log_format, first = collect_log_format(fit_data.recordings), fit_data.recordings[0]
-    decisions = list_decisions(fit_data.treatments)
+    models = {id: replace(result.model, log_format=log_format) for id, result in results.items()}
+    if bias_everything(findings):
+        models = {id: model.mark_biased() for id, model in models.items()}
     return Identification(
-        {id: replace(result, model=replace(result.model, log_format=log_format)) for id, result in results.items()},
-        (*filter_findings, *noise_findings, *undetermined, *constant_findings, *decisions, *findings),
+        {id: replace(result, model=models[id]) for id, result in results.items()},
+        findings,
         tuple(recording.name for recording in recordings),
         tuple(np.cumsum([sum(len(m) * m.period for m, *_ in group) for group in segments]).tolist()),
         first.torque_unit,
         first.torque_constant,
-        data,
+        None if subject.rows is None or subject.is_arm else subject.rows.data,
     )
+
+
+def _make_subject(first: Model, results: Sequence[Identified], data: FitData, terms: Sequence[Term]) -> Subject:
+    """Make the subject of the checks, without rows if too little of the motion is clear of stick.
+
+    `first` is the model of the first scheme, in the unit of the recorded torque, with all parameters.
+    """
+    recordings, criterion = data.recordings, data.criterion
+    if not first.body.can_simulate:
+        subject = Subject(data, results[0].model, schemes=results)
+        with suppress(IdentificationError):
+            return replace(subject, rows=RegressionData.from_arm(recordings, terms))
+        return subject
+    subject = Subject(data, first, schemes=results)
+    with suppress(IdentificationError):  # windows need more motion than some schemes
+        windows = prepare_windows(recordings, inertia=data.cut.inertia)
+        if (inertia := find_inertia_of_noise(RegressionData(windows), terms, criterion)) is not None:
+            windows = prepare_windows(recordings, inertia=inertia.value)
+        fits = fit_each_recording([windows], terms, criterion)
+        return replace(subject, rows=RegressionData(windows), fits=fits)
+    return subject
 
 
 def limit_filters(

@@ -1,0 +1,67 @@
+"""The list of checks: each verb runs all of them, and a new check reaches every result and its text."""
+
+import inspect
+
+import pytest
+
+from estimators import add, compare, diagnose, identify
+from estimators.checks.homogeneity import Disagreement
+from estimators.diagnosis import checks
+from estimators.diagnosis.checks import CHECKS, Subject
+from estimators.findings import Finding
+from estimators.selection.process_noise import UnloggedTorque
+from pendulum_env.arms import read_body
+from pendulum_env.arms.joints import arm_base
+from pendulum_env.physics import BASE
+from pendulum_env.quantity import Quantity
+from tests.cases import recording
+from tests.two_link import TwoLink, record_arm
+from workbench.narrator.identification import list_warnings
+
+NEWS = UnloggedTorque(Quantity(0.5, unit="N m"), Quantity(0.25, unit="N m"))
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_a_check_is_a_documented_function_of_a_subject(check):
+    (parameter,) = inspect.signature(check).parameters.values()
+    assert check.__name__.startswith("check_") and check.__doc__ and parameter.annotation == "Subject"
+    assert getattr(checks, check.__name__) is check
+
+
+def test_all_checks_are_in_the_list():
+    assert {check.__name__ for check in CHECKS} == {name for name in vars(checks) if name.startswith("check_")}
+
+
+@pytest.fixture(params=["pendulum", "arm"])
+def machine(request, tmp_path):
+    """Recordings of a machine and the terms of its model."""
+    if request.param == "pendulum":
+        return [recording("stribeck")], BASE
+    pytest.importorskip("pinocchio")
+    robot = tmp_path / "arm.urdf"
+    robot.write_text(TwoLink().urdf())
+    return [record_arm(seconds=6.0, rate=500.0, offset=(0.0, 0.3))], arm_base(read_body(robot))
+
+
+def test_a_new_check_reaches_every_result_and_its_text(machine, monkeypatch):
+    subjects: list[Subject] = []
+
+    def check_news(subject: Subject) -> list[Finding]:
+        subjects.append(subject)
+        return [NEWS]
+
+    monkeypatch.setattr(checks, "CHECKS", (*CHECKS, check_news))
+    runs, terms = machine
+    identified = identify(runs, terms, ["dynamic", "filtered_dynamic"])
+    effect = "stribeck" if terms == BASE else "torque_offset@elbow"
+    compared = compare(identified.model, runs)
+    results = identified, compared, diagnose(runs, (), terms, only=[effect]), add(identified.model, effect, runs)
+    assert len(subjects) == 4 and all(subject.data.recordings for subject in subjects)
+    assert all(result.findings[-1] == NEWS for result in results)
+    assert all(str(NEWS) in str(result) for result in results[1:]) and list_warnings(identified)[-1] == str(NEWS)
+
+
+def test_findings_of_a_comparison_are_those_of_its_checks():
+    runs = [recording("stribeck"), recording("cogging")]
+    found = compare(identify(runs[:1]).model, runs)
+    assert found.disagreements == tuple(own for own in found.findings if isinstance(own, Disagreement))
