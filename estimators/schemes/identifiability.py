@@ -1,7 +1,7 @@
 """Findings on parameters that recordings do not determine."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
 
@@ -56,11 +56,13 @@ class Undetermined(Finding):
         gap: the reason.
         parameters: their names; may be empty if a term of the model and an effect of the library are `rivals`.
         size: torque, angle or best fit that shows the reason, see `Gap`; None for others.
+        combination: of two parameters that act alike, the factors in the sum that is determined; else empty.
     """
 
     gap: Gap
     parameters: tuple[str, ...] = ()
     size: Quantity | None = None
+    combination: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def withheld(self) -> tuple[str, ...]:
@@ -291,6 +293,8 @@ def find_dependent_columns(phi: Array, names: Sequence[str], acts: Mask) -> list
     scaled = phi[:, nonzero] / length[nonzero]
     squares, directions = np.linalg.eigh(scaled.T @ scaled)
     for direction in directions.T[squares < MIN_LENGTH**2]:
-        group = tuple(names[nonzero[j]] for j in np.flatnonzero(np.abs(direction) > 0.1))
-        doubts.append(Undetermined(Gap.ACT_ALIKE, group))
+        alike = np.flatnonzero(np.abs(direction) > 0.1)
+        group, change = tuple(names[nonzero[j]] for j in alike), direction[alike] / length[nonzero[alike]]
+        factors = (1.0, float(-change[0] / change[1])) if len(group) == 2 else ()  # orthogonal to the null vector
+        doubts.append(Undetermined(Gap.ACT_ALIKE, group, combination=dict(zip(group, factors, strict=False))))
     return doubts

@@ -48,7 +48,7 @@ def test_identify_compare_and_diagnose_an_arm(run_command, folder):
     out = run_command(*of_arm(folder, "identify", "plain.csv", "-o", "arm.json", "--json", "found.json"))
     assert "Iyy@shoulder stands for Iyy@shoulder + 0.2025 m@elbow" in out and "filtered_hamiltonian" in out
     found = json.loads((folder / "found.json").read_text())
-    assert found["schema"] == "pendulum-ident/identification@2"
+    assert found["schema"] == "pendulum-ident/identification@3"
     assert found["schemes"]["energy"]["theta"]["coulomb@elbow"]["value"] == pytest.approx(ARM.coulomb[1], rel=0.01)
 
     written = ("--json", "errors.json", "--report", "compared.html")

@@ -89,7 +89,7 @@ def test_identify_prints_six_schemes_and_saves_a_model(runs, run_command):
     assert all(any(line.startswith(f"{scheme} ") for line in out.splitlines()) for scheme in schemes)
     assert Model.load("model.json").estimates["inertia"].value == pytest.approx(0.0895, rel=0.02)
     data = held("found.json")
-    assert data["schema"] == "pendulum-ident/identification@2" and set(data["schemes"]) == set(schemes)
+    assert data["schema"] == "pendulum-ident/identification@3" and set(data["schemes"]) == set(schemes)
     assert data["schemes"]["energy"]["residual"]["unit"] == "J"
     assert data["schemes"]["dynamic"]["theta"]["inertia"]["unit"] == "kg m^2"
     out = run_command("identify train.csv --scheme filtered_power --columns position=position:m,torque=torque:N")

@@ -56,6 +56,7 @@ TORQUE, ANGLE, NAMES = Quantity(0.1, unit="N m"), Quantity(0.1, 0.001, "rad"), (
 EXAMPLES = (  # of every family, in the forms that have texts of their own
     *(Undetermined(gap, ("viscous",), Quantity(0.1, 0.2, "N m")) for gap in Gap),
     Undetermined(Gap.LARGE_ERROR, ("viscous",)),
+    Undetermined(Gap.ACT_ALIKE, ("gap", "gravity"), combination={"gap": 1.0, "gravity": -0.6}),
     RelativeToInertia(NAMES),
     UnknownConstant("A", constant=Quantity(-0.5, 0.01, "N m/A"), by_load_torque=True),
     UnknownConstant("A", inverse=Quantity(2.0, 0.9, "A/(N m)")),

@@ -170,9 +170,13 @@ def name_treatment(treatment: Finding) -> str:
 
 
 def _describe_undetermined(finding: Undetermined) -> str:
+    names = join_words(finding.parameters)
+    if finding.combination:
+        (first, _), (second, factor) = finding.combination.items()
+        total = f"{first} {'+' if factor > 0 else '-'} {abs(factor):.3g} {second}".replace(" 1 ", " ")
+        return f"{names} cannot be told apart: only {total} is determined by these recordings."
     if finding.gap is not Gap.LARGE_ERROR:
         return _fill(GAPS[finding.gap], finding)
-    names = join_words(finding.parameters)
     if finding.size is None:
         return f"The data do not determine {names}. Move all joints faster, wider and together."
     best, effect = measure(finding.size, is_parameter=True), finding.parameters[0].partition(".")[0]

@@ -107,7 +107,7 @@ def test_a_payload_in_some_recordings_is_identified_and_the_arm_is_found_without
     found = diagnose(*runs, arm_base(body), library=SOME)
     (payload,), (tried,) = found.findings, found.treatments
     assert isinstance(payload, CarriedPayload) and payload == tried.treatment and tried.is_kept
-    assert payload.recordings == ("run 4",) and payload.joints == ("elbow",)
+    assert payload.recordings == ("run 4",) and payload.joint == "elbow"
     mass, place = payload.mass, payload.center["z"]
     assert abs(mass.value - 0.3) < 4 * mass.std < 0.01 and abs(place.value + 0.15) < 4 * place.std < 0.01
     for joint in body.joints:
@@ -234,7 +234,7 @@ def test_effects_at_two_joints_are_named_and_every_effect_is_told_once(body):
         joint = candidate.effect.partition("@")[2]
         ratio = error_at(joint, added.after) / error_at(joint, added.before)
         assert candidate.error_ratio == pytest.approx(ratio, rel=0.5)  # other windows
-        assert candidate.reason.joints == (joint,)
+        assert candidate.reason.joint == joint
         assert candidate.reason.ratio == candidate.error_ratio
 
 

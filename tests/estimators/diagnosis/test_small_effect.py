@@ -20,7 +20,7 @@ def test_a_significant_effect_below_the_noise_is_a_finding(is_hidden):
     found = diagnose(fitted, held_out, only=["stribeck", "cogging"])
     assert not found.selected
     small = [own for own in found.findings if isinstance(own, SmallEffect)]
-    assert [own.effects for own in small] == ([("stribeck",)] if is_hidden else [])
+    assert [own.effect for own in small] == (["stribeck"] if is_hidden else [])
     for own in small:
         assert 0 < own.share < own.least and own.p_value < 0.01
 

@@ -181,7 +181,7 @@ def test_a_joint_of_an_arm_that_stands_on_its_stop_is_a_contact(tmp_path, goal, 
     assert (
         found.selected == ()
         and not found.joint_residuals
-        and [own.joints for own in contacts] == [("elbow",)] * bool(limits)
+        and [own.joint for own in contacts] == ["elbow"] * bool(limits)
     )
     reasons = {own.effect: type(own.reason) for own in found.candidates}
     assert reasons["hard_stop@shoulder"] is UntestedRange

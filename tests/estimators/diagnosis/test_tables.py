@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Addition, Diagnosis, add, diagnose
+from estimators.diagnosis.conclusion import NoKnownEffect
 from estimators.search_hints import LEAST_SAMPLES, make_grid
 from pendulum_env.physics import Samples
 from pendulum_env.physics.table import TABLES, TorqueByAngle
@@ -55,7 +56,7 @@ def kept(hidden: str, table: str) -> Addition:
 def test_a_diagnosis_names_the_table_that_keeps_a_law_without_a_name_and_none_where_nothing_is_hidden(hidden):
     found, named = diagnosed(hidden), () if hidden == "nothing" else (hidden,)
     assert found.tables == named and not found.selected
-    assert not named or (found.json()["table"] == hidden and found.no_experiment.effects == (hidden,))
+    assert not named or (found.json()["tables"] == [hidden] and found.no_experiment == NoKnownEffect((hidden,)))
 
 
 @pytest.mark.slow

@@ -146,7 +146,9 @@ def test_a_parameter_that_is_told_to_be_nothing_is_told():
 def test_equal_columns_are_named(paper_run):
     terms = (*BASE, effects()["torque_offset"](), effects()["coulomb_asymmetry"]())
     (finding,) = find_undetermined([measure(paper_run)], terms)
-    assert finding == Undetermined(Gap.ACT_ALIKE, ("torque_offset", "coulomb_asymmetry"))
+    assert (finding.gap, finding.parameters) == (Gap.ACT_ALIKE, ("torque_offset", "coulomb_asymmetry"))
+    assert [*finding.combination.values()] == pytest.approx([1.0, 1.0], rel=1e-6)
+    assert "only torque_offset + coulomb_asymmetry is determined" in str(finding)
 
 
 def test_an_effect_that_never_acts_is_named(paper_run):
