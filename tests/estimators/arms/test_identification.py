@@ -8,7 +8,7 @@ from estimators import compare, identify
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes import six
 from estimators.schemes.balance import adapt_to_arms
-from estimators.schemes.identifiability import Gap, Undetermined
+from estimators.schemes.identifiability import Gap, Undetermined, find_undetermined_links, find_unidentifiable
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body
