@@ -158,6 +158,12 @@ class NonlinearParameter:
     instant: bool = False  # whether the value is a time, visible only in the samples near it
     nominal: float | None = None  # default value, at which the parameter is not counted or fitted
     is_frequency: bool = False  # whether rad/s is the frequency of an oscillation
+    can_be_zero: bool = False  # whether a plant may have the value 0 below `low`, which switches the effect off
+
+    def is_allowed(self, value: float) -> bool:
+        """Return whether a plant may have the value."""
+        is_inside = self.low <= value <= self.high or (self.can_be_zero and value == 0)
+        return is_inside and (not self.integer or value == round(value))
 
     def get_unit(self, units: JointUnits) -> str:
         """Return the unit at a joint with the given units."""
