@@ -31,6 +31,7 @@ class TorqueRipple(Term):
     id = "torque_ripple"
     law = "s tau sin Nq + c tau cos Nq"
     kind = "actuation"
+    is_revolute_only = True
     nonlinear_parameters = (NonlinearParameter("order", "1", 1, 200, integer=True),)
     typical_size = "sin=0.07,cos=-0.04"
 

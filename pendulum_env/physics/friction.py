@@ -119,6 +119,7 @@ class LoadDependentFriction(Term):
                 "load_dependent_friction.output",
                 "1",
                 dry=lambda x: np.abs((self.weight + x.load.gravity) * np.sin(x.position) - x.load.torque),
+                of_weight=True,
                 least=0.0,
                 most=self.largest_coefficient,
             ),
@@ -132,6 +133,7 @@ class PositionDependentFriction(Term):
     id = "position_dependent_friction"
     law = "(s sin q + c cos q) sgn q'"
     kind = "dissipative"
+    is_revolute_only = True
 
     columns = (
         Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),

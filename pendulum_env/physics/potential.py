@@ -19,6 +19,8 @@ class GravityTilt(Term):
     id = "gravity_tilt"
     law = "g cos q"
     kind = "potential"
+    is_decentralised = False
+    is_revolute_only = True
     by_angle = ("cosine",)
 
     columns = (
@@ -43,6 +45,7 @@ class Cogging(Term):
     id = "cogging"
     law = "s sin Nq + c cos Nq"
     kind = "potential"
+    is_revolute_only = True
     is_common = True
     nonlinear_parameters = (
         NonlinearParameter("order", "1", 2, FINEST, integer=True),

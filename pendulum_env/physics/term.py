@@ -91,6 +91,7 @@ class Column:
         force: torque as a smooth function of time, position, velocity and commanded torque.
         dry: magnitude of set-valued dry friction; at rest, friction is any torque up to it.
         of_torque: whether the column is proportional to the commanded torque.
+        of_weight: whether the column needs the weight of a pendulum; an effect at a joint of an arm lacks it.
         potential: stored energy U with force = dU/dq + loss, without further torque; None: all work of the force is
             dissipated.
         loss: dissipative part of the force, for a column with a potential.
@@ -107,6 +108,7 @@ class Column:
     potential: Law | None = None
     loss: Law = return_zero
     of_torque: bool = False
+    of_weight: bool = False
     least: float = -np.inf
     most: float = np.inf
 
@@ -194,6 +196,9 @@ class Term:
     by_angle: ClassVar[tuple[str, ...]] = ()  # angle functions of the first columns, for `list_angle_functions`
     needs: ClassVar[str] = ""  # further quantity that a recording must have
     link: ClassVar[bool] = False  # whether the states are position and velocity of a link behind the motor
+    is_decentralised: ClassVar[bool] = True  # whether the torque depends on the motion and torque of one joint alone,
+    # so that the effect is possible at a joint of an arm
+    is_revolute_only: ClassVar[bool] = False  # whether the law is one of a turn, impossible at a linear joint
     has_impacts: ClassVar[bool] = False  # whether the torque acts for less time than the motion is smoothed
     typical_size: ClassVar[str] = ""  # typical size, `sin=0.15,cos=0.1`; by default from the units
     is_common: ClassVar[bool] = False  # whether a diagnosis reports its smallest detectable size
