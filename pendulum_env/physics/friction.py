@@ -98,6 +98,7 @@ class LoadDependentFriction(Term):
     id = "load_dependent_friction"
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
+    can_hide_scale = True
     is_common = True
     nonlinear_parameters = (
         NonlinearParameter("weight", "N m", -1e9, 1e9, follows="gravity"),

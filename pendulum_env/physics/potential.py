@@ -21,6 +21,7 @@ class GravityTilt(Term):
     kind = "potential"
     is_decentralised = False
     is_revolute_only = True
+    is_weight = True
     by_angle = ("cosine",)
 
     columns = (
@@ -95,6 +96,7 @@ class Spring(Term):
     degree: float = 1.0
 
     id = "spring"
+    is_restoring = True
     law = "k q + preload, preload = -k q0 (hardening: and k2 q^2 + k3 q^3)"
     kind = "potential"
     is_common = True
@@ -151,8 +153,8 @@ class HardStop(Term):
     typical_size = "stiffness=40,lower=-1.2,upper=1.2,hysteresis=0.05"
 
     @property
-    def open_ends(self) -> tuple[bool, bool]:
-        return not np.isfinite(self.lower), not np.isfinite(self.upper)
+    def ends(self) -> tuple[float, float]:
+        return self.lower, self.upper
 
     @property
     def columns(self) -> tuple[Column, ...]:
