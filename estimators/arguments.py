@@ -14,7 +14,6 @@ from estimators.free_swings import is_torque_needed
 from estimators.progress import no_progress
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.joints import (
-    REVOLUTE_ONLY,
     check_places,
     find_body,
     find_kinds,
@@ -168,7 +167,7 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
         IdentificationError: if effects are given, and recordings can show none.
     """
     if any(recording.units.is_prismatic for recording in recordings):
-        sliding = {id: kind for id, kind in kinds.items() if id not in REVOLUTE_ONLY}
+        sliding = {id: kind for id, kind in kinds.items() if kind.at or not kind.is_revolute_only}
         if kinds and not sliding:
             raise IdentificationError(f"{next(iter(kinds))} needs a joint that turns: look for other effects")
         kinds = sliding

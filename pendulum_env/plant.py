@@ -77,8 +77,9 @@ def hide(plant: Model, text: str) -> Model:
     """Add an effect, given as text, to a plant.
 
     `stribeck` has its typical size, `stribeck=0.4,0.3` sets the parameters in order, and `cogging:order=14,sin=0.2` by
-    name. Other parameters keep typical values. `pendulum-ident effects` lists them in order. An infinite limit removes
-    a stop: `hard_stop:upper=0.9,lower=-inf`.
+    name. Other parameters keep typical values. `pendulum-ident effects` lists them in order. A single 0, as in
+    `cogging=0`, sets all linear parameters to zero, `dead_time=0` the delay. An infinite limit removes a stop:
+    `hard_stop:upper=0.9,lower=-inf`.
 
     Raises:
         ValueError: if the effect or a parameter is unknown, or a value is not a number in the admissible range.
@@ -96,6 +97,8 @@ def hide(plant: Model, text: str) -> Model:
             raise ValueError(
                 f"{id} takes at most {len(parameters)} values ({', '.join(parameters)}), got {len(values)}"
             )
+        if values == [0.0]:  # size 0, of all waves or parts
+            values *= len(kind().columns) or 1
         values_by_name = dict(zip(parameters, values, strict=False))
     else:
         values_by_name = read_parameters(value_text) if separator else {}
@@ -122,8 +125,9 @@ def check_nonlinear(id: str, parameter: NonlinearParameter, value: float) -> Non
     Raises:
         ValueError: with the effect, the parameter and its range.
     """
-    if not parameter.low <= value <= parameter.high or (parameter.integer and value != round(value)):
-        allowed = f"{'an integer' if parameter.integer else 'a number'} from {parameter.low:g} to {parameter.high:g}"
+    if not parameter.is_allowed(value):
+        ends = f"from {parameter.low:g} to {parameter.high:g}{', or 0' * parameter.can_be_zero}"
+        allowed = f"{'an integer' if parameter.integer else 'a number'} {ends}"
         raise ValueError(f"{parameter.name} of {id} cannot be {value:g}: give {allowed} [{parameter.unit}]")
 
 

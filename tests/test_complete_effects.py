@@ -1,7 +1,8 @@
 """Every effect of the library is complete; a failure lists the missing parts with the files and lines to extend."""
 
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pytest
@@ -12,8 +13,8 @@ from benchmarks import independent_plant, mujoco_plant
 from benchmarks.independent_plant import Plant, random_case, simulate
 from benchmarks.truth import Truth
 from estimators.search_hints import SearchHints, find_hints
-from pendulum_env.physics import effects, list_nameable
-from pendulum_env.physics.library import BUILT_IN
+from pendulum_env.physics import Column, NonlinearParameter, Term, effects, list_nameable
+from pendulum_env.physics.library import BUILT_IN, MEASURED
 from tests.cases import CASES
 from tools.prose import README, ROOT
 from workbench.narrator.effects import find_description
@@ -116,10 +117,69 @@ PARTS = (
 )
 
 
+PAGE, TABLE = "docs/how-to/effect.md", "## Properties that the program asks"
+
+
+class Plain(Term):
+    """Term with the default of each attribute."""
+
+    id, law, kind = "plain", "0", "dissipative"
+
+
+def read_properties() -> dict[str, tuple[int, frozenset[str]]]:
+    """Read the line and the effects of each attribute in the table of properties."""
+    lines = (ROOT / PAGE).read_text(encoding="utf-8").splitlines()
+    first = lines.index(TABLE)
+    end = next(k for k in range(first + 1, len(lines)) if lines[k].startswith("## "))
+    properties = {}
+    for k in (k for k in range(first, end) if lines[k].startswith("| `")):
+        (name,), _, ids = (re.findall("`([^`]+)`", cell) for cell in lines[k].strip("| ").split(" | "))
+        properties[name] = k + 1, frozenset(ids)
+    return properties
+
+
+PROPERTIES = read_properties()
+
+
+def has_property(kind: type[Term], name: str) -> bool:
+    """Return whether an effect, or one of its columns or nonlinear parameters, differs from the default."""
+    owner, _, part = name.rpartition(".")
+    if not owner:
+        return getattr(kind(), name) != getattr(Plain(), name)
+    parts = kind().columns if owner == "Column" else kind.nonlinear_parameters
+    return any(getattr(own, part) for own in parts)
+
+
+def list_properties() -> set[str]:
+    """List the optional attributes that the program asks."""
+    described_elsewhere = {"at", "is_prismatic", "nonlinear_parameters", "typical_size", "description"}
+    own = {name for name in Term.__annotations__ if name in vars(Term)} - described_elsewhere
+    flags = {
+        f"{part.__name__}.{own.name}"
+        for part in (Column, NonlinearParameter)
+        for own in fields(part)
+        if own.type == "bool"
+    }
+    return own | {"delay", "lead", "ends"} | flags - {"NonlinearParameter.integer"} | {"NonlinearParameter.follows"}
+
+
 @pytest.mark.parametrize("id", [kind.id for kind in BUILT_IN])
 def test_effect_is_complete(id):
     missing = [f"{part.place}: {part.task}" for part in PARTS if not part.is_there(id)]
-    assert not missing, f"{id} is incomplete:\n" + "\n".join(missing)
+    properties = ", ".join(PROPERTIES)
+    assert not missing, f"{id} is incomplete:\n" + "\n".join([*missing, f"{PAGE}: set its properties: {properties}"])
+
+
+@pytest.mark.parametrize("name", PROPERTIES)
+def test_property_lists_its_effects(name):
+    line, listed = PROPERTIES[name]
+    kinds = {kind.id: kind for kind in (*BUILT_IN, *MEASURED.values())}
+    differing = {id for id, kind in kinds.items() if has_property(kind, name)}
+    assert listed == differing, f"{PAGE}:{line} should list {sorted(differing)}"
+
+
+def test_the_page_lists_every_property():
+    assert PROPERTIES.keys() == list_properties()
 
 
 def test_an_effect_without_entries_lacks_every_part_that_has_its_id():

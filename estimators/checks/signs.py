@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.findings import Finding
-from pendulum_env.physics import Model, Table
+from estimators.weak_form.columns import is_friction_table
+from pendulum_env.physics import Model
 
 
 @dataclass(frozen=True)
@@ -20,9 +21,11 @@ def find_driving_friction(model: Model) -> list[NegativeParameters]:
 
     With a table of friction they may have any sign.
     """
-    has_table = any(isinstance(term, Table) and term.kind == "dissipative" for term in model.terms)
-    names = [name for name in model.estimates if name.split("@")[0] in ("viscous", "coulomb")]
-    negative = [name for name in names if is_significantly_negative(model, name) and not has_table]
+    if any(map(is_friction_table, model.terms)):
+        return []
+    friction = [term for term in model.terms if term.kind == "dissipative"]
+    names = [column.name for term in friction for column in term.columns if column.of_body]
+    negative = [name for name in names if is_significantly_negative(model, name)]
     return [NegativeParameters(tuple(negative))] if negative else []
 
 

@@ -10,7 +10,7 @@ from estimators.selection.candidates import can_reproduce
 from estimators.selection.evidence import Evidence
 from estimators.selection.policies import KEEP_BASE, SWAP_HELD_OUT
 from estimators.selection.state import remove_term
-from pendulum_env.physics import SIGNIFICANT, Estimate, Gravity, Model, Table, Term, list_ids
+from pendulum_env.physics import SIGNIFICANT, Estimate, Gravity, Model, Term, list_ids
 
 TURN = 2 * np.pi  # range of angles from which gravity differs from any other law of the angle [rad]
 
@@ -21,7 +21,7 @@ def list_angle_effects(model: Model, base: Terms) -> list[Term]:
     A stop acts at the end of the range only. A tilt is gravity too, but it competes with other laws.
     """
     added = (term for term in model.terms if term.id not in list_ids(base))
-    return [term for term in added if term.kind == "potential" and not (term.has_impacts or isinstance(term, Table))]
+    return [term for term in added if term.kind == "potential" and not (term.has_impacts or term.is_free_form)]
 
 
 def widen_by_law(model: Model, evidence: Evidence) -> Model:

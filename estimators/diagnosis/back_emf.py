@@ -18,7 +18,6 @@ from estimators.in_loop.servos import has_unpowered_motor, select_voltage_drives
 from estimators.weak_form.point import Point
 from pendulum_env.physics import Term, list_ids
 from pendulum_env.physics.actuation import BackEmf
-from pendulum_env.physics.friction import LoadDependentFriction
 
 
 def add_back_emf(data: FitData, setting: Setting) -> Setting:
@@ -31,10 +30,11 @@ def add_back_emf(data: FitData, setting: Setting) -> Setting:
 def present(trial: Trial, step: Step) -> Step:
     """Return a step with back-EMF added to viscous friction if recordings do not distinguish the two.
 
-    They do if the motor is ever off, or if load-dependent friction is significant. Known or bounded friction stays as
-    it is.
+    They do if the motor is ever off, or if an effect that depends on back-EMF, as friction by load, is significant.
+    Known or bounded friction stays as it is.
     """
-    has_gear_friction = compute_significant_sign(step.model, LoadDependentFriction.id) > 0
+    followers = [term.columns[0].name for term in step.model.terms if _follows_back_emf(term)]
+    has_gear_friction = any(compute_significant_sign(step.model, name) > 0 for name in followers)
     if BackEmf.id not in step.model.estimates or has_unpowered_motor(trial.data.recordings) or has_gear_friction:
         return step
     theta = {column.name: value for column, value in zip(step.model.columns, step.model.theta, strict=True)}
@@ -52,6 +52,11 @@ def include_back_emf(data: FitData, terms: Sequence[Term]) -> FitData | None:
 
     Otherwise return None: back-EMF is viscous friction, or the base model has it because the motor is ever off.
     """
-    is_distinguishable = LoadDependentFriction.id in list_ids(terms) and BackEmf.id not in list_ids(terms)
+    is_distinguishable = any(map(_follows_back_emf, terms)) and BackEmf.id not in list_ids(terms)
     is_included = is_distinguishable and bool(select_voltage_drives(data.recordings))
     return data.with_treatment(Treatment(Action.BACK_EMF_INCLUDED)) if is_included else None
+
+
+def _follows_back_emf(term: Term) -> bool:
+    """Return whether the law of a term depends on back-EMF."""
+    return any(parameter.follows == BackEmf.id for parameter in term.nonlinear_parameters)

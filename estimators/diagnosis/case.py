@@ -19,7 +19,6 @@ from estimators.findings import Finding
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
-from estimators.weak_form.columns import NOT_NEGATIVE
 from pendulum_env.physics import Model, Term, list_ids
 from pendulum_env.recording import Recording
 
@@ -122,8 +121,7 @@ class Trial:
 
     def release_bounds(self, model: Model) -> Model:
         """Return a model refitted within bounds of the laws alone, if a parameter is at a body's bound; else it."""
-        bounded = (name.partition("@")[0] for name, estimate in model.estimates.items() if estimate.at_bound)
-        has_bound = any(name in NOT_NEGATIVE for name in bounded)
+        has_bound = any(model.estimates[column.name].at_bound for column in model.columns if column.of_body)
         return fit_within_laws(self.evidence.train, model.terms) if has_bound else model
 
     @cached_property

@@ -12,8 +12,6 @@ from estimators.diagnosis.untested import UntestedRange, find_untested_range
 from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence
 from pendulum_env.physics import SIGNIFICANT, Gravity, Model, list_ids
-from pendulum_env.physics.friction import LoadDependentFriction
-from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.units import JointUnits
 
 MIN_WINDOWS = 40  # number of windows below which a finding warns
@@ -68,10 +66,10 @@ def _find_part_of_turn(evidence: Evidence, base: Model, model: Model, reach: flo
 
     Within part of a turn, gravity and another law of the angle can imitate a third law, or a wrong scale of the angle.
     `widen_by_law` adds the error of the laws of the library alone; here the error of gravity is without it. A tilt is
-    gravity too, and a stop acts at the end of the range only.
+    weight too, and a stop acts at the end of the range only.
     """
     others = (term for term in model.terms if term.kind in ("potential", "sensor") and not term.has_impacts)
-    effects = tuple(term.id for term in others if term.id not in {*list_ids(base.terms), GravityTilt.id})
+    effects = tuple(term.id for term in others if term.id not in list_ids(base.terms) and not term.is_weight)
     old, new = base.estimates.get(Gravity.id), model.estimates.get(Gravity.id)
     if not effects or old is None or new is None or not new.std or model.is_prismatic or reach >= TURN:
         return []
@@ -83,13 +81,14 @@ def _find_part_of_turn(evidence: Evidence, base: Model, model: Model, reach: flo
 
 def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
     """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
-    data, id = evidence.train.data, LoadDependentFriction.id
+    data, kinds = evidence.train.data, {id: kind for id, kind in evidence.library.items() if kind.can_hide_scale}
     share = compute_driven_share(data, data.torque.recorded)
-    if share <= evidence.criterion.columns.driven_share or id in list_ids(terms) or id not in evidence.library:
+    is_known = not kinds or any(term.can_hide_scale for term in terms)
+    if share <= evidence.criterion.columns.driven_share or is_known:
         return []
-    hidden = known or find_detectable_effects(evidence, terms, {id: evidence.library[id]})
-    is_excited = any(detectable.is_excited for detectable in hidden if detectable.effect == id)
-    return [] if is_excited else [UnknownScale(share)]
+    hidden = known or find_detectable_effects(evidence, terms, kinds)
+    excited = {detectable.effect for detectable in hidden if detectable.is_excited}
+    return [] if kinds.keys() <= excited else [UnknownScale(share)]
 
 
 def _find_untested_ranges(model: Model, low: float, high: float) -> list[UntestedRange]:

@@ -18,7 +18,7 @@ from estimators.selection.evidence import Evidence
 from estimators.signals.residual import makes_whole_turns
 from estimators.weak_form.torque_windows import TorqueWindows, find_largest_sizes
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term, list_ids
+from pendulum_env.physics import Term, list_ids, list_nameable
 from pendulum_env.plant import get_typical_values, paper_plant
 from pendulum_env.units import is_of_torque
 
@@ -139,7 +139,7 @@ def find_detectable_size(evidence: Evidence, terms: Terms, kind: type[Term]) -> 
 def find_detectable_effects(
     evidence: Evidence, terms: Terms, library: Mapping[str, type[Term]]
 ) -> tuple[Detectable, ...]:
-    """Return the smallest detectable size of each common effect, and the recorded range without a hard stop.
+    """Return the smallest detectable size of each common effect, and the recorded range without a stop.
 
     A size is omitted if it exceeds the bounds of the law, or if its torque exceeds the applied torque: the
     data do not excite the effect. A joint that makes whole turns has no range.
@@ -151,5 +151,8 @@ def find_detectable_effects(
             column = term.columns[0]
             is_possible = size <= find_largest_sizes(data, term)[0] and column.is_allowed(size)
             effects.append(Detectable(kind.id, size if is_possible else None, units.unit(column.unit)))
-    stop = Detectable("hard_stop", unit=units.unit("rad"), between=evidence.train.get_range())
-    return tuple(effects) if makes_whole_turns(evidence.train.samples.position) else (*effects, stop)
+    if makes_whole_turns(evidence.train.samples.position):
+        return tuple(effects)
+    stops = [id for id, kind in list_nameable().items() if any(kind().open_ends)]
+    unit, between = units.unit("rad"), evidence.train.get_range()
+    return (*effects, *(Detectable(id, unit=unit, between=between) for id in stops))

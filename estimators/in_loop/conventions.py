@@ -28,8 +28,8 @@ from estimators.in_loop.counts import find_encoder_step
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
 from estimators.weak_form.rows import Terms
 from estimators.weak_form.windows import Part
-from pendulum_env.physics import BASE, Term, list_ids
-from pendulum_env.physics.actuation import ActuatorLag, DeadTime
+from pendulum_env.physics import BASE, Term, effects, list_ids
+from pendulum_env.physics.terms import is_late
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import CONTROLLER, list_open_conventions
 from pendulum_env.servo.torque import depends_on_past
@@ -73,7 +73,6 @@ class GoalConvention(Finding):
     recordings: tuple[str, ...] = ()
 
 
-LATE = (DeadTime, ActuatorLag)  # effects that half a sample imitates
 Recordings = tuple[Recording, ...]
 Decided = tuple[Settings, list[ControllerConvention | GoalConvention]]
 
@@ -168,14 +167,12 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
         findings = [ControllerConvention(settings, choice.gain)]
         fits = [fit for fit in fits if fit.select(CONTROLLER) == settings]
     if len(goals) > 1:
-        late = [effect() for effect in LATE if effect.id not in list_ids(base)]
+        late = [kind() for id, kind in effects().items() if is_late(kind) and id not in list_ids(base)]
         fits += [fit.with_effect(effect) for fit in fits for effect in late]
         by_size = sorted(fits, key=lambda fit: (len(fit.terms), -fit.likelihood))
         choice = choose_fit(by_size, ("goal",), criterion.p_value, criterion)
         added = choice.alternative.terms[len(base) :]
-        lateness = {
-            term.id: Quantity(float(value), unit="s") for term in added for value in term.nonlinear_values.values()
-        }
+        lateness = {term.id: Quantity(float(term.lead + term.delay), unit="s") for term in added}
         settings = choice.fit.settings
         findings.append(GoalConvention(settings["goal"] == "held", choice.gain, lateness))
     return settings, findings

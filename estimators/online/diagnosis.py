@@ -33,6 +33,7 @@ from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects, list_loads
+from pendulum_env.physics.terms import is_late
 
 
 @dataclass(frozen=True)
@@ -444,8 +445,7 @@ class EffectMonitor:
 
 def find_obstacle(effect: type[Term]) -> Obstacle | None:
     """Find the reason why an effect has no online diagnosis; None if it has a diagnosis."""
-    is_late_torque = (effect.delay is not Term.delay or effect.lead is not Term.lead) and not effect().columns
-    if effect.has_state() and not is_late_torque:
+    if effect.has_state() and not is_late(effect):
         return Obstacle.HAS_STATE
     if len(list_loads(effect.at)) > 1:
         return Obstacle.LOADS_TWO_JOINTS

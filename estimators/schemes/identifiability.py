@@ -107,13 +107,13 @@ def find_undetermined(
     moving = np.concatenate([m.velocity[m.moving] for m in measurements])  # clear samples are few if noise is large
     forwards = float(np.mean(moving > 0))
     if not ONE_SIDED_SHARE < forwards < 1 - ONE_SIDED_SHARE:
-        constants = ("coulomb", "torque_offset", "coulomb_asymmetry")
-        withheld = tuple(name for name in constants if name in names)
+        withheld = tuple(column.name for term in terms for column in term.columns if column.is_constant)
         doubts.append(Undetermined(Gap.ONE_DIRECTION, withheld))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
     if furthest < SMALL_ANGLE and not units.is_prismatic:
-        alike = ("gravity", "spring.stiffness")
-        withheld, angle = alike if set(alike) <= set(names) else (), Quantity(furthest, unit=units.unit("rad"))
+        functions = [pair for term in terms for pair in zip(term.by_angle, term.columns, strict=False)]
+        alike = tuple(column.name for function, column in functions if function in ("sine", "line"))
+        withheld, angle = alike if len(alike) > 1 else (), Quantity(furthest, unit=units.unit("rad"))
         doubts.append(Undetermined(Gap.SMALL_ANGLES, withheld, angle))
     all_phi = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
     phi = np.concatenate([phi[is_clear] for phi, is_clear in zip(all_phi, clear, strict=True)])

@@ -191,9 +191,9 @@ def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], le
     Inertia must keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
     It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where the smaller
     model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
-    With a tilt it may have any sign. Its standard error may not exceed its former value: effects of the angle that
-    leave it undetermined cancel it and imitate another law. Models with a link have no gates, as they are
-    uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
+    With another weight, as a tilt, it may have any sign. Its standard error may not exceed its former value: effects of
+    the angle that leave it undetermined cancel it and imitate another law. Models with a link have no gates, as they
+    are uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
     """
     gates: list[Gate] = []
     shared = before.estimates.keys() & after.estimates.keys()
@@ -208,7 +208,7 @@ def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], le
     if "gravity" in shared and compute_significant_sign(before, "gravity"):
         old, new = before.estimates["gravity"], after.estimates["gravity"]
         share, std = new.value / old.value, new.std / abs(old.value)
-        keeps_sign = "gravity_tilt" in after.estimates or share + SIGNIFICANT * std >= 0
+        keeps_sign = any(term.is_weight for term in after.terms) or share + SIGNIFICANT * std >= 0
         gates.append(Gate("kept_gravity", share, 0.0, keeps_sign and std <= 1.0, std=std))
     return gates
 

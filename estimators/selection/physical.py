@@ -20,7 +20,6 @@ from pendulum_env.physics import (
     list_loads,
 )
 from pendulum_env.physics.limits import collect_limits
-from pendulum_env.physics.potential import HardStop, Spring
 from pendulum_env.physics.term import return_zero
 
 CIRCLE = np.linspace(-np.pi, np.pi, 48, endpoint=False)  # [rad], where dry friction is evaluated, recorded or not
@@ -71,10 +70,10 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     limit = float(np.abs(x.torque - driving_torque).max())
     dry = _compute_dry_friction_over_turn([part[1:] for part in friction if not part[1].of_torque], x).max()
     gates += _find_pushing_springs(model, x)
-    for stop in (term for term in model.terms if isinstance(term, HardStop)):
+    for lower, upper in (term.ends for term in model.terms if term.ends is not None):
         lowest, highest = float(x.position.min()), float(x.position.max())
-        free = min(stop.upper, highest) - max(stop.lower, lowest)
-        depth = max(stop.lower - lowest, highest - stop.upper)
+        free = min(upper, highest) - max(lower, lowest)
+        depth = max(lower - lowest, highest - upper)
         if depth > free:
             gates.append(Gate("soft_stop", depth, free, False, model.units().unit("rad")))
     is_arm = any(term.at for term in model.terms)
@@ -90,7 +89,7 @@ def _find_pushing_springs(model: Model, x: Samples) -> list[Gate]:
     """
     gates, step = [], 1e-4  # exact to 1e-8 of the cubic coefficient
     above, below = (replace(x, position=x.position + change) for change in (step, -step))
-    for term in (term for term in model.terms if isinstance(term, Spring)):
+    for term in (term for term in model.terms if term.is_restoring):
         theta = np.array([model.estimates[column.name].value for column in term.columns])
         slopes = [(column.force(above) - column.force(below)) / (2 * step) for column in term.columns]
         limited = collect_limits([term])
@@ -138,7 +137,7 @@ def _is_friction(term: Term) -> bool:
 
 def _drives_joint(term: Term) -> bool:
     """Return whether a term, as gravity does, can set a joint in motion without the motor."""
-    return term.kind in ("potential", "time-varying") and term.id != "hard_stop" and not _is_friction(term)
+    return term.kind in ("potential", "time-varying") and term.ends is None and not _is_friction(term)
 
 
 def _compute_dry_friction_over_turn(parts: Sequence[tuple[Column, float]], x: Samples) -> Array:

@@ -6,9 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.physics import Model, Table, Term, list_loads
-
-NOT_NEGATIVE = ("inertia", "viscous", "coulomb")  # ids of terms with a parameter >= 0 for any body
+from pendulum_env.physics import Column, Model, Term, list_loads
 
 
 def is_torque_dependent(*terms: Term) -> bool:
@@ -24,14 +22,12 @@ def has_known_parameter(*terms: Term) -> bool:
 def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return lower and upper bounds of the linear parameters of a model with some terms, (P,) each.
 
-    They are the bounds of the laws. Parameters of `NOT_NEGATIVE` without a lower bound are at least zero, except
+    They are the bounds of the laws. Parameters of columns `of_body` without a lower bound are at least zero, except
     friction at a joint with a table of friction.
     """
-    tables = {
-        at for term in terms if isinstance(term, Table) and term.kind == "dissipative" for at in list_loads(term.at)
-    }
+    tables = {at for term in terms if is_friction_table(term) for at in list_loads(term.at)}
     least, most = list_law_bounds(terms)
-    is_body = np.array([_is_of_body(term, term.at in tables) for term in terms for _ in term.columns], dtype=bool)
+    is_body = np.array([_is_of_body(t, column, t.at in tables) for t in terms for column in t.columns], dtype=bool)
     least[is_body & (least == -np.inf) & (most > 0.0)] = 0.0
     return least, most
 
@@ -42,9 +38,14 @@ def list_law_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     return np.array([column.least for column in columns]), np.array([column.most for column in columns])
 
 
-def _is_of_body(term: Term, has_table: bool) -> bool:
-    """Return whether the parameter of a term must not be negative, given a table of friction at its joint."""
-    return term.id.partition("@")[0] in NOT_NEGATIVE and not (has_table and term.kind == "dissipative")
+def is_friction_table(term: Term) -> bool:
+    """Return whether a term is friction of any form, beside which base friction may have any sign."""
+    return term.is_free_form and term.kind == "dissipative"
+
+
+def _is_of_body(term: Term, column: Column, has_table: bool) -> bool:
+    """Return whether the parameter of a column must not be negative, given a table of friction at its joint."""
+    return column.of_body and not (has_table and term.kind == "dissipative")
 
 
 def mark_bounds(model: Model) -> Model:

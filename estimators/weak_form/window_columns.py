@@ -13,7 +13,6 @@ from estimators.weak_form.traces import select_driving_samples, trace_all
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array
 from pendulum_env.physics import LOAD, Samples, Term
-from pendulum_env.physics.potential import HardStop
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,7 @@ class WindowColumns:
     @cached_property
     def _unsmoothed(self) -> Samples:
         """Concatenated samples of all recordings that drive an effect with impacts."""
-        return concatenate_samples([select_driving_samples(w, HardStop) for w in self.windows])
+        return concatenate_samples([w.unsmoothed for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:
         """Return the concatenated driving samples of all recordings with the states of each variant of one effect.

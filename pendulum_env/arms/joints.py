@@ -29,10 +29,6 @@ T = TypeVar("T")
 FRICTION: tuple[Term, ...] = (Viscous(), Coulomb())  # base friction of a joint
 DRAWS = 60  # samples of random motion
 NEGLIGIBLE = 1e-6  # relative norm of a residual torque below which links explain the torque
-EXCLUDED_COLUMNS = ("load_dependent_friction.output",)  # columns that effects at an arm's joint lack
-# effects that depend on more than the motion of one joint
-NOT_DECENTRALISED = ("backlash", "joint_flexibility", "encoder_eccentricity", "gravity_tilt", "payload_change")
-REVOLUTE_ONLY = ("cogging", "torque_ripple", "position_dependent_friction", "gravity_tilt", "encoder_eccentricity")
 
 
 @dataclass(frozen=True)
@@ -49,9 +45,9 @@ class Rotor(Term):
         return (Column("rotor", "kg m^2", mass=return_one, least=0.0),)
 
 
-def is_possible_at_joint(id: str, is_prismatic: bool = False) -> bool:
+def is_possible_at_joint(kind: type[Term], is_prismatic: bool = False) -> bool:
     """Return whether an effect is possible at a revolute or linear joint of an arm."""
-    return id not in NOT_DECENTRALISED and not (is_prismatic and (id in REVOLUTE_ONLY or id == Coupling.id))
+    return kind.is_decentralised and not (is_prismatic and kind.is_revolute_only)
 
 
 def place_effect(effect: type[Term], joint: str, is_prismatic: bool = False) -> type[Term]:
@@ -71,7 +67,7 @@ def _make_placed_effect(effect: type[Term], joint: str, is_prismatic: bool) -> t
     units = JointUnits(is_prismatic=is_prismatic)
 
     def name_columns(columns: Sequence[Column]) -> tuple[Column, ...]:
-        of_joint = (column for column in columns if column.name not in EXCLUDED_COLUMNS)
+        of_joint = (column for column in columns if not column.of_weight)
         return tuple(replace(c, name=f"{c.name}@{joint}", unit=units.unit(c.unit)) for c in of_joint)
 
     placed_effect = derive_kind(
@@ -99,6 +95,7 @@ class Coupling(Term):
     id = "coupling"
     law = "(I w' + b w + c sgn w) (1, s) with w = q_a' + s q_b'"
     kind = "dissipative"
+    is_revolute_only = True
     is_heavy: ClassVar[bool] = True  # has an inertia column; False if link parameters explain it (parallel axes)
 
     @property
@@ -124,7 +121,7 @@ def get_coupling(at: str, is_heavy: bool) -> type[Coupling]:
 
 def list_couplings(body: Body) -> tuple[type[Coupling], ...]:
     """List the couplings of adjacent revolute joints, with both signs."""
-    can_couple = [is_possible_at_joint(Coupling.id, is_linear) for is_linear in body.is_prismatic]
+    can_couple = [is_possible_at_joint(Coupling, is_linear) for is_linear in body.is_prismatic]
     pairs = [pair for pair, flags in zip(pairwise(body.joints), pairwise(can_couple), strict=True) if all(flags)]
     return tuple(choose_coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
 
@@ -193,7 +190,7 @@ def list_effects(body: Mechanism) -> dict[str, type[Term]]:
 
 def joint_effects() -> dict[str, type[Term]]:
     """Return the library effects of an arm's joint, its rotor, and the coupling of two joints, by id."""
-    effects = {id: effect for id, effect in list_nameable().items() if is_possible_at_joint(id)}
+    effects = {id: effect for id, effect in list_nameable().items() if is_possible_at_joint(effect)}
     return effects | {kind.id: kind for kind in (Rotor, Coupling)}
 
 
@@ -213,7 +210,7 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
         place_effect(kind, joint, is_prismatic)
         for joint, is_prismatic in joints
         for kind in single
-        if is_possible_at_joint(kind.id, is_prismatic) and (kind is not Rotor or has_separate_rotor(joint, body))
+        if is_possible_at_joint(kind, is_prismatic) and (kind is not Rotor or has_separate_rotor(joint, body))
     ]
     return [*effects, *(list_couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
@@ -235,7 +232,7 @@ def find_kind(text: str, body: Mechanism, library: Mapping[str, type[Term]] | No
             raise UserError(f"{id} at '{joint}' is part of the link parameters: leave it out")
         return place_effect(kind, joint, body.is_prismatic[joints.index(joint)])
     pair = [find("joint", joint, {name: name for name in joints}) for joint in list_loads(at)]
-    _refuse_prismatic(id, pair, body.prismatic_joints)
+    _refuse_prismatic(Coupling, pair, body.prismatic_joints)
     if len(pair) != 2 or at.startswith("-"):
         example = f"{id}@{joints[0]},{joints[-1]}"
         raise UserError(f"'{text}' should name two joints, such as {example}, with - for the second")
@@ -265,20 +262,21 @@ def parse_effect(
     id, at, joint = text.partition("@")
     if library is None and id in (Coupling.id, Rotor.id, *MEASURED):
         raise UserError(f"{id} is nothing that the simulator here has: leave it out")
-    if not at and id not in NOT_DECENTRALISED:
-        raise UserError(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
-    if id in NOT_DECENTRALISED:
+    effect = list_nameable().get(id)
+    if effect is not None and not effect.is_decentralised:
         raise UserError(f"{id} is no effect of one joint's motion and torque alone: it cannot sit at a joint of an arm")
+    if not at:
+        raise UserError(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     joint = find("joint", joint, {name: name for name in joints})
     kind = find("effect", id, library or joint_effects())
-    _refuse_prismatic(id, [joint], prismatic_joints)
+    _refuse_prismatic(kind, [joint], prismatic_joints)
     return kind, joint
 
 
-def _refuse_prismatic(id: str, joints: Iterable[str], prismatic_joints: Collection[str]) -> None:
+def _refuse_prismatic(kind: type[Term], joints: Iterable[str], prismatic_joints: Collection[str]) -> None:
     for joint in joints:
-        if joint in prismatic_joints and not is_possible_at_joint(id, is_prismatic=True):
-            raise UserError(f"{id} is of joints that turn: it cannot be at '{joint}', which slides")
+        if joint in prismatic_joints and not is_possible_at_joint(kind, is_prismatic=True):
+            raise UserError(f"{kind.id} is of joints that turn: it cannot be at '{joint}', which slides")
 
 
 @dataclass(frozen=True)

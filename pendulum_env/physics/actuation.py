@@ -6,6 +6,7 @@ import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
 from pendulum_env.filters import filter_lag
+from pendulum_env.physics.symbols import may_be_true
 from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term, return_one
 
 
@@ -30,6 +31,7 @@ class TorqueRipple(Term):
     id = "torque_ripple"
     law = "s tau sin Nq + c tau cos Nq"
     kind = "actuation"
+    is_revolute_only = True
     nonlinear_parameters = (NonlinearParameter("order", "1", 1, 200, integer=True),)
     typical_size = "sin=0.07,cos=-0.04"
 
@@ -80,7 +82,7 @@ class ActuatorLag(Term):
     id = "actuator_lag"
     law = "tau - tau_a with T tau_a' = tau - tau_a"
     kind = "actuation"
-    nonlinear_parameters = (NonlinearParameter("time_constant", "s", 1e-4, 2.0),)
+    nonlinear_parameters = (NonlinearParameter("time_constant", "s", 1e-4, 2.0, can_be_zero=True),)
 
     @property
     def fixed(self) -> tuple[Column, ...]:
@@ -94,9 +96,13 @@ class ActuatorLag(Term):
         return (x.torque + 0.0 * x.position,)
 
     def advance(self, memory: Memory, x: Samples, duration: ArrayLike) -> Memory:
+        if not may_be_true(self.time_constant):
+            return (x.torque + 0.0 * memory[0],)
         return (x.torque + (memory[0] - x.torque) * np.exp(-duration / self.time_constant),)
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        if not self.time_constant:
+            return (0.5 * (command + np.concatenate([command[:1], command[:-1]])),)
         ratio = period / self.time_constant
         keep = np.exp(-ratio)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
         lagged = np.concatenate([command[:1], filter_lag(command[:-1], keep, command[0])])
@@ -118,7 +124,7 @@ class DeadTime(Term):
     id = "dead_time"
     law = "tau(t) - tau(t - d)"
     kind = "actuation"
-    nonlinear_parameters = (NonlinearParameter("dead_time", "s", 1e-4, 1.0),)
+    nonlinear_parameters = (NonlinearParameter("dead_time", "s", 1e-4, 1.0, can_be_zero=True),)
 
     @property
     def fixed(self) -> tuple[Column, ...]:

@@ -98,6 +98,7 @@ class LoadDependentFriction(Term):
     id = "load_dependent_friction"
     law = "(mu |tau| + mu_o |w sin q|) sgn q'"
     kind = "dissipative"
+    can_hide_scale = True
     is_common = True
     nonlinear_parameters = (
         NonlinearParameter("weight", "N m", -1e9, 1e9, follows="gravity"),
@@ -119,6 +120,7 @@ class LoadDependentFriction(Term):
                 "load_dependent_friction.output",
                 "1",
                 dry=lambda x: np.abs((self.weight + x.load.gravity) * np.sin(x.position) - x.load.torque),
+                of_weight=True,
                 least=0.0,
                 most=self.largest_coefficient,
             ),
@@ -132,6 +134,7 @@ class PositionDependentFriction(Term):
     id = "position_dependent_friction"
     law = "(s sin q + c cos q) sgn q'"
     kind = "dissipative"
+    is_revolute_only = True
 
     columns = (
         Column("position_dependent_friction.sin", "N m", dry=lambda x: np.sin(x.position)),

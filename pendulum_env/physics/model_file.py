@@ -173,7 +173,7 @@ def refuse_excess_friction(terms: Sequence[Term], estimates: Mapping[str, Estima
 
 def check_value(parameter: NonlinearParameter, number: float, place: str) -> float:
     """Return the value of a nonlinear parameter of a model file; refuse a value out of range at its `place`."""
-    if not (parameter.low <= number <= parameter.high and (number.is_integer() or not parameter.integer)):
+    if not parameter.is_allowed(number):
         kind = "a whole number" if parameter.integer else "a number"
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         raise ModelError(f"'{place}' is {number:g}: expected {kind} from {parameter.low:g} to {parameter.high:g}{unit}")

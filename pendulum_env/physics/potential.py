@@ -19,6 +19,9 @@ class GravityTilt(Term):
     id = "gravity_tilt"
     law = "g cos q"
     kind = "potential"
+    is_decentralised = False
+    is_revolute_only = True
+    is_weight = True
     by_angle = ("cosine",)
 
     columns = (
@@ -43,6 +46,7 @@ class Cogging(Term):
     id = "cogging"
     law = "s sin Nq + c cos Nq"
     kind = "potential"
+    is_revolute_only = True
     is_common = True
     nonlinear_parameters = (
         NonlinearParameter("order", "1", 2, FINEST, integer=True),
@@ -92,6 +96,7 @@ class Spring(Term):
     degree: float = 1.0
 
     id = "spring"
+    is_restoring = True
     law = "k q + preload, preload = -k q0 (hardening: and k2 q^2 + k3 q^3)"
     kind = "potential"
     is_common = True
@@ -148,8 +153,8 @@ class HardStop(Term):
     typical_size = "stiffness=40,lower=-1.2,upper=1.2,hysteresis=0.05"
 
     @property
-    def open_ends(self) -> tuple[bool, bool]:
-        return not np.isfinite(self.lower), not np.isfinite(self.upper)
+    def ends(self) -> tuple[float, float]:
+        return self.lower, self.upper
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -29,6 +29,8 @@ class EncoderEccentricity(Term):
     id = "encoder_eccentricity"
     law = "-(I d^2/dt^2 + mgl cos q + b d/dt)(s sin Nq + c cos Nq)"
     kind = "sensor"
+    is_decentralised = False
+    is_revolute_only = True
     nonlinear_parameters = (
         NonlinearParameter("inertia", "kg m^2", 1e-9, 1e9, follows="inertia"),
         NonlinearParameter("gravity", "N m", -1e9, 1e9, follows="gravity"),

@@ -81,6 +81,7 @@ class TableCurve(NamedTuple):
 class Table(Term):
     """Function of one quantity with linear parameters; the extent belongs to the class, see `with_extent`."""
 
+    is_free_form = True
     extent: ClassVar[Extent] = Extent(-1.0, 1.0, 4)
     axis: ClassVar[str] = ""
     unit: ClassVar[str] = "N m"

@@ -91,11 +91,13 @@ class Column:
         force: torque as a smooth function of time, position, velocity and commanded torque.
         dry: magnitude of set-valued dry friction; at rest, friction is any torque up to it.
         of_torque: whether the column is proportional to the commanded torque.
+        of_body: whether no body has a negative parameter. Fits keep it from being negative, unless the user bounds it,
+            or friction of free form is at the joint. Without this bound, a negative fit is evidence about the data.
+        of_weight: whether the column needs the weight of a pendulum; an effect at a joint of an arm lacks it.
         potential: stored energy U with force = dU/dq + loss, without further torque; None: all work of the force is
             dissipated.
         loss: dissipative part of the force, for a column with a potential.
-        least: smallest physical value of the parameter. Minus infinity for viscous and dry friction, where a negative
-            fit is evidence about the data.
+        least: smallest physical value of the parameter; minus infinity for a column `of_body`.
         most: largest physical value of the parameter.
     """
 
@@ -107,6 +109,8 @@ class Column:
     potential: Law | None = None
     loss: Law = return_zero
     of_torque: bool = False
+    of_body: bool = False
+    of_weight: bool = False
     least: float = -np.inf
     most: float = np.inf
 
@@ -118,6 +122,11 @@ class Column:
     def is_known(self) -> bool:
         """Return whether the parameter is fixed."""
         return self.least == self.most
+
+    @property
+    def is_constant(self) -> bool:
+        """Return whether the torque is constant while the joint moves in one direction: its law is `return_one`."""
+        return return_one in (self.force, self.dry)
 
     def clamp(self, value: float) -> float:
         """Return the nearest value within the limits."""
@@ -158,6 +167,12 @@ class NonlinearParameter:
     instant: bool = False  # whether the value is a time, visible only in the samples near it
     nominal: float | None = None  # default value, at which the parameter is not counted or fitted
     is_frequency: bool = False  # whether rad/s is the frequency of an oscillation
+    can_be_zero: bool = False  # whether a plant may have the value 0 below `low`, which switches the effect off
+
+    def is_allowed(self, value: float) -> bool:
+        """Return whether a plant may have the value."""
+        is_inside = self.low <= value <= self.high or (self.can_be_zero and value == 0)
+        return is_inside and (not self.integer or value == round(value))
 
     def get_unit(self, units: JointUnits) -> str:
         """Return the unit at a joint with the given units."""
@@ -188,8 +203,16 @@ class Term:
     by_angle: ClassVar[tuple[str, ...]] = ()  # angle functions of the first columns, for `list_angle_functions`
     needs: ClassVar[str] = ""  # further quantity that a recording must have
     link: ClassVar[bool] = False  # whether the states are position and velocity of a link behind the motor
+    is_decentralised: ClassVar[bool] = True  # whether the torque depends on the motion and torque of one joint alone,
+    # so that the effect is possible at a joint of an arm
+    is_revolute_only: ClassVar[bool] = False  # whether the law is one of a turn, impossible at a linear joint
     has_impacts: ClassVar[bool] = False  # whether the torque acts for less time than the motion is smoothed
     typical_size: ClassVar[str] = ""  # typical size, `sin=0.15,cos=0.1`; by default from the units
+    is_weight: ClassVar[bool] = False  # whether the torque is part of the joint's weight: gravity may have any sign
+    is_restoring: ClassVar[bool] = False  # whether the torque must not fall with the angle
+    can_hide_scale: ClassVar[bool] = False  # whether the torque may be a share of the torque that drives the motion, so
+    # that the scale of all parameters is unknown
+    is_free_form: ClassVar[bool] = False  # whether the law is any function, so that base friction may have any sign
     is_common: ClassVar[bool] = False  # whether a diagnosis reports its smallest detectable size
     percent_of: ClassVar[tuple[str, ...]] = ()  # parts also derived in per cent of the base term
     description: ClassVar[Description] = Description()
@@ -250,9 +273,17 @@ class Term:
         return ()
 
     @property
+    def ends(self) -> tuple[float, float] | None:
+        """Return the angles [rad] below and above which a stop acts, infinite without a stop; None for other terms."""
+        return None
+
+    @property
     def open_ends(self) -> tuple[bool, bool]:
         """Return whether the term may act below and above the tested angles, as a stop without contact."""
-        return False, False
+        if self.ends is None:
+            return False, False
+        lower, upper = self.ends
+        return not np.isfinite(lower), not np.isfinite(upper)
 
     @property
     def delay(self) -> float:

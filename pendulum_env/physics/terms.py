@@ -63,6 +63,11 @@ def has_bristles(term: Term) -> bool:
     return term.kind == "dissipative" and term.has_hidden_state
 
 
+def is_late(kind: type[Term]) -> bool:
+    """Return whether an effect only delays the torque, by a lag or a delay."""
+    return (kind.delay is not Term.delay or kind.lead is not Term.lead) and not kind().columns
+
+
 def is_dry(term: Term) -> bool:
     """Return whether a term is dry friction without a state."""
     return term.kind == "dissipative" and not term.has_state() and any(c.dry is not return_zero for c in term.columns)

@@ -38,6 +38,7 @@ class PayloadChange(Term):
     id = "payload_change"
     law = "(dI q'' + dmgl sin q) for t > t0"
     kind = "time-varying"
+    is_decentralised = False
     nonlinear_parameters = (NonlinearParameter("moment", "s", 0.0, 1e6, instant=True),)
     typical_size = "gravity=0.4"
 

@@ -39,6 +39,7 @@ class Transmission(Term):
     """Base of elastic and loose transmissions; `play` is the gap on either side [rad]."""
 
     kind = "transmission"
+    is_decentralised = False
     link = True
     resonance: float
     damping: float

@@ -1,9 +1,16 @@
 """Plants, and effects hidden in them."""
 
+from functools import partial
+
 import gymnasium as gym
+import numpy as np
 import pytest
 
-from pendulum_env.physics import Model, effects
+from pendulum_env.backends import record
+from pendulum_env.backends.sensing import COUNTS
+from pendulum_env.excitation import excitation
+from pendulum_env.physics import Model, Samples, effects
+from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.plant import get_typical_values, hide, make_plant, paper_plant, read_parameters
 from pendulum_env.registration import PENDULUM
 
@@ -46,6 +53,43 @@ def test_values_in_order_by_name_and_typical_agree():
 def test_text_that_makes_no_effect_is_refused(text, match):
     with pytest.raises(ValueError, match=match):
         hide(paper_plant(), text)
+
+
+@pytest.mark.parametrize("id", [id for id, kind in effects().items() if kind().columns])
+def test_a_single_zero_is_an_effect_of_size_zero(id):
+    plant = hide(paper_plant(), f"{id}=0")
+    assert plant.effects == (id,) and not plant.theta[4:].any()
+    assert make_plant(effects={id: 0}) == plant
+
+
+def test_zeros_of_some_parameters_leave_the_others():
+    sizes = [hide(paper_plant(), text).theta[4:].tolist() for text in ("cogging=0,0.3", "cogging:sin=0", "spring=0")]
+    assert sizes == [[0.0, 0.3], [0.0, 0.1], [0.0, 0.0]]
+
+
+# the state of a lag is that of the last half step of the integration
+@pytest.mark.parametrize(("id", "accuracy"), [("actuator_lag", 2 * 2 * np.pi / COUNTS), ("dead_time", 0.0)])
+def test_a_delay_of_zero_changes_no_motion_and_may_begin_later(id, accuracy, tmp_path):
+    (name,) = effects()[id]().nonlinear_values
+    plant = hide(paper_plant(), f"{id}=0")
+    record_plant = partial(record, excitation=excitation("paper", 1), seconds=1.0, rng=1)
+    without, with_zero = record_plant(paper_plant()), record_plant(plant)
+    np.testing.assert_allclose(with_zero.position, without.position, rtol=0, atol=1.01 * accuracy)
+    plant.save(tmp_path / "model.json")
+    assert Model.load(tmp_path / "model.json").estimates[f"{id}.{name}"].value == 0.0
+    later = record_plant(plant.with_values({f"{id}.{name}": 0.05}))
+    assert np.array_equal(later.position, record_plant(hide(paper_plant(), f"{id}=0.05")).position)
+    assert not np.array_equal(later.position, without.position)
+    with pytest.raises(ValueError, match=f"{name} of {id} cannot be 1e-05: give a number from 0.0001 to ., or 0"):
+        hide(paper_plant(), f"{id}=1e-5")
+
+
+def test_a_lag_of_zero_is_the_limit_of_a_short_lag():
+    time, command = np.arange(4) / 100.0, np.array([1.0, -2.0, 3.0, 0.5])
+    x = Samples(time, 0.1 * time, 0.1 + 0.0 * time, command)
+    zero, short = ActuatorLag(0.0), ActuatorLag(1e-6)
+    np.testing.assert_allclose(zero.trace(x, command, 0.01)[0], short.trace(x, command, 0.01)[0], atol=1e-3)
+    np.testing.assert_allclose(zero.advance(zero.start(x), x, 0.01)[0], short.advance(zero.start(x), x, 0.01)[0])
 
 
 @pytest.mark.parametrize(

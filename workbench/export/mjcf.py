@@ -176,7 +176,7 @@ def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
         held.remove("quadratic_drag")
     if not is_spring_linear(model):
         held.remove("spring")
-    held |= set(actuator.held)
+    held |= set(actuator.list_held(model))
     friction, stop = Friction.from_model(model, held), Stop.from_model(model)
     rubs = link is not None and (link.friction or link.viscous)
     approximations = ("friction of the link: all friction acts at the motor",) if rubs else ()

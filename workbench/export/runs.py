@@ -9,11 +9,11 @@ import numpy as np
 from estimators.simulation.free_running import Segments, start_memory
 from pendulum_env._typing import Array
 from pendulum_env.backends.constrained_body import import_mujoco
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, find_link
 from pendulum_env.servo.loop import Servos
 from workbench.export import mjcf
 from workbench.export.request import Exported, Request
-from workbench.export.servo import Servo
+from workbench.export.servo import Servo, find_lag
 
 
 def simulate_servos(model: Model, request: Request, servos: Servos, interval: int) -> Array:
@@ -52,7 +52,7 @@ def simulate_segments(model: Model, exported: Exported, segments: Segments) -> A
     for k in range(path.shape[1]):
         data = mujoco.MjData(world)
         _set_initial_state(
-            mujoco, world, data, segments, {id: [part[k] for part in parts] for id, parts in memory.items()}, k
+            mujoco, world, data, segments, {id: [part[k] for part in parts] for id, parts in memory.items()}, model, k
         )
         path[0, k] = data.qpos[0]
         for n, torque in enumerate(segments.torque[:, k]):
@@ -64,15 +64,15 @@ def simulate_segments(model: Model, exported: Exported, segments: Segments) -> A
 
 
 def _set_initial_state(
-    mujoco: Any, world: Any, data: Any, segments: Segments, memory: Mapping[str, Sequence[float]], k: int
+    mujoco: Any, world: Any, data: Any, segments: Segments, memory: Mapping[str, Sequence[float]], model: Model, k: int
 ) -> None:
     """Set the joint and its internal states to the start of segment `k`."""
     data.qpos[0], data.qvel[0] = segments.position[0, k], segments.velocity[k]
     if world.nq > 1:  # the link's angle is relative to the motor's
-        position, velocity = memory["joint_flexibility"]
+        position, velocity = memory[find_link(model.terms).id]
         data.qpos[1], data.qvel[1] = position - data.qpos[0], velocity - data.qvel[0]
-    if world.na:
-        data.act[0] = memory["actuator_lag"][0]
+    if (lag := find_lag(model.terms)) is not None and world.na:
+        data.act[0] = memory[lag.id][0]
     if world.actuator_delay[0]:
         samples = int(world.actuator_history[0][0])
         times = (np.arange(samples) - samples) * world.opt.timestep

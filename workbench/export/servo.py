@@ -1,37 +1,47 @@
 """Actuators of an exported joint: a motor with a torque input, and a servo with a goal input."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from pendulum_env.physics import Model, has_link
-from pendulum_env.physics.actuation import ActuatorLag
+from pendulum_env.physics import Model, Term, has_link
+from pendulum_env.physics.terms import is_late
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.servo import OUTPUT_UNITS, ServoDrive
 from workbench.export.request import ExportError, Request
+
+OFFSETS = ("torque_offset", "coulomb_asymmetry")  # effects of constant torque
+
+
+def find_lag(terms: Sequence[Term]) -> Term | None:
+    """Find the first term that is a lag of the torque, the one that MuJoCo represents."""
+    return next((term for term in terms if term.lead and is_late(type(term))), None)
 
 
 @dataclass(frozen=True)
 class Motor:
     """Motor with lag and delay."""
 
-    # effects included
-    held: ClassVar[tuple[str, ...]] = ("torque_offset", "coulomb_asymmetry", "actuator_lag", "dead_time")
     missing: ClassVar[tuple[str, ...]] = ()
     step: float  # [s]
+
+    def list_held(self, model: Model) -> tuple[str, ...]:
+        """List the ids of the effects that are included: offsets, one lag, and all delays."""
+        late, lag = (term for term in model.terms if is_late(type(term))), find_lag(model.terms)
+        return (*OFFSETS, *(term.id for term in late if not term.lead or term is lag))
 
     def actuate(self, mujoco: Any, actuator: Any, model: Model, offset: float) -> None:
         """Configure a MuJoCo actuator as the motor of a model; `offset` is unused."""
         actuator.set_to_motor()
         delay = sum(term.delay for term in model.terms)
-        for term in model.terms:
-            if isinstance(term, ActuatorLag):
-                actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
-                actuator.dynprm = [term.time_constant, *([0.0] * 9)]
-                actuator.actearly = True  # the filter's end value acts in the whole step: half a step early
-                delay += 0.5 * self.step
+        if (lag := find_lag(model.terms)) is not None:
+            actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+            actuator.dynprm = [lag.lead, *([0.0] * 9)]
+            actuator.actearly = True  # the filter's end value acts in the whole step: half a step early
+            delay += 0.5 * self.step
         if delay:
             actuator.delay, actuator.interp = delay, 1  # linear interpolation, as in our simulation
             actuator.nsample = math.ceil(delay / self.step) + 2
@@ -41,8 +51,11 @@ class Motor:
 class Servo:
     """Drive as a proportional and derivative controller at the joint: torque = kp (goal - angle) - kd speed."""
 
-    held: ClassVar[tuple[str, ...]] = ("torque_offset", "coulomb_asymmetry")  # effects included
     controller: ServoDrive
+
+    def list_held(self, model: Model) -> tuple[str, ...]:
+        """List the ids of the effects that are included."""
+        return OFFSETS
 
     @property
     def missing(self) -> tuple[str, ...]:
