@@ -22,7 +22,7 @@ from benchmarks.independent_plant import LIBRARY, Array, Case, random_case, simu
 from benchmarks.parallel import each
 from benchmarks.scoring import Exact, compare, positive, rate, take_workers
 from estimators import Diagnosis, diagnose
-from estimators.diagnosis.experiment import DEFAULT_TORQUE, EXPERIMENT_TIME
+from estimators.diagnosis.experiment import DEFAULT_TORQUE, EXPERIMENT_TIME, UnreachableAims
 from pendulum_env.excitation import draw_family
 from pendulum_env.recording import Recording
 from workbench.terminal import Terminal
@@ -163,12 +163,18 @@ def undecided(found: Diagnosis) -> frozenset[Pair]:
     pairs = {frozenset((first, other)) for first, *others in found.ambiguous for other in others}
     if found.suggestion is not None:
         pairs |= {frozenset((aim.effect, aim.instead)) for aim in found.suggestion.settles if aim.instead}
-    return frozenset(pairs - {frozenset(pair) for pair in found.inseparable})
+    return frozenset(pairs - {frozenset(pair) for pair in list_inseparable(found)})
+
+
+def list_inseparable(found: Diagnosis) -> tuple[tuple[str, str], ...]:
+    """List the pairs of a term and an effect that no torque would distinguish."""
+    unreachable = [own for own in found.findings if isinstance(own, UnreachableAims) and own.limits is None]
+    return tuple((aim.instead or "", aim.effect) for own in unreachable for aim in own.aims)
 
 
 def is_right(hidden: tuple[str, ...], found: Diagnosis) -> bool:
     """Return whether the hidden effect, or one inseparable from it, is named."""
-    return compare(hidden, found.selected, found.inseparable, bool(found.unexplained)) is not Exact.NO
+    return compare(hidden, found.selected, list_inseparable(found), bool(found.unexplained)) is not Exact.NO
 
 
 def print_results(rows: Sequence[Row], terminal: Terminal) -> None:

@@ -114,11 +114,6 @@ class Alignment:
         return self.channel.is_late
 
     @property
-    def acts_late(self) -> bool:
-        """Return whether torque acts late, which belongs to the drive instead of the log."""
-        return self.is_found and not self.is_late
-
-    @property
     def z_score(self) -> float:
         """Standard errors from which a delay or lag is significant."""
         return self.criterion.timing.z_score
@@ -126,10 +121,6 @@ class Alignment:
     def beats(self, other: Alignment) -> bool:
         """Return whether it predicts significantly better."""
         return decide(self, other, OVERRULE).passed
-
-    def predicts_better(self, other: Alignment) -> bool:
-        """Return whether it predicts better, significantly or not."""
-        return decide(self, other, PREDICT).passed
 
     @property
     def is_significant(self) -> bool:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any, Self
@@ -94,10 +94,6 @@ class FitData:
         """Return the data with changed fields, and a finding on the treatment added to `treatments`."""
         return replace(self, treatments=(*self.treatments, treatment), **changes)
 
-    def has_treatment(self, action: Action) -> bool:
-        """Return whether the data had a treatment."""
-        return action in self.actions
-
     @property
     def actions(self) -> list[Action]:
         """Actions of the treatments, in order."""
@@ -164,15 +160,6 @@ class FitData:
             excluded=tuple(outliers),
             whole=self,
         )
-
-    def with_changes(self, change: Callable[[Recording], Recording], numbers: Collection[int]) -> Self:
-        """Return the data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
-        changed, logged = (
-            tuple(change(recording) if k in numbers else recording for k, recording in enumerate(recordings))
-            for recordings in (self.all_recordings, self.timing.logged)
-        )
-        count, timing = len(self.recordings), replace(self.timing, logged=logged)
-        return replace(self, recordings=changed[:count], holdout=changed[count:], timing=timing)
 
     def with_contacts(self, terms: Sequence[Term]) -> Self:
         """Return the data with contacts with a stop, by the residual of some terms; the same data if they are few."""

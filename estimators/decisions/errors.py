@@ -103,6 +103,15 @@ def get_single(floors: Mapping[str, float]) -> float:
     return next(iter(floors.values())) if len(floors) == 1 else np.nan
 
 
+def encode_estimates(model: Model) -> JSON:
+    """Return the estimates of a model by name as a dictionary for JSON; an undetermined value is null."""
+    known = {name: estimate.json() for name, estimate in model.estimates.items()}
+    return {
+        name: entry | {"value": None, "std": None} if model.estimates[name].is_unknown else entry
+        for name, entry in known.items()
+    }
+
+
 @dataclass(frozen=True, repr=False)
 class Step:
     """Model on the path from the base model.
@@ -129,7 +138,7 @@ class Step:
         """Return a dictionary for JSON."""
         return {
             "added": self.added,
-            "theta": {name: estimate.json() for name, estimate in self.model.estimates.items()},
+            "theta": encode_estimates(self.model),
             "errors": {part: errors.json() for part, errors in self.errors.items()},
         }
 

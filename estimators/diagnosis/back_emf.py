@@ -22,7 +22,7 @@ from pendulum_env.physics.actuation import BackEmf
 
 def add_back_emf(data: FitData, setting: Setting) -> Setting:
     """Return the setting with back-EMF in the base model if that is a treatment of the data."""
-    if not data.has_treatment(Action.BACK_EMF_INCLUDED):
+    if Action.BACK_EMF_INCLUDED not in data.actions:
         return setting
     return replace(setting, base=(*setting.base, BackEmf()))
 

@@ -39,7 +39,7 @@ class Case:
             on these.
         unexplained: returns regions of the residual of the final model of a trial.
         present: returns a step in the units of the user; a final step includes the error of the law of the angle.
-        conclude: adds the next step to a diagnosis.
+        conclude: adds the next step to a diagnosis, and findings on it.
         show_effect: returns data that show an effect, given the base terms and the effect, for `add`.
         treatments: candidate treatments of the data, in the order of their trials.
         is_timed: whether the time between torque and motion is corrected first.

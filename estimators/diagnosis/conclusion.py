@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from estimators.diagnosis.case import Trial
-from estimators.diagnosis.experiment import suggest_experiment
+from estimators.diagnosis.experiment import UnreachableAims, suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
 from estimators.diagnosis.ranking import Tie
 from estimators.diagnosis.result import Diagnosis
@@ -62,13 +62,17 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         no_experiment = UnknownInertia()
     elif regions and not questions:
         no_experiment = find_holdout_structure(evidence, trial.terms) or NoKnownEffect(tables)
+    inseparable = tuple(aim for aim in unanswerable if aim.instead)
+    findings = (UnreachableAims(inseparable),) if inseparable else ()
+    if suggestion is None and no_experiment is None and findings:
+        no_experiment = findings[0]
     return replace(
         diagnosis,
+        findings=findings,
         detectable=detectable,
         suggestion=suggestion,
         no_experiment=no_experiment,
         tables=tables,
-        inseparable=tuple((aim.instead, aim.effect) for aim in unanswerable if aim.instead),
     )
 
 

@@ -105,18 +105,18 @@ class ExperimentLimits:
 
 
 @dataclass(frozen=True)
-class BeyondLimits(Finding):
-    """Experiment that only its limits forbid.
+class UnreachableAims(Finding):
+    """Aims that no experiment reaches within its limits, or under any torque.
 
     Attributes:
-        limits: bounds of torque, angle and speed, by name; the recorded ones if they are left out.
-        place: position of the largest residual, which it would have to reach; else None.
-        aims: aims that it would reach.
+        aims: effects, and terms of the model from which no experiment tells them.
+        limits: bounds of torque, angle and speed, by name, the recorded ones if left out; None: under any torque.
+        place: position of the largest residual, which an experiment would have to reach; else None.
     """
 
-    limits: Mapping[str, Quantity]
-    place: Quantity | None
     aims: tuple[Aim, ...]
+    limits: Mapping[str, Quantity] | None = None
+    place: Quantity | None = None
 
 
 def suggest_experiment(
@@ -160,7 +160,7 @@ def suggest_experiment(
         return suggestion, aims, None
     units = model.units()
     goal = None if place is None else Quantity(place, unit=units.unit("rad"))
-    return suggestion, aims, BeyondLimits(limits.list_quantities(units), goal, tuple(limited_aims))
+    return suggestion, aims, UnreachableAims(tuple(limited_aims), limits.list_quantities(units), goal)
 
 
 def _choose_experiment(

@@ -42,7 +42,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
         refit=refit,
     )
     diagnosis = trial.case.conclude(trial, diagnosis)
-    findings = examine(Subject.from_trial(trial, diagnosis))
+    findings = (*examine(Subject.from_trial(trial, diagnosis)), *diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings, candidates=mark_met_stops(diagnosis.candidates, findings))
     trial.setting.progress("done", 1.0)
     return diagnosis

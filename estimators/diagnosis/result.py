@@ -168,7 +168,6 @@ class Diagnosis(Summarised):
         suggestion: experiment that decides most open questions; None without one.
         no_experiment: reason why no experiment decides a question or explains a residual; None without a reason.
         tables: ids of tables that explain the residual: one, or one per joint.
-        inseparable: pairs of ids that no experiment distinguishes.
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque was corrected.
         detectable: absent effects that the data would have shown; only of a complete model.
@@ -189,7 +188,6 @@ class Diagnosis(Summarised):
     suggestion: Suggestion | None = None
     no_experiment: Finding | None = None
     tables: tuple[str, ...] = ()
-    inseparable: tuple[tuple[str, ...], ...] = ()
     alignments: tuple[Alignment, ...] = ()
     detectable: tuple[Detectable, ...] = ()
     torque_constant: TorqueConstant | None = None
@@ -261,7 +259,6 @@ class Diagnosis(Summarised):
             "suggestion": self.suggestion.json() if self.suggestion is not None else None,
             "no_experiment": self.no_experiment.json() if self.no_experiment is not None else None,
             "tables": list(self.tables),
-            "inseparable": [list(group) for group in self.inseparable],
             "alignments": [alignment.json() for alignment in self.alignments],
             "detectable": [item.json() for item in self.detectable],
             "horizon": None if self.refit is None else self.refit.json(),

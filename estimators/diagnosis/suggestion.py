@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import FileError
 from pendulum_env.excitation import Excitation, decode_signal, encode_signal
+from pendulum_env.notebook import summarise
 from pendulum_env.reading import NonNegative, Number, Text, convert
 
 LONGEST = 100_000.0  # longest experiment in a file [s]
@@ -52,8 +53,11 @@ class Suggestion:
     peak_speed: float
     release: float | None = None
 
+    def __str__(self) -> str:
+        return summarise(self)
+
     def samples(self) -> tuple[Array, Array]:
-        """Return times (N,) [s] and torques (N,) [N m] of the experiment, at `RATE`."""
+        """Return times (N,) [s] and torques (N,) [N m] of the experiment, at 500 Hz."""
         time = np.arange(round(self.seconds * RATE)) / RATE
         if self.signal is None:
             return time, np.zeros(len(time))

@@ -1,6 +1,6 @@
 """Candidate treatments of the recordings: functions from a trial to treated data, and the decision on each."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,7 +21,7 @@ from pendulum_env.arms.body import Body
 from pendulum_env.arms.joints import find_links
 from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import BASE, Term, list_ids
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording import NEWTON_METRE, Recording
 
 TIMES = {Action.TIMED_BESIDE, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
 PURPOSES = {Action.IMPACTS_INCLUDED: ADD_STOP, Action.NARROWER_WINDOWS: FOLLOW}  # windows in contact, near reversals
@@ -132,7 +132,7 @@ def count_assumptions(trial: Trial) -> int:
 def narrow_windows(trial: Trial) -> FitData | None:
     """Return data with narrower windows, closer to reversals, if torque leaves only noise but motion does not."""
     evidence, found = trial.evidence, trial.result
-    if trial.data.has_treatment(Action.NARROWER_WINDOWS):
+    if Action.NARROWER_WINDOWS in trial.data.actions:
         return None
     if not evidence.residuals.is_noise_by_part(found.terms)[0] or not evidence.motion.is_misfit(found.steps[-1]):
         return None
@@ -154,7 +154,7 @@ def scale_noise_by_model(trial: Trial) -> FitData | None:
 
 def include_contacts(trial: Trial) -> FitData | None:
     """Add windows in contact with a stop, see `add_contacts` of `split`; None for few contacts."""
-    if trial.data.has_treatment(Action.IMPACTS_INCLUDED):
+    if Action.IMPACTS_INCLUDED in trial.data.actions:
         return None
     data = trial.data.with_contacts(trial.result.terms)
     return None if data is trial.data else data
@@ -175,8 +175,18 @@ def include_payload(trial: Trial) -> FitData | None:
     for payload, numbers in detect_payloads(parts, trial.result.terms):
         names = tuple(data.all_recordings[k].name for k in numbers)
         finding = make_payload_finding(payload, find_links(trial.setting.base), names)
-        data = data.with_changes(partial(add_payload, load=payload.load), numbers).with_treatment(finding)
+        data = change_recordings(data, partial(add_payload, load=payload.load), numbers).with_treatment(finding)
     return None if data is trial.data else data
+
+
+def change_recordings(data: FitData, change: Callable[[Recording], Recording], numbers: Collection[int]) -> FitData:
+    """Return data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
+    changed, logged = (
+        tuple(change(recording) if k in numbers else recording for k, recording in enumerate(recordings))
+        for recordings in (data.all_recordings, data.timing.logged)
+    )
+    count, timing = len(data.recordings), replace(data.timing, logged=logged)
+    return replace(data, recordings=changed[:count], holdout=changed[count:], timing=timing)
 
 
 def make_payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> CarriedPayload:
@@ -213,6 +223,6 @@ def keep_logged_time(trial: Trial) -> FitData | None:
     None if this was done, if no torque was corrected, or if the correction leaves only noise without an effect.
     """
     has_effects = len(trial.result.steps) > 1
-    if not trial.data.timing.has_moved or trial.data.has_treatment(Action.TIMED_AS_LOGGED):
+    if not trial.data.timing.has_moved or Action.TIMED_AS_LOGGED in trial.data.actions:
         return None
     return trial.data.without_timing() if has_effects or trial.unexplained else None

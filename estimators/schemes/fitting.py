@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from estimators.data.standard_errors import widen_by_constant
+from estimators.decisions.errors import encode_estimates
 from estimators.free_swings import remove_unit_inertia
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import (
@@ -104,16 +105,12 @@ class Identified(Shown):
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; withheld estimates are null."""
-        theta = {
-            name: {"value": None, "std": None, "unit": estimate.unit} if estimate.is_unknown else estimate.json()
-            for name, estimate in self.model.estimates.items()
-        }
         names = self.model.body.joints if len(self.units) > 1 else ("",)  # energies of joints add up
         rows = zip(names, self.residuals, self.units, strict=True)
         joints = {name: {"rms": rms, "unit": unit} for name, rms, unit in rows}
         total = joints[""] if "" in joints else {"rms": None, "unit": None}
         return {
-            "theta": theta,
+            "theta": encode_estimates(self.model),
             "residual": {**total, "joints": joints},
             "condition": self.condition,
             "used": list(self.used),

@@ -7,6 +7,7 @@ import numpy as np
 
 from estimators.findings import Finding
 from pendulum_env._typing import JSON, Array
+from pendulum_env.notebook import summarise
 from pendulum_env.physics import Samples
 from pendulum_env.quantity import get_finite
 from pendulum_env.units import TURNING, JointUnits
@@ -79,6 +80,9 @@ class Region:
     is_profiled: bool = True
     held_out_recordings: tuple[str, ...] = ()
     cause: Finding | None = None
+
+    def __str__(self) -> str:
+        return summarise(self)
 
     @property
     def is_constant(self) -> bool:

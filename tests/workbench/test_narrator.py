@@ -25,7 +25,7 @@ from estimators.diagnosis.caveats import FewWindows, PartOfTurn, UnknownScale
 from estimators.diagnosis.completeness import Incomplete
 from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect, UnknownInertia
 from estimators.diagnosis.contacts import Contact
-from estimators.diagnosis.experiment import BeyondLimits
+from estimators.diagnosis.experiment import UnreachableAims
 from estimators.diagnosis.ranking import Imitation, Tie
 from estimators.diagnosis.result import Detectable
 from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps
@@ -111,7 +111,8 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     NoKnownEffect(),
     NoKnownEffect(("torque_by_angle", "friction_by_speed")),
     UnknownInertia(),
-    BeyondLimits({"torque": TORQUE}, None, (Aim("stribeck"),)),
+    UnreachableAims((Aim("stribeck"),), {"torque": TORQUE}),
+    UnreachableAims((Aim("torque_offset", "coulomb_asymmetry"),)),
 )  # fmt: skip
 PHRASES = (
     ErrorFall({"torque_rms": Change(TORQUE, TORQUE)}),
@@ -187,7 +188,7 @@ SAID = [  # numbers as they are shown: their unit, sign and digits
     (describe, TorqueTiming(False, Quantity(0.01196, 2e-5, "s")), r"11\.96 ± 0\.02 ms after"),
     (describe, outlier(0.12), r"Recording 3 \(run 2\).*viscous 12 % higher"),
     (describe, WrongColumn("position", angle=Quantity(0.0524, 0.0018, "rad")), r"3\.0 ± 0\.1 degrees"),
-    (describe, BeyondLimits({"torque": Quantity(6.0, unit="A")}, None, AIM), "within 6 A .*--max-t"),
+    (describe, UnreachableAims(AIM, {"torque": Quantity(6.0, unit="A")}), "within 6 A .*max_torque="),
     (describe, Undetermined(Gap.LARGE_ERROR, ("gravity",), Quantity(2.0, 3.0, "A")), r"2\.0 ± 3\.0 A"),
     (describe_region, Region("position", -1.0, 0.5, -0.2, 12.0, "rad", units=CURRENT), "0.5 rad .*0.2 A less torque"),
     (describe_region, Region("velocity", -1.0, 0.5, 0.2, 900.0, "m/s", units=SLIDE), "m/s .*0.2 N more force.* 100 "),
@@ -208,7 +209,7 @@ IN_DEGREES = [  # positions and speeds of the joint; frequencies and what has to
     (describe, ErrorNearReversals(Quantity(0.05, unit="rad")), r"2\.9 deg"),
     (describe, Undetermined(Gap.LARGE_ERROR, ("gap",), Quantity(0.02, 0.01, "rad")), r"1\.15 ± 0\.57 deg"),
     (describe, Undetermined(Gap.LARGE_ERROR, ("f",), Quantity(6.0, 1.0, "rad/s")), r"6\.0 ± 1\.0 rad/s"),
-    (describe, BeyondLimits({"speed": Quantity(2.0, unit="rad/s")}, None, AIM), "within 115 deg/s"),
+    (describe, UnreachableAims(AIM, {"speed": Quantity(2.0, unit="rad/s")}), "within 115 deg/s"),
     (describe, Feedback(Quantity(-3.0, unit="N m/rad"), ()), "-3 N m/rad"),
     (describe, outlier(2.0), r"3 ?(N m s/rad)? instead of 1 N m s/rad"),
     (describe_region, Region("position", -1.0, 0.5, -0.2, 12.0, "rad"), r"-57\.3 to 28\.6 deg .*0\.2 N m less"),

@@ -208,8 +208,6 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         return describe_suggestion(diagnosis.suggestion, diagnosis.model.units())
     if diagnosis.no_experiment is not None:
         return describe(diagnosis.no_experiment)
-    if diagnosis.inseparable:
-        return f"No torque would tell {' from '.join(diagnosis.inseparable[0])}."
     if any(isinstance(finding, SmallEffect) for finding in diagnosis.findings):
         return "Record again, and hold the new recording out: it shows whether the small effect repeats."
     if hidden := [size.effect for size in diagnosis.detectable if not size.is_excited]:

@@ -23,7 +23,7 @@ from estimators.diagnosis.caveats import FewWindows, PartOfTurn, UnknownScale
 from estimators.diagnosis.completeness import Incomplete
 from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect, UnknownInertia
 from estimators.diagnosis.contacts import Contact
-from estimators.diagnosis.experiment import BeyondLimits
+from estimators.diagnosis.experiment import UnreachableAims
 from estimators.diagnosis.ranking import Imitation, Tie
 from estimators.diagnosis.result import Candidate
 from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps
@@ -410,10 +410,13 @@ def _describe_contact(finding: Contact) -> str:
     )
 
 
-def _describe_limits(finding: BeyondLimits) -> str:
+def _describe_aims(finding: UnreachableAims) -> str:
+    if finding.limits is None:
+        pairs = join_words([f"{aim.instead} from {aim.effect}" for aim in finding.aims], "or")
+        return f"No torque would tell {pairs}."
     place = "" if finding.place is None else f" and go to {measure(finding.place, 2)}, where the residual is largest"
-    torque = ", --max-torque" if "torque" in finding.limits else ""  # a free swing has none
-    options = f"--max-angle, --max-speed{torque}"
+    names = ["max_angle", "max_speed", *(["max_torque"] if "torque" in finding.limits else [])]  # a free swing has none
+    options = ", ".join(format_setting(name, Blank("VALUE")) for name in names)
     return (
         f"No experiment within {list_limits(finding.limits)} would {describe_aims(finding.aims, 'or')}{place}. "
         f"Allow more ({options}) if the rig bears it."
@@ -652,7 +655,7 @@ SENTENCES: Mapping[type[Finding], Text] = {
     UnknownInertia: lambda finding: (
         f"The motion of an experiment cannot be predicted without the inertia. {advise_inertia()}"
     ),
-    BeyondLimits: _describe_limits,
+    UnreachableAims: _describe_aims,
 }
 REASONS: Mapping[type[Finding], Text] = {  # phrases about an effect
     ErrorFall: _describe_fall,

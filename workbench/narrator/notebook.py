@@ -4,16 +4,25 @@ import numpy as np
 
 from estimators import Addition, Comparison, Diagnosis, Identification
 from estimators.decisions.errors import get_single
+from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding
 from estimators.online.estimates import SchemeEstimate, SchemeEstimates
 from estimators.schemes.fitting import Identified
+from estimators.signals.residual import Region
 from pendulum_env.formatting import TextTable, capitalise, format_unit, join_words
 from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html, render_text, summarise
 from pendulum_env.physics import Model
 from pendulum_env.recording import NEWTON_METRE, Note, Recording, TorqueConstant
 from pendulum_env.units import to_shown_unit
 from workbench.narrator import results
-from workbench.narrator.diagnosis import describe_addition, describe_comparison, describe_result, list_laws
+from workbench.narrator.diagnosis import (
+    describe_addition,
+    describe_comparison,
+    describe_region,
+    describe_result,
+    describe_suggestion,
+    list_laws,
+)
 from workbench.narrator.findings import describe, measure_range
 from workbench.narrator.html import PlotCurve, make_card, make_plot
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
@@ -26,6 +35,8 @@ summarise.register(Comparison, describe_comparison)
 summarise.register(Diagnosis, describe_result)
 summarise.register(Addition, describe_addition)
 summarise.register(Finding, describe)
+summarise.register(Suggestion, describe_suggestion)
+summarise.register(Region, describe_region)
 render_text.register(Diagnosis, lambda diagnosis: format_parts([results.narrate_summary(diagnosis)]))
 render_text.register(Comparison, lambda comparison: format_parts(results.narrate_comparison(comparison)))
 render_text.register(Addition, lambda addition: format_parts(results.narrate_addition(addition)))

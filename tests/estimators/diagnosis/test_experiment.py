@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators import Diagnosis
 from estimators.data.split import split_recordings
-from estimators.diagnosis.experiment import SAFE_SHARE, BeyondLimits, ExperimentLimits, suggest_experiment
+from estimators.diagnosis.experiment import SAFE_SHARE, ExperimentLimits, UnreachableAims, suggest_experiment
 from estimators.diagnosis.questions import Question, make_typical_effect
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.findings import Finding, Verdict
@@ -137,8 +137,8 @@ def test_an_experiment_goes_where_most_is_left(evidence):
 def test_limits_that_leave_no_experiment_are_said(limits, given):
     recording, _ = first("a spring at small angles")
     found = diagnosed([recording], **limits)
-    assert found.suggestion is None and found.inseparable == ()
-    assert isinstance(found.no_experiment, BeyondLimits) and found.no_experiment.aims == (Aim("spring", "gravity"),)
+    assert found.suggestion is None and found.findings == ()
+    assert isinstance(found.no_experiment, UnreachableAims) and found.no_experiment.aims == (Aim("spring", "gravity"),)
     assert {name: found.no_experiment.limits[name].value for name in given} == given
     assert limits or found.no_experiment.limits.keys() == {"torque"}  # unless asked, it stays within what was recorded
     assert first("a spring at small angles")[1].no_experiment is None

@@ -34,7 +34,7 @@ def test_diagnosis_records_the_treatments_that_were_tried():
     (tried,) = found.treatments
     assert tried.treatment == Treatment(Action.IMPACTS_INCLUDED) and tried.is_kept
     assert [gate.name for gate in tried.decision.gates] == ["gain", "p_value", "stops"] and tried.decision.passed
-    assert found.data.has_treatment(Action.IMPACTS_INCLUDED)
+    assert Action.IMPACTS_INCLUDED in found.data.actions
     (row,) = found.json()["treatments"]
     assert row["action"] == "impacts_included" and row["kept"] and row["assumptions"] == {"with": 2, "without": 0}
 
@@ -86,7 +86,7 @@ def record_turns_against_a_spring(**friction_spot: float) -> list[Recording]:
 def test_windows_follow_the_inertia_of_the_model_with_the_spring():
     fitted, unseen = record_turns_against_a_spring()
     found = diagnose(fitted, unseen, only=("spring", "torque_offset"))
-    assert found.data.has_treatment(Action.WINDOWS_BY_INERTIA)
+    assert Action.WINDOWS_BY_INERTIA in found.data.actions
     assert found.steps[0].model.estimates["inertia"].value < 0.5 * TRUE_SPRING["inertia"]
     assert found.selected == ("spring",) and not found.unexplained
     model = Model.build((*BASE, Spring()), [*TRUE_SPRING.values(), -0.4 * 0.3])
