@@ -58,8 +58,8 @@ class ArmExcitationDesignVector(TaskVector):
     Reward: decrease of the log of the RMS standard error, relative to the parameters of the file [nat]. Episodes end
     together, after 2 to 10 s.
 
-    `info` has `speed` at the knot (B, n), and `variances` (B, P), relative to the parameters, for a noise of one on the
-    mean torque of 20 ms.
+    `info` has `speed` at the knot (B, n), and `variances` (B,) by name of the parameter, relative to the parameters,
+    for a noise of one on the mean torque of 20 ms.
     """
 
     @refuse_unknown_arguments
@@ -123,8 +123,14 @@ class ArmExcitationDesignVector(TaskVector):
         return self._make_state()
 
     def _make_state(self) -> TaskState:
-        info = {"speed": self._motions.speed, "variances": self._motions.variances}
+        info = {"speed": self._motions.speed, "variances": self._name_variances()}
         return compute_observation(self._motions, self._steps_left * KNOT_PERIOD), self._motions.log_precision, info
+
+    def _name_variances(self) -> dict[str, Any]:
+        """Return the variances (B,) by name, with Gymnasium's masks."""
+        friction = [f"{law}@{joint}" for law in ("viscous", "coulomb") for joint in self.body.joints]
+        variances = dict(zip((*self.body.names, *friction), self._motions.variances.T, strict=True))
+        return variances | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in variances}
 
 
 class ArmExcitationDesign(Task):

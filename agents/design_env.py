@@ -12,13 +12,13 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from agents.observer import CONSTRAINTS, EPISODE, OBSERVATION_SIZE, TICK, Observer, compute_log_det
+from agents.observer import CONSTRAINTS, EPISODE, NOMINAL, OBSERVATION_SIZE, TICK, Observer, compute_log_det
 from agents.task import Task, TaskState, TaskVector
 from pendulum_env._typing import Array
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.lookup import find, refuse_unknown_arguments
-from pendulum_env.plant import Effects, make_plant
+from pendulum_env.plant import PAPER, Effects, make_plant
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.vector_env import DirectDrivePendulumVector
 from pendulum_env.wrappers.randomize_plant import Spread
@@ -35,9 +35,9 @@ class ExcitationDesignVector(TaskVector):
     [nat], 0 in a tick in which |q'| falls below 0.2 rad/s. All episodes have the same length and end together.
 
     `info` has `torque`, the applied torque [N m] (B,). It has `positions` [rad] and `torques` [N m], measured at 1 kHz
-    since the last observation (B, 20). It has `information` (B, 4, 4) and `estimates` (B, 4) in nominal units, and
-    `plant`, the true parameters (B,) by name, as in `DirectDrivePendulumVector`. The option `theta` of a reset sets
-    some of these by name, or all linear ones (P, B).
+    since the last observation (B, 20). It has `estimates` (B,) by name, and `plant`, the true parameters (B,) by name,
+    as in `DirectDrivePendulumVector`. `information` (B, 4, 4) has the order of the estimates, in nominal units. The
+    option `theta` of a reset sets some of the true parameters by name.
     """
 
     options = ("theta",)
@@ -111,8 +111,13 @@ class ExcitationDesignVector(TaskVector):
     def _make_state(self, torque: Array, positions: Array, torques: Array) -> TaskState:
         observer = self.observer
         info = {"torque": torque, "positions": positions.T, "torques": torques.T, "plant": dict(self._plant)}
-        info |= {"information": observer.information, "estimates": observer.estimates}
+        info |= {"information": observer.information, "estimates": self._name_estimates()}
         return observer.observe(), compute_log_det(observer.information), info
+
+    def _name_estimates(self) -> dict[str, Any]:
+        """Return the estimates (B,) in SI units by name, with Gymnasium's masks."""
+        estimates = dict(zip(PAPER, (self.observer.estimates * NOMINAL).T, strict=True))
+        return estimates | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in estimates}
 
 
 class ExcitationDesign(Task):

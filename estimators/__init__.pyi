@@ -15,6 +15,7 @@ from .results import Comparison
 from .schemes.result import Identification
 from .schemes.six import SCHEMES, scheme
 from .search_hints import SearchHints, set_hints
+from .simulated_motion import simulate
 
 __all__ = [
     "SCHEMES",
@@ -39,4 +40,5 @@ __all__ = [
     "identify",
     "scheme",
     "set_hints",
+    "simulate",
 ]

@@ -23,8 +23,8 @@ def main() -> None:
         if round(1000 * info["time"]) % 5000 == 0:
             print(f"\n{info['time']:.0f} s {'':16}" + "".join(f"{name:>20}" for name in info["parameters"]))
             for scheme, estimate in info["estimates"].items():
-                error = 2 * estimate["std"]
-                numbers = (f"{value:.4f} +- {two:.4f}" for value, two in zip(estimate["theta"], error, strict=True))
+                theta, std = estimate["theta"], estimate["std"]
+                numbers = (f"{theta[name]:.4f} +- {2 * std[name]:.4f}" for name in theta)
                 print(f"{scheme:21}" + "".join(f"{number:>20}" for number in numbers))
 
     rollout(env, signal, steps=20_000, seed=0, watch=report)

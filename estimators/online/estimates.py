@@ -73,9 +73,9 @@ class Estimates:
 class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metaclass,misc]  # for Gymnasium
     """Estimates of one scheme, by name; computed when they are read.
 
-    The names are theta (P,), its standard errors std (P,), covariance (P, P), prediction_error, and P (P, P), the
-    covariance for unit noise. A batch has a first axis B, and the masks (B,) of vector environments of Gymnasium, for
-    example `_theta`.
+    The names are theta and its standard errors std, each a mapping by name of the parameter; covariance (P, P) in the
+    order of theta; prediction_error; and P (P, P), the covariance for unit noise. A batch has a first axis B, and the
+    masks (B,) of vector environments of Gymnasium, for example `_theta`.
     """
 
     __slots__ = ("_estimates", "_pendulum", "_scheme", "units")
@@ -98,7 +98,15 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
     def __getitem__(self, name: str) -> Any:
         if isinstance(self._pendulum, slice) and name[:1] == "_" and name[1:] in self._parts:
             return np.ones(len(self._estimates.time), dtype=bool)
-        return getattr(self._estimates, self._parts[name])[self._pendulum, self._scheme]
+        values = getattr(self._estimates, self._parts[name])[self._pendulum, self._scheme]
+        return self._name_values(values) if name in ("theta", "std") else values
+
+    def _name_values(self, values: Array) -> dict[str, Any]:
+        """Return values (P,) as numbers by name, or values (B, P) as arrays (B,) with masks."""
+        if isinstance(self._pendulum, int):
+            return dict(zip(self.units, values.tolist(), strict=True))
+        mask = np.ones(len(values), dtype=bool)
+        return dict(zip(self.units, values.T, strict=True)) | {f"_{name}": mask for name in self.units}
 
     def __iter__(self) -> Iterator[str]:
         return iter([*self._parts, *(f"_{name}" for name in self._parts if isinstance(self._pendulum, slice))])
@@ -110,7 +118,12 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
         values = self.format()
         has_data = any(value != NO_DATA for value in values.values())
         text = ", ".join(f"{name} {value}" for name, value in values.items()) if has_data else NO_DATA
-        return f"<{text}>" if isinstance(self._pendulum, int) else f"<{text}; first of {len(self['theta'])} pendulums>"
+        return f"<{text}>" if self.count is None else f"<{text}; first of {self.count} pendulums>"
+
+    @property
+    def count(self) -> int | None:
+        """Return the number B of pendulums; None for a single one."""
+        return None if isinstance(self._pendulum, int) else len(self._estimates.time)
 
     def format(self) -> dict[str, str]:
         """Format each parameter by name, as `0.08951 ± 0.00012`, or `no data`; of a batch, those of the first."""
@@ -120,7 +133,7 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
         return {name: format_estimate(value, std) if known else NO_DATA for name, value, std, known in numbers}
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, SchemeEstimate) and all(np.array_equal(self[name], other[name]) for name in self)
+        return isinstance(other, SchemeEstimate) and _are_equal(self.copy(), other.copy())
 
     __hash__ = None  # type: ignore[assignment]  # as of any mapping
 
@@ -134,3 +147,10 @@ class SchemeEstimate(Mapping[str, Any], dict[str, Any]):  # type: ignore[metacla
 
 class SchemeEstimates(dict[str, Any], Shown):
     """`SchemeEstimate` of each scheme, by id; a batch also has masks of Gymnasium, for example `_dynamic`."""
+
+
+def _are_equal(one: Any, other: Any) -> bool:
+    """Return whether two arrays, or two nested mappings of arrays, are equal."""
+    if not isinstance(one, dict):
+        return np.array_equal(one, other)
+    return one.keys() == other.keys() and all(_are_equal(one[name], other[name]) for name in one)

@@ -48,9 +48,13 @@ class Convergence:
     theta: Array
     std: Array
 
-    def json(self) -> JSON:
-        """Return a dictionary for JSON."""
-        return {"time": self.time.tolist(), "theta": self.theta.tolist(), "std": self.std.tolist()}
+    def json(self, names: Sequence[str]) -> JSON:
+        """Return a dictionary for JSON, with the courses of the parameters by name."""
+        courses = {
+            quantity: dict(zip(names, values.T.tolist(), strict=True))
+            for quantity, values in (("theta", self.theta), ("std", self.std))
+        }
+        return {"time": self.time.tolist(), **courses}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,7 +118,7 @@ class Identified(Shown):
             "residual": {**total, "joints": joints},
             "condition": self.condition,
             "used": list(self.used),
-            "convergence": self.convergence.json(),
+            "convergence": self.convergence.json([column.name for column in self.model.columns]),
         }
 
 

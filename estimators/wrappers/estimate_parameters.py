@@ -27,12 +27,12 @@ class EstimateParameters(MeasurementWrapper):
 
     The wrapper adds to `info`:
 
-    - `estimates`, by scheme: `theta` (P,); standard errors `std` (P,) and `covariance` (P, P) under correlated errors;
-      `prediction_error`, a priori, and 0 for unused samples, as in stick; and `P` (P, P), the covariance for unit
-      noise. A notebook shows a table.
+    - `estimates`, by scheme: `theta` and standard errors `std`, by name of the parameter as in `info["plant"]`;
+      `covariance` (P, P) under correlated errors; `prediction_error`, a priori, and 0 for unused samples, as in stick;
+      and `P` (P, P), the covariance for unit noise. A notebook shows a table.
     - `estimates_time`: time of the newest used sample [s], which is delayed by smoothing and guards around stick.
     - `regressor`: row of the torque balance at this sample (P,), 0 in stick.
-    - `parameters`: names in order.
+    - `parameters`: names in the order of the arrays.
 
     For an arm, base parameters come first, estimates change every 50 ms, and `regressor` is absent. Arms need the extra
     `arms`.
@@ -43,7 +43,7 @@ class EstimateParameters(MeasurementWrapper):
         >>> env = EstimateParameters(gym.make("pendulum_env/DirectDrivePendulum-v0"), schemes=["dynamic"])
         >>> _, info = env.reset(seed=0)
         >>> info["estimates"]["dynamic"]["theta"]
-        array([0., 0., 0., 0.])
+        {'inertia': 0.0, 'gravity': 0.0, 'viscous': 0.0, 'coulomb': 0.0}
     """
 
     def __init__(

@@ -23,6 +23,7 @@ from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.columns import NONE, check_columns_option, parse_column
 from pendulum_env.recording.formats import Readable, get_label
+from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.storage import describe_reading, read_rows
 from pendulum_env.recording.study import Source
@@ -58,6 +59,21 @@ def read_arm_recording(
         RecordingError: as `read_recording`, and if columns are missing, belong to other joints, or are currents without
             a torque constant.
     """
+    recording = read_joints(source, joints, held=held, unwrap=unwrap, columns=columns, name=name)
+    warn_of_notes(get_label(source, name), recording.notes)
+    return recording
+
+
+def read_joints(
+    source: Readable,
+    joints: Sequence[str],
+    *,
+    held: Collection[str] = (),
+    unwrap: bool = False,
+    columns: Mapping[str, str] | None = None,
+    name: str | None = None,
+) -> ArmRecording:
+    """Read a recording as `read_arm_recording`, without warnings."""
     check_columns_option(columns)
     preview = read_preview(source, max_columns=500)  # columns, enough for 64 joints with further signals
     named_columns = find_joint_columns(get_label(source), preview.headers, joints, held, dict(columns or {}))
@@ -169,5 +185,5 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"
         )
-    recording = read_arm_recording(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
+    recording = read_joints(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
     return source.select_range(recording)

@@ -2,7 +2,7 @@
 
 from pendulum_env.errors import RecordingError
 from pendulum_env.recording.channel import NEWTON_METRE, PER_INERTIA, Load, TorqueConstant
-from pendulum_env.recording.notes import Note, NoteKind
+from pendulum_env.recording.notes import Note, NoteKind, RecordingWarning
 from pendulum_env.recording.record import MovedTorque, Recording
 from pendulum_env.recording.storage import read_recording, write_recording
 from pendulum_env.recording.study import Source, Study, StudyError, read_study, write_study
@@ -16,6 +16,7 @@ __all__ = [
     "NoteKind",
     "Recording",
     "RecordingError",
+    "RecordingWarning",
     "Source",
     "Study",
     "StudyError",

@@ -1,6 +1,8 @@
 """Notes on changes and guesses while reading a recording, without texts, which the narrator has."""
 
-from collections.abc import Mapping
+import sys
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -59,6 +61,25 @@ class NoteKind(StrEnum):
 
 
 NAMED = 5  # most rows or times of a note
+WARNED = frozenset(  # kinds that are warnings in Python: rows or columns that are left out, and uncertain units
+    {
+        NoteKind.SPOILT,
+        NoteKind.SPARSE,
+        NoteKind.TIME_REPEATED,
+        NoteKind.GLITCHES,
+        NoteKind.STALE,
+        NoteKind.SHORT_SEGMENTS,
+        NoteKind.UNIT_CONTRADICTED,
+        NoteKind.UNIT_INFERRED,
+        NoteKind.MAY_BE_DEGREES,
+        NoteKind.IMPLAUSIBLE,
+    }
+)
+PACKAGES = ("pendulum_env", "estimators", "agents", "workbench")  # whose frames a warning passes over
+
+
+class RecordingWarning(UserWarning):
+    """Rows or columns of a recording that are left out, or units that are uncertain."""
 
 
 @dataclass(frozen=True)
@@ -85,3 +106,18 @@ class Note:
 
     def __str__(self) -> str:
         return summarise(self)
+
+
+def warn_of_notes(name: str, notes: Sequence[Note]) -> None:
+    """Warn once of the notes of a recording whose kind is in `WARNED`, at the line of the user that reads it."""
+    texts = [str(note).removeprefix("warning: ") for note in notes if note.kind in WARNED]
+    if texts:
+        warnings.warn(f"{name}: {'; '.join(texts)}", RecordingWarning, stacklevel=_find_user_level())
+
+
+def _find_user_level() -> int:
+    """Return the `stacklevel`, in `warn_of_notes`, of the first frame outside of this project."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in PACKAGES:
+        level, frame = level + 1, frame.f_back
+    return level

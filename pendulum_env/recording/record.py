@@ -14,7 +14,7 @@ from pendulum_env.notebook import Shown
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
-from pendulum_env.recording.notes import Note
+from pendulum_env.recording.notes import Note, warn_of_notes
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.servo import MOTOR, ServoDrive
@@ -124,7 +124,7 @@ class Recording(Shown):
         object.__setattr__(self, "is_checked", True)
 
     def _check_unit(self) -> None:
-        """Refuse degrees or turns; add a note if the unit is uncertain."""
+        """Refuse degrees or turns; add a note and warn if the unit is uncertain."""
         part = max(map(slice, self.starts, (*self.starts[1:], len(self))), key=lambda run: run.stop - run.start)
         suspicion = suspect_unit(self.position[part], self.torque[part], self.rate)
         if suspicion is None:
@@ -135,7 +135,9 @@ class Recording(Shown):
                 f"recording {self.name!r}: {suspicion.text}: read it with read_recording({ARRAYS}, columns={columns}) "
                 f"if it is in {suspicion.name}, with 'position:rad' if it is not"
             )
-        object.__setattr__(self, "notes", (*self.notes, suspicion.note(columns)))
+        note = suspicion.note(columns)
+        object.__setattr__(self, "notes", (*self.notes, note))
+        warn_of_notes(f"recording {self.name!r}", [note])
 
     def _convert_column(self, quantity: str, values: ArrayLike) -> Array:
         try:

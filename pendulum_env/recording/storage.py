@@ -18,6 +18,7 @@ from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.recording.building import build_recording
 from pendulum_env.recording.columns import NONE, check_columns_option, find_columns
 from pendulum_env.recording.formats import Readable, find_format, find_stem, get_label, read_table
+from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.record import Recording
 from pendulum_env.servo import ServoDrive
 
@@ -39,7 +40,8 @@ def read_recording(
     Excel, MCAP and ROS bags.
 
     Columns are found by common names, units are converted to s, rad, N m and rad/s, and slightly uneven time is made
-    uniform. All changes are listed in the recording's `notes`.
+    uniform. All changes are listed in the recording's `notes`. Rows and columns that are left out, and units that are
+    uncertain, are also a `RecordingWarning`.
 
     Args:
         source: path of a file, or a table in memory: a data frame of pandas or Polars, a table of pyarrow, or a mapping
@@ -59,7 +61,9 @@ def read_recording(
         RecordingError: if the file cannot be read or its content is implausible; the message is one sentence with the
             file, the data row (from 1, without header and blank lines), the reason and the remedy.
     """
-    return read_rows(source, unwrap=unwrap, columns=columns, drive=drive, name=name, can_resample=True)
+    recording = read_rows(source, unwrap=unwrap, columns=columns, drive=drive, name=name)
+    warn_of_notes(get_label(source, name), recording.notes)
+    return recording
 
 
 def read_rows(
@@ -69,9 +73,12 @@ def read_rows(
     columns: Mapping[str, str | None] | None,
     drive: ServoDrive | None = None,
     name: str | None = None,
-    can_resample: bool,
+    can_resample: bool = True,
 ) -> Recording:
-    """Read a recording as `read_recording`; `can_resample` to the clock of an encoder that is slower than its log."""
+    """Read a recording as `read_recording`, without warnings.
+
+    `can_resample` to the clock of an encoder that is slower than its log.
+    """
     check_columns_option(columns)
     label, is_file = get_label(source, name), isinstance(source, str | os.PathLike)
     try:

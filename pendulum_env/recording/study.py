@@ -35,8 +35,9 @@ from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, convert, format_toml, read_toml
 from pendulum_env.recording.channel import Load
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
+from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.record import Recording
-from pendulum_env.recording.storage import describe_reading, read_recording
+from pendulum_env.recording.storage import describe_reading, read_rows
 from pendulum_env.servo.drive import CONVENTIONS, ServoDrive
 from pendulum_env.settings import format_setting
 
@@ -110,7 +111,7 @@ class Source:
     format_source: str = ""  # model file that supplied missing options
 
     def read(self) -> Recording:
-        """Read the recording."""
+        """Read the recording; its `notes` list rows that are left out and uncertain units, without a warning."""
         if self.joints is not None:
             raise RecordingError(
                 f"{self.file}: its study names joints of an arm: give its links, {format_setting('robot', 'ARM.urdf')}"
@@ -145,7 +146,7 @@ class Source:
 
 def _read_pendulum(source: Source) -> Recording:
     try:
-        return read_recording(source.file, **source.reading_options)
+        return read_rows(source.file, **source.reading_options)
     except ColumnError as error:
         if not source.format_source:
             raise
@@ -219,14 +220,17 @@ class Study:
 
 
 def read_study(path: str | os.PathLike[str]) -> Study:
-    """Read a study and its recordings.
+    """Read a study and its recordings, with warnings as `read_recording`.
 
     Raises:
         StudyError: if the study is invalid.
         RecordingError: if a recording cannot be read.
     """
     sources = read_sources(path)
-    return Study(Path(path), sources, tuple(source.read() for source in sources))
+    study = Study(Path(path), sources, tuple(source.read() for source in sources))
+    for source, recording in zip(sources, study.recordings, strict=True):
+        warn_of_notes(str(source.file), recording.notes)
+    return study
 
 
 def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:

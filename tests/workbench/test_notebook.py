@@ -126,7 +126,7 @@ def test_every_estimate_is_shown_with_its_error_and_every_region(results):
     for name, estimate in results["diagnosis"].model.estimates.items():
         assert f"{name}{format_estimate(estimate.value, estimate.std)}{estimate.unit}" in shown(results["model"])
     told, text = results["estimates"]["energy"], shown(results["estimates"])
-    for pair in zip(told["theta"], np.sqrt(np.diag(told["covariance"])), strict=True):
+    for pair in zip(told["theta"].values(), np.sqrt(np.diag(told["covariance"])), strict=True):
         assert "energy" in text and format_estimate(*pair) in text
     several = EstimateParametersVector(gym.make_vec(PENDULUM, num_envs=3), schemes=["dynamic"]).reset(seed=0)[1]
     assert "of the first of 3 pendulums" in shown(several["estimates"])

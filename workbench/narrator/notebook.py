@@ -111,7 +111,7 @@ def show_estimates(estimates: SchemeEstimates) -> str:
     units = {name: unit for scheme in schemes.values() for name, unit in scheme.units.items()}
     values = {id: scheme.format() for id, scheme in schemes.items()}
     rows = [(id, *(texts.get(name, "") for name in units)) for id, texts in values.items()]
-    batch = [len(scheme["theta"]) for scheme in schemes.values() if np.ndim(scheme["theta"]) > 1]
+    batch = [scheme.count for scheme in schemes.values() if scheme.count is not None]
     return make_card(
         "Online estimates",
         TextTable(("scheme", *(f"{name} [{unit}]" for name, unit in units.items())), rows),

@@ -116,7 +116,7 @@ def test_an_environment_that_tells_no_encoder_lets_it_be_learnt():
         env.unwrapped.counts = None  # as of an environment that does not tell
         env = EstimateParameters(env, schemes=["dynamic"], **options)
         env.reset(seed=0)
-        return play_two_tones(env, 1200)[-1]["estimates"]["dynamic"]["theta"]
+        return np.array([*play_two_tones(env, 1200)[-1]["estimates"]["dynamic"]["theta"].values()])
 
     unknown, known, fine = last(), last(counts=COUNTS), last(counts=1_024_000)
     truth = np.array(list(PAPER.values()))

@@ -66,6 +66,9 @@ def test_convergence_ends_at_the_model(paper_run):
         np.testing.assert_allclose(result.convergence.theta[-1], result.model.theta, rtol=1e-6)
         np.testing.assert_allclose(result.convergence.std[-1], std(result.model), rtol=1e-6)
         assert result.convergence.time[-1] == pytest.approx(paper_run.duration, abs=0.1)
+        told = result.json()  # by name, as the estimates
+        assert told["convergence"]["theta"].keys() == told["convergence"]["std"].keys() == told["theta"].keys()
+        assert told["convergence"]["theta"]["gravity"] == result.convergence.theta[:, 1].tolist()
 
 
 def test_the_papers_hamiltonian_pair_borrows_inertia(paper_run):

@@ -53,14 +53,14 @@ def test_estimates_while_it_runs_are_those_of_the_recording_and_converge_to_the_
         for scheme in env.schemes:
             equations, usable = scheme.regression(measure_with_unfiltered(recording, smoothing), BASE)
             theta = compute_history(equations, usable, np.array([last])).theta[0]
-            np.testing.assert_allclose(info["estimates"][scheme.id]["theta"], theta, rtol=1e-9)
+            np.testing.assert_allclose([*info["estimates"][scheme.id]["theta"].values()], theta, rtol=1e-9)
     assert info["parameters"] == tuple(PAPER) and 0 < info["time"] - info["estimates_time"] < 0.05
     there = pickle.loads(pickle.dumps(info))["estimates"]["dynamic"]  # in another process
     assert list(there) == list(info["estimates"]["dynamic"])
     for told in info["estimates"].values():
-        np.testing.assert_allclose(told["theta"], list(PAPER.values()), rtol=0.01)
-        np.testing.assert_array_equal(told["std"], np.sqrt(np.diag(told["covariance"])))
-        assert (told["std"] < 0.02 * told["theta"]).all()
+        assert told["theta"] == pytest.approx(info["plant"], rel=0.01)  # both by name
+        np.testing.assert_array_equal([*told["std"].values()], np.sqrt(np.diag(told["covariance"])))
+        assert all(told["std"][name] < 0.02 * value for name, value in told["theta"].items())
         assert abs(told["prediction_error"]) < 1
 
 
@@ -70,7 +70,7 @@ def test_printed_estimates_are_short_and_have_errors_where_there_are_data():
     assert len(repr(info)) < 1000 and "±" not in repr(info)
     estimate = last_info(env, 1000)["estimates"]["energy"]
     assert len(repr(estimate)) < 200
-    for name, value, std in zip(PAPER, estimate["theta"], estimate["std"], strict=True):
+    for name, value, std in zip(PAPER, estimate["theta"].values(), estimate["std"].values(), strict=True):
         printed, error = map(float, estimate.format()[name].split("±"))
         assert printed == pytest.approx(value, abs=0.1 * std) and error == pytest.approx(std, rel=0.05)
         assert f"{name} {estimate.format()[name]}" in repr(estimate)
@@ -97,7 +97,7 @@ def test_every_wrapper_works_in_every_place(tmp_path):
             total += reward
         env.close()
         assert total > 0
-        estimates.append(info["estimates"]["filtered_dynamic"]["theta"])
+        estimates.append([*info["estimates"]["filtered_dynamic"]["theta"].values()])
     np.testing.assert_allclose(estimates, [estimates[0]] * len(estimates), rtol=1e-9)
 
 
@@ -115,7 +115,7 @@ def test_spec_rebuilds_the_wrapped_environment():
     assert str(again) == str(env)
     assert again.observation_space == env.observation_space
     a, b = last_info(env, 1500), last_info(again, 1500)
-    np.testing.assert_array_equal(a["estimates"]["energy"]["theta"], b["estimates"]["energy"]["theta"])
+    assert a["estimates"]["energy"]["theta"] == b["estimates"]["energy"]["theta"]
     assert len(a["estimates"]["energy"]["theta"]) == 5
     assert gym.envs.registration.EnvSpec.from_json(env.spec.to_json()) == env.spec
 
@@ -161,7 +161,8 @@ def test_a_coarse_encoder_is_smoothed_as_it_needs_also_in_a_replay(tmp_path):
     replay = EstimateParameters(gym.make(PENDULUM, backend="replay", recording=tmp_path / "run.csv"))
     for info in (live, last_info(replay, 10_000)):
         for told in info["estimates"].values():
-            np.testing.assert_allclose(told["theta"], list(PAPER.values()), rtol=0.02)
+            for name, value in PAPER.items():
+                np.testing.assert_allclose(told["theta"][name], value, rtol=0.02)
 
 
 def test_wrong_use_is_explained():
@@ -252,5 +253,6 @@ def test_estimates_are_in_the_last_observations_of_episodes_too(mode):
     for _ in range(100):
         observation, *_, info = env.step(np.full((2, 1), 3.0, dtype=np.float32))
     assert env.observation_space.contains(observation)
-    for last, theta in zip(info["final_obs"], info["final_info"]["estimates"]["dynamic"]["theta"], strict=True):
-        np.testing.assert_allclose(last[3:7], theta, rtol=1e-6)
+    theta = info["final_info"]["estimates"]["dynamic"]["theta"]
+    for last, *estimates in zip(info["final_obs"], *(theta[name] for name in PAPER), strict=True):
+        np.testing.assert_allclose(last[3:7], estimates, rtol=1e-6)
