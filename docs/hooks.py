@@ -63,7 +63,7 @@ REFERENCES = {
         (
             "estimators.schemes.fitting.Identified",
             "estimators.schemes.fitting.Convergence",
-            "estimators.results.Distance",
+            "estimators.results.RecordingErrors",
             "estimators.signals.residual.Region",
             "estimators.diagnosis.result.Step",
             "estimators.diagnosis.result.Candidate",

@@ -25,7 +25,7 @@ from estimators.data.split import CutSettings
 from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.checks import Subject, examine
 from estimators.in_loop.motion import LoopMotion, simulate_in_loop
-from estimators.results import Comparison, Distance
+from estimators.results import Comparison, RecordingErrors
 from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.arms.body import Body
@@ -34,10 +34,10 @@ from pendulum_env.physics import Model, Samples, has_link
 from pendulum_env.recording import Recording
 
 
-def compute_distance(name: str, data: RegressionData, model: Model, loop: LoopMotion) -> Distance:
+def compute_recording_errors(name: str, data: RegressionData, model: Model, loop: LoopMotion) -> RecordingErrors:
     """Compute the errors of a model with inertia on data, with those of its motion in the loop."""
     steady, unstable = drop_unstable_segments(data, model)
-    return Distance(name, loop.extend(compute_errors(steady, model)), data.floors, unstable)
+    return RecordingErrors(name, loop.extend(compute_errors(steady, model)), data.floors, unstable)
 
 
 @refuse_unknown_arguments
@@ -81,7 +81,7 @@ def compare(
     data = FitData(recordings, recordings, terms=joints, cut=CutSettings(horizon=horizon), criterion=criterion)
     data = data.with_parts((joined, joined))
     loop = simulate_in_loop(model, recordings)
-    joint = compute_distance("all", joined, model, loop)
+    joint = compute_recording_errors("all", joined, model, loop)
     residual = joined.residual(model.terms, model.theta)
     is_fitted = separate and not joint.errors.is_in_loop
     fits = fit_each_recording([joined.data], model.terms, criterion) if is_fitted else []
@@ -90,7 +90,8 @@ def compare(
     return Comparison(
         model,
         tuple(
-            compute_distance(part.names[0], part, model, loop.select_recording(k)) for k, part in enumerate(separate)
+            compute_recording_errors(part.names[0], part, model, loop.select_recording(k))
+            for k, part in enumerate(separate)
         ),
         joint,
         tuple(compute_profiles(joined.samples, residual, joint.noise_floor, units=joined.units()) if separate else ()),

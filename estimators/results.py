@@ -22,7 +22,7 @@ SCHEMA = "pendulum-ident/comparison@3"
 
 
 @dataclass(frozen=True)
-class Distance:
+class RecordingErrors:
     """Errors of a model on one or all recordings.
 
     Attributes:
@@ -59,7 +59,7 @@ class Comparison(Summarised):
 
     Attributes:
         model: the compared model.
-        distances: errors on each recording; empty for an arm.
+        recording_errors: errors on each recording; empty for an arm.
         joint: errors on all recordings together.
         profiles: residual torque over position, velocity, torque, time and frequency, all recordings together; empty
             for an arm.
@@ -71,8 +71,8 @@ class Comparison(Summarised):
     """
 
     model: Model
-    distances: tuple[Distance, ...]
-    joint: Distance
+    recording_errors: tuple[RecordingErrors, ...]
+    joint: RecordingErrors
     profiles: tuple[Profile, ...]
     regions: tuple[Region, ...]
     findings: tuple[Finding, ...] = ()
@@ -110,7 +110,7 @@ class Comparison(Summarised):
         return make_result_json(self.model, self.torque_constant, self.regions) | {
             "schema": SCHEMA,
             "findings": [finding.json() for finding in self.findings],
-            "recordings": [distance.json() for distance in self.distances],
+            "recordings": [distance.json() for distance in self.recording_errors],
             "joint": self.joint.json(),
             "horizon": self.horizon,
             "profiles": [

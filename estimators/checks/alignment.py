@@ -247,7 +247,7 @@ def require_long_delay(after: Alignment, before: Alignment) -> Iterator[Gate]:
     if delay >= limit:
         yield Gate("delay", delay, limit, True, "s")
     else:
-        most = (1 - after.criterion.error_margin) * before.misfit
+        most = (1 - after.criterion.equal_error_share) * before.misfit
         yield Gate("misfit", after.misfit, most, after.misfit <= most)
 
 

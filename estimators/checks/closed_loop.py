@@ -99,7 +99,7 @@ def is_consistent(
     least = min(w.noise.compute_std(inertia) for w in data.windows)  # weights are relative to the least
     floor = max(compute_precision(data.windows), least)
     freedom = max(1, len(residual) - parameters)
-    return bool(size <= criterion.misfit * floor * freedom**0.5)
+    return bool(size <= criterion.misfit_ratio * floor * freedom**0.5)
 
 
 @memoized

@@ -54,7 +54,7 @@ def find_inertia_of_noise(data: RegressionData, terms: Terms, criterion: Criteri
 
     The inertia scales encoder noise. A base model that lacks an effect may have another inertia, by which the windows
     were chosen. None is returned for a known or insignificant inertia, the same floor within
-    `criterion.error_margin`, and a link, whose inertia is not that of the encoder's side.
+    `criterion.equal_error_share`, and a link, whose inertia is not that of the encoder's side.
     """
     if not data.layout.predicts_torque or has_link(terms) or all(w.inertia for w in data.data.windows):
         return None
@@ -66,7 +66,7 @@ def find_inertia_of_noise(data: RegressionData, terms: Terms, criterion: Criteri
     before = data.data.base_inertia
     floor, old_floor = (compute_noise_floor(data.data.windows, value) for value in (inertia.value, before))
     is_same = abs(inertia.value - before) <= SIGNIFICANT * inertia.std
-    return None if is_same or abs(floor - old_floor) <= criterion.error_margin * old_floor else inertia
+    return None if is_same or abs(floor - old_floor) <= criterion.equal_error_share * old_floor else inertia
 
 
 def compute_inertia(model: Model, x: Samples) -> float:

@@ -57,14 +57,14 @@ def find_failures(
 ) -> list[Region]:
     """Find where a residual (R,) [N m] exceeds the noise, joint by joint; at most `most` regions of each.
 
-    A joint without a region, but an RMS above `criterion.misfit` noise floors, has one region of all velocities.
+    A joint without a region, but an RMS above `criterion.misfit_ratio` noise floors, has one region of all velocities.
     `floors` are the noise floors of joints by name [N m], by default those of the data.
     """
     regions: list[Region] = []
     for joint, error in data.layout.compute_joint_errors(residual).items():
         floor = (floors or data.floors)[joint]
         at_joint = find_regions_at(data, residual, joint, most=most, floor=floor)
-        least = criterion.misfit * max(floor, compute_negligible_residual(data.data, joint))
+        least = criterion.misfit_ratio * max(floor, compute_negligible_residual(data.data, joint))
         if not at_joint and error > least:
             units, samples = data.units(joint), data.data.part(joint).samples
             cause = ResidualWithoutPlace(Quantity(error, unit=units.unit(NEWTON_METRE)), error / floor)

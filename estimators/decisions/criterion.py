@@ -40,13 +40,13 @@ class SearchLimits(Limits):
 
     Attributes:
         max_effects: largest number of effects in one model.
-        beam: number of first effects from which the search is repeated if the first search leaves structure.
+        n_restarts: number of first effects from which the search is repeated if the first search leaves structure.
         max_tried: number of effects that are tried, best score first, until one is confirmed.
         max_ordered: number of effects up to which every order of their steps is tried.
     """
 
     max_effects: int = 6
-    beam: int = 3
+    n_restarts: int = 3
     max_tried: int = 8
     max_ordered: int = 3
 
@@ -167,7 +167,7 @@ class Criterion(Limits):
         z_score: standard errors from which a correlation of neighbouring windows, the sign of a load torque, a torque
             constant or a difference of two schemes is significant.
         tie_probability: probability above which a model ties with another.
-        misfit: ratio of an error to its noise floor above which it is more than noise.
+        misfit_ratio: ratio of an error to its noise floor above which it is more than noise.
         max_score: upper limit of any reported score, the hit rate of the best verdicts.
         coarse_p_value: p-value on a coarse grid of nonlinear parameters above which they are not refined.
         least_excitation: least ratio of the recorded torque to the smallest significant torque of an effect.
@@ -175,8 +175,8 @@ class Criterion(Limits):
             machine are correlated for less.
         drift_piece: length of the pieces by which folds predict a drifting torque [s].
         shorter_window: factor on the window lengths in a second search.
-        error_margin: relative difference of errors or noise floors that is chance: of torque errors with an effect that
-            only free motion shows, and of a negligible delay.
+        equal_error_share: relative difference of errors or noise floors that is chance: of torque errors with an effect
+            that only free motion shows, and of a negligible delay.
         accuracy: error of a simulation by initial states and integration, share of the motion's standard deviation.
         search, white, timing, agreement, columns, loop: limits of questions of their own.
     """
@@ -189,14 +189,14 @@ class Criterion(Limits):
     noise_ratio: float = 0.5
     z_score: float = 5.0
     tie_probability: float = 0.05
-    misfit: float = 2.5
+    misfit_ratio: float = 2.5
     max_score: float = 0.98
     coarse_p_value: float = 0.5
     least_excitation: float = 10.0
     block: float = BLOCK
     drift_piece: float = 0.2
     shorter_window: float = 0.5
-    error_margin: float = 0.05
+    equal_error_share: float = 0.05
     accuracy: float = 0.001
     search: SearchLimits = SearchLimits()
     white: WhiteNoiseLimits = WhiteNoiseLimits()
@@ -213,11 +213,11 @@ class Criterion(Limits):
 
 
 def has_structure(residual: ResidualStructure, floor: float, criterion: Criterion) -> bool:
-    """Return whether a residual is correlated between windows, or above `misfit` times the noise floor."""
-    return residual.z_score >= criterion.z_score or residual.rms > criterion.misfit * floor
+    """Return whether a residual is correlated between windows, or above `misfit_ratio` times the noise floor."""
+    return residual.z_score >= criterion.z_score or residual.rms > criterion.misfit_ratio * floor
 
 
 def is_noise(residual: ResidualStructure, floor: float, criterion: Criterion) -> bool:
     """Return whether a residual is without structure, or small against the noise floor."""
-    small = max(residual.correlated_rms / criterion.noise_ratio, residual.rms / criterion.misfit) < floor
+    small = max(residual.correlated_rms / criterion.noise_ratio, residual.rms / criterion.misfit_ratio) < floor
     return small or not has_structure(residual, floor, criterion)

@@ -195,7 +195,7 @@ class Gain:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; an infinite error becomes null."""
-        return {"total": self.total, "error": get_finite(self.error), "chance": self.p_value}
+        return {"total": self.total, "error": get_finite(self.error), "p_value": self.p_value}
 
 
 class Bootstrap:

@@ -21,8 +21,8 @@ from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.checks import Subject, examine
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Addition
-from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import decide_treatment, scale_noise_by_model
 from estimators.free_swings import find_scaling_values
 from estimators.in_loop import complete_drives
@@ -92,14 +92,14 @@ def add(
     if all(recording.is_free for recording in recordings):
         fixed = find_scaling_values(model, fixed)
     terms, library = apply_limits(model.terms, {kind.id: kind}, fixed, bounds)
-    setting = Setting(terms, library, criterion, progress=progress)
+    options = Options(terms, library, criterion, progress=progress)
     case = choose_case(terms, (*recordings, *holdout))
     progress("reading the motion", 0.0)
-    data, setting = case.prepare(recordings, holdout, setting)
-    data, kind = case.show_effect(data, tuple(setting.base), library[kind.id]), library[kind.id]
-    trial, before, decision = _fit_effect(case, data, setting, kind, model)
+    data, options = case.prepare(recordings, holdout, options)
+    data, kind = case.show_effect(data, tuple(options.base), library[kind.id]), library[kind.id]
+    trial, before, decision = _fit_effect(case, data, options, kind, model)
     if decision.passed and (scaled := scale_noise_by_model(trial)) is not None:
-        scaled_fit = _fit_effect(case, scaled, setting, kind, model)
+        scaled_fit = _fit_effect(case, scaled, options, kind, model)
         if decide_treatment(scaled_fit[0], trial).is_kept:
             trial, before, decision = scaled_fit
     log_format = collect_log_format(trial.data.recordings)
@@ -110,23 +110,23 @@ def add(
 
 
 def _fit_effect(
-    case: Case, data: FitData, setting: Setting, kind: type[Term], model: Model
+    case: Case, data: FitData, options: Options, kind: type[Term], model: Model
 ) -> tuple[Trial, Step, Decision]:
     """Return a trial with one more effect, the refitted step without it, and the decision on the effect.
 
     Refits of links start from the parameters of the model.
     """
-    evidence = case.make_evidence(data, setting)
+    evidence = case.make_evidence(data, options)
     before, longer = fit_without_and_with(evidence, kind)
-    setting.progress("refitting", 0.9)
-    (refitted,) = case.refit(SearchResult(evidence, [before]), replace(model, terms=tuple(setting.base))).steps
+    options.progress("refitting", 0.9)
+    (refitted,) = case.refit(SearchResult(evidence, [before]), replace(model, terms=tuple(options.base))).steps
     added = longer.model.terms[-1]
     result = case.refit(SearchResult(evidence, [before, longer]), refitted.model.add(added))
     after, is_shown = result.steps[-1], is_hidden(added) and evidence.train.segments  # the motion shows hidden states
     decision = evidence.decide(after, refitted, CONFIRM)
     if decision.passed and not is_shown:
         decision = decision.join(evidence.decide(longer.model.terms, before.model.terms, BEAT_CHANCE))
-    return Trial(case, data, setting, result, refit=result), refitted, decision
+    return Trial(case, data, options, result, refit=result), refitted, decision
 
 
 def fit_without_and_with(evidence: Evidence, kind: type[Term]) -> list[Step]:

@@ -12,19 +12,19 @@ from estimators.data.fit_data import FitData
 from estimators.data.treatment import Action, Treatment
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.servo_refit import refit_step
-from estimators.diagnosis.setting import Setting
 from estimators.in_loop.servos import has_unpowered_motor, select_voltage_drives
 from estimators.weak_form.point import Point
 from pendulum_env.physics import Term, list_ids
 from pendulum_env.physics.actuation import BackEmf
 
 
-def add_back_emf(data: FitData, setting: Setting) -> Setting:
-    """Return the setting with back-EMF in the base model if that is a treatment of the data."""
+def add_back_emf(data: FitData, options: Options) -> Options:
+    """Return the options with back-EMF in the base model if that is a treatment of the data."""
     if Action.BACK_EMF_INCLUDED not in data.actions:
-        return setting
-    return replace(setting, base=(*setting.base, BackEmf()))
+        return options
+    return replace(options, base=(*options.base, BackEmf()))
 
 
 def present(trial: Trial, step: Step) -> Step:

@@ -13,8 +13,8 @@ from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_
 from estimators.data.fit_data import FitData
 from estimators.data.fits import fit_within_laws
 from estimators.decisions.errors import Step, Terms
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
-from estimators.diagnosis.setting import Setting
 from estimators.findings import Finding
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult
@@ -47,8 +47,8 @@ class Case:
     """
 
     accepts: Callable[[Sequence[Term], Sequence[Recording]], bool]
-    prepare: Callable[[Sequence[Recording], Sequence[Recording], Setting], tuple[FitData, Setting]]
-    make_evidence: Callable[[FitData, Setting], Evidence]
+    prepare: Callable[[Sequence[Recording], Sequence[Recording], Options], tuple[FitData, Options]]
+    make_evidence: Callable[[FitData, Options], Evidence]
     search: Callable[[Evidence], SearchResult]
     refit: Callable[[SearchResult, Model | None], SearchResult]
     refine: Callable[[Trial], tuple[SearchResult, Sequence[Finding]]]
@@ -68,21 +68,21 @@ class Trial:
     Attributes:
         case: functions of the case.
         data: treated recordings.
-        setting: options.
+        options: options.
         result: of the search.
         refit: refitted result; None: that of the case.
     """
 
     case: Case
     data: FitData
-    setting: Setting
+    options: Options
     result: SearchResult
     refit: SearchResult | None = None
 
     @classmethod
-    def search(cls, case: Case, data: FitData, setting: Setting) -> Trial:
+    def search(cls, case: Case, data: FitData, options: Options) -> Trial:
         """Return the trial of a search for effects in data."""
-        return cls(case, data, setting, case.search(case.make_evidence(data, setting)))
+        return cls(case, data, options, case.search(case.make_evidence(data, options)))
 
     @property
     def evidence(self) -> Evidence:
@@ -138,12 +138,12 @@ class Trial:
         recording would remain.
         """
         whole = self.data.whole or self.data
-        criterion = self.setting.criterion
+        criterion = self.options.criterion
         datasets = [part.data for part in (whole.parts if whole.holdout else whole.parts[:1])]
         excluded = {disagreement.number: disagreement for disagreement in self.data.excluded}
         new: tuple[Disagreement, ...] = ()
         if self.unexplained and not excluded:
-            fits = fit_each_recording(datasets, self.setting.base, criterion)
+            fits = fit_each_recording(datasets, self.options.base, criterion)
             new = find_disagreements(fits, only_if_all_fit=True)
         new = new or find_disagreements(fit_each_recording(datasets, self.model.terms, criterion))
         combined = excluded | {disagreement.number: disagreement for disagreement in new}

@@ -153,7 +153,7 @@ def check_timing(subject: Subject) -> Iterable[Finding]:
         return [*timing.find(is_late=True), *(() if has_delay else timing.find(is_late=False))]
     timing, diagnosis = subject.data.timing, subject.diagnosis
     late, slow = timing.corrections, () if subject.is_arm else timing.find(is_late=False)
-    library, found = subject.trial.setting.library, {id for group in diagnosis.effects for id in group}
+    library, found = subject.trial.options.library, {id for group in diagnosis.effects for id in group}
     if not slow or any(library[id]().delays_torque for id in found & library.keys()):
         return [*late, *slow]
     if not diagnosis.unexplained:

@@ -49,13 +49,13 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     table = trial.result.table.id if trial.result.table is not None and trial.result.table.id in TABLES else None
     if regions and table is None:
         table = find_explaining_law(evidence, model.terms, TABLES.values())
-    trial.setting.progress("looking for the next experiment", 0.95)
+    trial.options.progress("looking for the next experiment", 0.95)
     is_complete = not regions and len(trial.terms) == len(evidence.fits.base)
     detectable = find_detectable_effects(evidence, trial.terms, evidence.library) if is_complete else ()
     questions = list_questions(evidence, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, detectable)
     if find_violations(model, evidence.train.motions) or not model.has_known_inertia:
         questions = []  # motion cannot be predicted
-    limits = trial.setting.limits.with_default_torque((trial.data.whole or trial.data).recordings)
+    limits = trial.options.limits.with_default_torque((trial.data.whole or trial.data).recordings)
     suggestion, unanswerable, no_experiment = suggest_experiment(evidence, model, questions, limits, regions)
     tables = () if table is None else (table,)
     if not model.has_known_inertia:

@@ -14,7 +14,7 @@ from pendulum_env.recording.study import collect_log_format
 
 def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     """Return the diagnosis of a trial: verdicts, refit to the horizon, residual, findings and the next step."""
-    trial.setting.progress("judging", 0.93)
+    trial.options.progress("judging", 0.93)
     has_contacts = Treatment(Action.IMPACTS_INCLUDED) in [tried.treatment for tried in treatments]
     candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts, has_contacts)
     refit = trial.case.refit_to_horizon(trial) if trial.case.refit_to_horizon is not None else None
@@ -26,7 +26,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
             refitted = trial.present(refitted, True)
         refit = replace(refit, before=trial.present(refit.before, True), after=refitted)
     steps = [trial.present(step, step is last) for step in (*others, last)]
-    data = trial.data.with_horizon(trial.setting.horizon)
+    data = trial.data.with_horizon(trial.options.horizon)
     diagnosis = Diagnosis(
         steps=(*steps[:-1], steps[-1].with_log_format(collect_log_format(data.recordings))),
         candidates=tuple(candidates),
@@ -44,5 +44,5 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     diagnosis = trial.case.conclude(trial, diagnosis)
     findings = (*examine(Subject.from_trial(trial, diagnosis)), *diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings, candidates=mark_met_stops(diagnosis.candidates, findings))
-    trial.setting.progress("done", 1.0)
+    trial.options.progress("done", 1.0)
     return diagnosis

@@ -14,8 +14,8 @@ from estimators.data.fit_data import FitData
 from estimators.decisions.decision import Policy, decide
 from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Trial
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.servo_refit import refine_rows
-from estimators.diagnosis.setting import Setting
 from estimators.findings import Quantity
 from estimators.in_loop import decide_conventions
 from estimators.in_loop.conventions import ControllerConvention, GoalConvention
@@ -25,9 +25,9 @@ from pendulum_env.recording import Recording
 from pendulum_env.servo.torque import replace_drive
 
 
-def decide_drives(data: FitData, setting: Setting) -> FitData:
+def decide_drives(data: FitData, options: Options) -> FitData:
     """Return the data with the conventions of their drives, decided by the base model, see `decide_conventions`."""
-    recordings, holdout, findings = decide_conventions(data.recordings, data.holdout, setting.base, setting.criterion)
+    recordings, holdout, findings = decide_conventions(data.recordings, data.holdout, options.base, options.criterion)
     return replace(data, recordings=recordings, holdout=holdout, treatments=(*data.treatments, *findings))
 
 
@@ -41,7 +41,7 @@ def reread_goals(trial: Trial) -> FitData | None:
     data, unseen = trial.data, refine_rows(trial.evidence)[1]
     readings = [treatment for treatment in data.treatments if isinstance(treatment, GoalConvention)]
     error = trial.result.steps[-1].errors["holdout"].total
-    if len(readings) != 1 or error < trial.setting.criterion.loop.faithful * unseen.rollouts.noise.encoder_error:
+    if len(readings) != 1 or error < trial.options.criterion.loop.faithful * unseen.rollouts.noise.encoder_error:
         return None
     is_held = readings[0].is_held
     other = Reading(trial, "ramp" if is_held else "held")
@@ -59,7 +59,7 @@ def declare_goals(trial: Trial, goal: str) -> FitData:
 
     treated = {"recordings": declare(data.recordings), "holdout": declare(data.holdout)}
     data = data.with_treatment(GoalConvention(goal == "held"), **treated)
-    return decide_drives(data, trial.setting) if "reads" in changes else data
+    return decide_drives(data, trial.options) if "reads" in changes else data
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Reading:
         last = self.trial.result.steps[-1]
         if self.goal is None:
             return last.errors["holdout"].total
-        model, evidence = last.model, self.trial.case.make_evidence(self.data, self.trial.setting)
+        model, evidence = last.model, self.trial.case.make_evidence(self.data, self.trial.options)
         rows = evidence.train.rollouts
         assert isinstance(rows, RolloutRows)
         rows.fits.set_start(Point.from_parameters(model.terms, np.asarray(model.theta)))
@@ -95,7 +95,7 @@ class Reading:
 def require_open_reading(after: Reading, before: Reading) -> Iterator[Gate]:
     """Test that the base model leaves the reading open: an insignificant gain of the present one over the other."""
     gain = before.gain
-    limit = float(ndtri(1.0 - before.trial.setting.criterion.p_value)) * (gain.std or 0.0)
+    limit = float(ndtri(1.0 - before.trial.options.criterion.p_value)) * (gain.std or 0.0)
     yield Gate("gain", abs(gain.value), limit, abs(gain.value) <= limit, "nat", gain.std)
 
 

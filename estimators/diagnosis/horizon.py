@@ -41,7 +41,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     position error over the horizon and violates no physical bound. A keyboard interrupt ends it at the reached
     parameters.
     """
-    seconds, last = trial.setting.horizon, trial.final.steps[-1]
+    seconds, last = trial.options.horizon, trial.final.steps[-1]
     if seconds is None or not last.model.has_known_inertia:
         return None
     data = [_select_steady(part, last.model) for part in trial.data.with_horizon(seconds).parts]
@@ -54,7 +54,7 @@ def refit_to_horizon(trial: Trial) -> HorizonRefit | None:
     try:
         for number, length in enumerate(horizons):
             share = low + (high - low) * number / len(horizons)
-            trial.setting.progress(f"refitting to {length:g} s of motion", share)
+            trial.options.progress(f"refitting to {length:g} s of motion", share)
             point = output_error.minimise(_make_rows(data[0], length, last.model, point)[0], point)
     except KeyboardInterrupt:
         is_interrupted = True

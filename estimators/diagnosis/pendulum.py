@@ -10,7 +10,7 @@ from estimators.diagnosis.angle_error import widen_by_law
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.conclusion import conclude
 from estimators.diagnosis.horizon import refit_to_horizon
-from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.torque_search import find_unexplained_regions, refine, search_by_torque
 from estimators.diagnosis.treatments import (
     align_with_effects,
@@ -27,17 +27,17 @@ from pendulum_env.physics.table import COMPETING
 from pendulum_env.recording import Recording
 
 
-def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
+def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], options: Options) -> tuple[FitData, Options]:
     """Return calibrated data, and options with the known inertia of free swings in the base."""
-    data = FitData.from_recordings(recordings, holdout, setting.base, criterion=setting.criterion)
-    return data, replace(setting, base=make_swing_terms(setting.base, data.recordings), original=setting.base)
+    data = FitData.from_recordings(recordings, holdout, options.base, criterion=options.criterion)
+    return data, replace(options, base=make_swing_terms(options.base, data.recordings), original=options.base)
 
 
-def make_evidence(data: FitData, setting: Setting) -> Evidence:
+def make_evidence(data: FitData, options: Options) -> Evidence:
     """Return the evidence of models; without torque of the motor, tables that need torque do not compete."""
-    data.with_horizon(setting.horizon)  # raises an error before the search begins
+    data.with_horizon(options.horizon)  # raises an error before the search begins
     is_free = not any(recording.torque.any() for recording in data.recordings)  # of motor torque
-    return setting.make_evidence(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
+    return options.make_evidence(data.parts, [kind for kind in COMPETING if not (is_free and is_torque_needed(kind))])
 
 
 def present(trial: Trial, step: Step, is_final: bool) -> Step:
@@ -49,7 +49,7 @@ def present(trial: Trial, step: Step, is_final: bool) -> Step:
     model = widen_by_law(model, trial.evidence) if is_final else model
     model = widen_ends(model, trial.data.recordings)
     model = add_torque_constant(model, trial.data.parts[0].data)
-    return replace(step, model=restore_known(model, trial.setting.original, trial.data.recordings))
+    return replace(step, model=restore_known(model, trial.options.original, trial.data.recordings))
 
 
 PENDULUM = Case(

@@ -299,7 +299,7 @@ class Addition(Summarised):
     @property
     def is_misfit(self) -> bool:
         """Return whether the held-out error is more than noise."""
-        return self.noise_ratio > self.criterion.misfit
+        return self.noise_ratio > self.criterion.misfit_ratio
 
     @property
     def model(self) -> Model:

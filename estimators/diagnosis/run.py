@@ -21,8 +21,8 @@ from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.diagnosis.explanation import explain
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.setting import Setting
 from estimators.diagnosis.treatments import choose_treatment
 from estimators.progress import Progress, no_progress, report_forward
 from pendulum_env.arms.joints import find_body
@@ -91,13 +91,13 @@ def diagnose(
     fitted, held_out = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
     rng, progress = np.random.default_rng(0 if rng is None else rng), report_forward(progress)
-    setting = Setting(terms, effects, criterion, rng, progress, limits, horizon)
+    options = Options(terms, effects, criterion, rng, progress, limits, horizon)
     case = choose_case(terms, (*fitted, *held_out))
     check_horizon(horizon, case.refit_to_horizon is not None)
     if case.refit_to_horizon is None and limits != ExperimentLimits():
         raise UserError("bounds of an experiment are for pendulums under a known torque: leave them out")
     progress("reading the motion", 0.0)
-    data, setting = case.prepare(fitted, held_out, setting)
+    data, options = case.prepare(fitted, held_out, options)
     progress("timing the torque", 0.0)
-    best, tried = choose_treatment(case, data.with_timing() if case.is_timed else data, setting)
+    best, tried = choose_treatment(case, data.with_timing() if case.is_timed else data, options)
     return explain(best, tried)

@@ -25,9 +25,9 @@ from estimators.data.fit_data import FitData
 from estimators.diagnosis.back_emf import add_back_emf, include_back_emf, present
 from estimators.diagnosis.case import Case
 from estimators.diagnosis.goal_reading import decide_drives, reread_goals
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.servo_conclusion import conclude, find_loop_regions
 from estimators.diagnosis.servo_refit import make_data, refine, refit
-from estimators.diagnosis.setting import Setting
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
@@ -38,21 +38,21 @@ from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env.recording import Recording
 
 
-def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], setting: Setting) -> tuple[FitData, Setting]:
+def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], options: Options) -> tuple[FitData, Options]:
     """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
 
     An effect must explain at least the share `criterion.loop.needed` of the residual.
     """
-    data = FitData.from_recordings(recordings, holdout, setting.base, criterion=setting.criterion)
-    base = make_base(data.recordings, setting.base)
-    library = {id: kind for id, kind in setting.library.items() if kind.kind != "sensor"}
-    share = max(setting.criterion.explained_share, setting.criterion.loop.needed)
-    criterion = replace(setting.criterion, explained_share=share, needed_share=share)
-    data = decide_drives(data, setting)
-    return data, replace(setting, base=base, library=library, criterion=criterion)
+    data = FitData.from_recordings(recordings, holdout, options.base, criterion=options.criterion)
+    base = make_base(data.recordings, options.base)
+    library = {id: kind for id, kind in options.library.items() if kind.kind != "sensor"}
+    share = max(options.criterion.explained_share, options.criterion.loop.needed)
+    criterion = replace(options.criterion, explained_share=share, needed_share=share)
+    data = decide_drives(data, options)
+    return data, replace(options, base=base, library=library, criterion=criterion)
 
 
-def make_evidence(data: FitData, setting: Setting) -> Evidence:
+def make_evidence(data: FitData, options: Options) -> Evidence:
     """Make the evidence of models on rollouts; parameters of the fitted rows predict the held-out ones.
 
     Raises:
@@ -61,10 +61,10 @@ def make_evidence(data: FitData, setting: Setting) -> Evidence:
     recordings, held_out = data.recordings, data.holdout or data.recordings
     train_part, check_part = choose_parts(data.holdout)
     windows = TorqueRows(prepare_windows(recordings, part=train_part))
-    train = RolloutRows(Rollouts(recordings, shares=train_part), windows, criterion=setting.criterion)
+    train = RolloutRows(Rollouts(recordings, shares=train_part), windows, criterion=options.criterion)
     windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
-    check = RolloutRows(Rollouts(held_out, shares=check_part), windows, train, setting.criterion)
-    return add_back_emf(data, setting).make_evidence((make_data(train), make_data(check)))
+    check = RolloutRows(Rollouts(held_out, shares=check_part), windows, train, options.criterion)
+    return add_back_emf(data, options).make_evidence((make_data(train), make_data(check)))
 
 
 SERVO = Case(

@@ -49,7 +49,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     """
     if check_torque_sign(trial.evidence) is not None:
         return trial.result, ()
-    trial.setting.progress("refitting", 0.93)
+    trial.options.progress("refitting", 0.93)
     result = refit_by_likelihood(trial.result)
     *others, last = result.steps
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]

@@ -11,8 +11,8 @@ from estimators.data.treatment import Action, Treatment
 from estimators.decisions.decision import Decision, decide
 from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Case, Trial
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import TriedTreatment
-from estimators.diagnosis.setting import Setting
 from estimators.findings import Change, Finding, Quantity
 from estimators.in_loop.conventions import GoalConvention
 from estimators.selection.evidence import Evidence, Hypothesis
@@ -49,17 +49,17 @@ class CarriedPayload(Finding):
 INPUTS = CarriedPayload | GoalConvention  # treatments of payloads or goals, with the same rows
 
 
-def choose_treatment(case: Case, data: FitData, setting: Setting) -> tuple[Trial, tuple[TriedTreatment, ...]]:
+def choose_treatment(case: Case, data: FitData, options: Options) -> tuple[Trial, tuple[TriedTreatment, ...]]:
     """Search for effects in the data and under each candidate treatment; return the kept trial and all tried ones.
 
     If a treatment is kept, all treatments are tried again on its data.
     """
-    best, tried, waiting = Trial.search(case, data, setting), list[TriedTreatment](), list(case.treatments)
+    best, tried, waiting = Trial.search(case, data, options), list[TriedTreatment](), list(case.treatments)
     while waiting:
         treated = waiting.pop(0)(best)
         if treated is None:
             continue
-        trial = Trial.search(case, treated, setting)
+        trial = Trial.search(case, treated, options)
         tried.append(decide_treatment(trial, best))
         if tried[-1].is_kept:
             best, waiting = trial, list(case.treatments)
@@ -101,7 +101,7 @@ def _make_hypotheses(trial: Trial, best: Trial, treatment: Finding) -> tuple[Hyp
     if isinstance(treatment, Treatment) and treatment.action in TIMES:
         logged = trial.data.without_timing()
         moved = (logged.move_logged_torque(each.data.timing) for each in (trial, best))
-        of_trial, of_best = (trial.case.make_evidence(data, trial.setting) for data in moved)
+        of_trial, of_best = (trial.case.make_evidence(data, trial.options) for data in moved)
         of_trial = _with_link(of_trial, trial)
     if not has_own_data:
         of_best = _with_link(of_best, best)
@@ -144,7 +144,7 @@ def narrow_windows(trial: Trial) -> FitData | None:
 def scale_noise_by_model(trial: Trial) -> FitData | None:
     """Return data with windows and noise floor by the inertia of the trial's model; see `find_inertia_of_noise`."""
     train = trial.evidence.train
-    if (inertia := find_inertia_of_noise(train, trial.result.terms, trial.setting.criterion)) is None:
+    if (inertia := find_inertia_of_noise(train, trial.result.terms, trial.options.criterion)) is None:
         return None
     values, unit = {"inertia": inertia.value, "before": train.data.base_inertia}, train.units().unit(inertia.unit)
     sizes = {name: Quantity(value, unit=unit) for name, value in values.items()}
@@ -174,7 +174,7 @@ def include_payload(trial: Trial) -> FitData | None:
     parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
     for payload, numbers in detect_payloads(parts, trial.result.terms):
         names = tuple(data.all_recordings[k].name for k in numbers)
-        finding = make_payload_finding(payload, find_links(trial.setting.base), names)
+        finding = make_payload_finding(payload, find_links(trial.options.base), names)
         data = change_recordings(data, partial(add_payload, load=payload.load), numbers).with_treatment(finding)
     return None if data is trial.data else data
 

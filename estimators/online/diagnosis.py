@@ -69,8 +69,8 @@ class OnlineDiagnosis:
 
     Attributes:
         kind: "calibrating"; "missing" for an effect; "changed" for parameters; "unexplained" for an error above
-            `Criterion.misfit` floors that no effect explains, `diagnose` on the recording is then the next step; or
-            "nothing".
+            `Criterion.misfit_ratio` floors that no effect explains, `diagnose` on the recording is then the next step;
+            or "nothing".
         evidence: log of the mean wealth of the e-process over effects and forgetting [nat].
         threshold: evidence of an alarm [nat].
         terms: terms of the running model.
@@ -394,14 +394,14 @@ class EffectMonitor:
         is_missing, is_unexplained = bool(ranking) and decision.passed, False
         if is_missing:
             ratio = ranking[0].residual / max(verdict.floor, 1e-300)
-            is_unexplained = ranking[0].residual > criterion.misfit * verdict.floor
-            left = Gate("residual_over_noise", ratio, criterion.misfit, not is_unexplained)
+            is_unexplained = ranking[0].residual > criterion.misfit_ratio * verdict.floor
+            left = Gate("residual_over_noise", ratio, criterion.misfit_ratio, not is_unexplained)
             decision = decision.join(Decision((left,)))
         else:  # a suspected change, which raises the error, is accepted or rejected within this time
             n_since_rise = ONLINE.bins.chunk * comparison.gains.n_since_rise
             n_bins = n_since_rise if is_changing else comparison.n_predicted
             is_unexplained = n_bins >= self._plant.count_bins(ONLINE.limits.blocks * criterion.block)
-            is_unexplained &= verdict.error > criterion.misfit * verdict.floor
+            is_unexplained &= verdict.error > criterion.misfit_ratio * verdict.floor
         is_missing &= not is_unexplained
         group = [ranking[0].effect] if is_missing else []
         group += [entry.effect for entry in ranking if is_missing and entry.probability > criterion.tie_probability]

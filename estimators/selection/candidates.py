@@ -68,7 +68,7 @@ def _make_transmission_gate(evidence: Evidence, terms: Terms, screened_effects: 
         return Gate("earlier_effects", len(terms) - len(evidence.fits.base), 0, False)
     for model in (terms, *(screened.terms for screened in screened_effects.values() if screened.terms is not None)):
         if evidence.residuals.is_noise(model):
-            limit = evidence.criterion.misfit
+            limit = evidence.criterion.misfit_ratio
             return Gate("residual_over_noise", evidence.residuals.relative_rms(model), limit, False)
     return None
 

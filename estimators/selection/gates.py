@@ -222,7 +222,7 @@ def _compute_mean_inertia(model: Model, x: Samples) -> float:
 def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test physical bounds and held-out errors, see `compare_errors`: of steps, or of fits to torque, else to motion.
 
-    If only free motion shows the effects, torque errors may rise by `Criterion.error_margin`. Bounds that a fit
+    If only free motion shows the effects, torque errors may rise by `Criterion.equal_error_share`. Bounds that a fit
     without standard errors violates are tested again with these.
     """
     evidence, criterion = after.evidence, after.evidence.criterion
@@ -230,7 +230,7 @@ def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
     def compare(new: Step, old: Step) -> list[Gate]:
         terms, motions = (new.model.terms, old.model.terms), evidence.train.motions
         is_hidden = evidence.gain(*terms).p_value > criterion.p_value and evidence.may_act_at_rest(*terms)
-        margin = criterion.error_margin if is_hidden else 0.0
+        margin = criterion.equal_error_share if is_hidden else 0.0
         gates = compare_errors(new, old, motions, margin)
         if not gates[0].passed and not any(estimate.std for estimate in new.model.estimates.values()):
             new = replace(new, model=evidence.fits.fit_with_std(new.model.terms).model)
@@ -325,7 +325,7 @@ def require_determined_lag(after: Hypothesis, before: Hypothesis) -> Iterator[Ga
         if residuals.has_one_frequency:
             yield Gate("frequencies", 1, 2, False)
         elif residuals.has_feedback:
-            size, limit = residuals.relative_rms(after.terms), after.evidence.criterion.misfit
+            size, limit = residuals.relative_rms(after.terms), after.evidence.criterion.misfit_ratio
             yield Gate("residual_in_loop", size, limit, size <= limit)
 
 

@@ -32,7 +32,7 @@ def compute_floor(segments: Sequence[Segments], accuracy: float) -> Array:
 
 
 def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
-    """Return whether the position errors of a model exceed `criterion.misfit` times those by noise, RMS of the ratios.
+    """Return whether the position errors of a model exceed those by noise `criterion.misfit_ratio` times, RMS of all.
 
     Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
     """
@@ -40,11 +40,11 @@ def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criteri
     noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
     errors = [simulate_errors(segment, model.terms, point.theta)[1:] for segment in segments]
     squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
-    return bool(np.mean(squares / noise) > criterion.misfit**2)
+    return bool(np.mean(squares / noise) > criterion.misfit_ratio**2)
 
 
 def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
-    """Return whether free-running simulation errs by more than `criterion.misfit` noise levels of each segment.
+    """Return whether free-running simulation errs by more than `criterion.misfit_ratio` noise levels of each segment.
 
     That must hold from measured and from fitted initial states. It is False for a transmission, with impacts too sharp
     to simulate, and without segments or a known inertia.
@@ -54,7 +54,7 @@ def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) 
     if not exceeds_noise(segments, model, criterion):
         return False
     noise = compute_motion_noise(segments, model, criterion.accuracy)
-    return bool(np.mean(compute_motion_squares(segments, model) / noise) > criterion.misfit**2)
+    return bool(np.mean(compute_motion_squares(segments, model) / noise) > criterion.misfit_ratio**2)
 
 
 def compute_motion_squares(segments: Sequence[Segments], model: Model) -> Array:

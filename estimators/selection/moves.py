@@ -87,7 +87,7 @@ def propose_pairs(state: SearchState) -> Iterator[tuple[Terms, Terms, Terms]]:
     evidence, terms = state.evidence, state.terms
     if not state.has_room(2) or state.is_noise or not evidence.train.layout.has_fast_fits:
         return
-    firsts = screen_effects(evidence, terms)[: evidence.criterion.search.beam]
+    firsts = screen_effects(evidence, terms)[: evidence.criterion.search.n_restarts]
     for first in (model for model in firsts if not has_link(model)):
         elsewhere = [id for id, effect in evidence.library.items() if effect.at != first[-1].at]
         for pair in [model for model in screen_effects(evidence, first, elsewhere) if not has_link(model)][:1]:
@@ -100,7 +100,7 @@ def add_dry_friction(state: SearchState) -> SearchState | None:
     If it leaves a misfit to the motion, it must explain more than `criterion.needed_share`.
     """
     evidence, fits = state.evidence, state.evidence.fits
-    for longer in screen_dry_friction(evidence, state.terms)[: evidence.criterion.search.beam]:
+    for longer in screen_dry_friction(evidence, state.terms)[: evidence.criterion.search.n_restarts]:
         is_misfit = evidence.motion.is_misfit(fits.refit_to_motion(fits.fit(longer)))
         if state.accepts(longer, NEED if is_misfit else ADD) and state.accepts(longer, CONFIRM):
             return state.with_terms(longer)

@@ -88,7 +88,7 @@ def is_confirmed(state: SearchState) -> bool:
 def propose_starts(evidence: Evidence, state: SearchState) -> Iterator[SearchState]:
     """Yield states with another first effect, if the state leaves structure.
 
-    The best `search.beam` first effects are tried if they tie with the found ones and keep the base parameters.
+    The best `search.n_restarts` first effects are tried if they tie with the found ones and keep the base parameters.
     `evidence` has no states of a link.
     """
     start, ids = state.start, list_ids(state.terms)
@@ -96,7 +96,7 @@ def propose_starts(evidence: Evidence, state: SearchState) -> Iterator[SearchSta
         return
     models, freed = screen_effects(evidence, start), state.evidence.fits.release_known(start)
     rivals = [*models[:1], *((*start, effect) for effect in state.effects)]
-    for first in models[: evidence.criterion.search.beam]:
+    for first in models[: evidence.criterion.search.n_restarts]:
         if first[-1].id not in ids and state.evidence.decide(first, freed, SWAP).passed:
             if all(state.evidence.decide(first, rival, TIE).passed for rival in rivals):
                 refitted = state.refit(first)
@@ -114,6 +114,6 @@ def drop_imitations(state: SearchState) -> SearchState:
     if freed == state.start or not state.effects:
         return state
     smaller = [evidence.fits.release_known(remove_term(state.terms, effect)) for effect in state.effects]
-    others = screen_effects(evidence, freed)[: evidence.criterion.search.beam]
+    others = screen_effects(evidence, freed)[: evidence.criterion.search.n_restarts]
     is_imitated = any(state.accepts(terms, IMITATE) for terms in (*smaller, *others))
     return state.with_terms(state.start) if is_imitated else state

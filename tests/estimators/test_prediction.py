@@ -40,7 +40,7 @@ def test_torque_of_a_wrong_inertia_is_off_by_what_the_acceleration_takes(exact, 
 
 def test_errors_are_those_of_the_counted_samples(exact, paper_run, wrong):
     found = compare(wrong, [exact, paper_run])
-    for own, distance in zip(found.recordings, found.distances, strict=True):
+    for own, distance in zip(found.recordings, found.recording_errors, strict=True):
         assert rms(own.residual[own.is_counted]) == pytest.approx(distance.errors.torque_rms, rel=1e-9)
         assert rms(own.residual[np.isfinite(own.residual)]) == pytest.approx(distance.errors.torque_rms, rel=0.05)
         assert rms(missed(own)) == pytest.approx(distance.errors.position_rms, rel=0.1)

@@ -194,7 +194,7 @@ def narrate_addition(addition: Addition) -> list[Part]:
 
 def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[Part]:
     """Make the parts of a comparison: errors and regions, with a profile as a table unless `is_drawn`."""
-    body, is_arm = comparison.model.body, len(comparison.distances)
+    body, is_arm = comparison.model.body, len(comparison.recording_errors)
     regions = [(region.at, narration.describe_region(region)) for region in comparison.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
     content: list[TextTable | str | tuple[str, ...]] = [tuple(texts)]

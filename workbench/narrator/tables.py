@@ -86,7 +86,8 @@ def tabulate_candidates(candidates: Sequence[Candidate], max_rows: int | None) -
 
 def tabulate_recordings(comparison: Comparison) -> TextTable:
     """Tabulate the errors of a model for each recording, and for several also of all together."""
-    distances = [*comparison.distances, comparison.joint] if len(comparison.distances) > 1 else comparison.distances
+    of_recordings = comparison.recording_errors
+    rows_of_errors = [*of_recordings, comparison.joint] if len(of_recordings) > 1 else of_recordings
     units = comparison.model.units()
     unit, (factor, angle) = units.unit(NEWTON_METRE), to_shown_unit(1.0, units.unit("rad"))
     over = "" if comparison.horizon in (None, HORIZON) else f" over {comparison.horizon:g} s"
@@ -95,7 +96,7 @@ def tabulate_recordings(comparison: Comparison) -> TextTable:
     if comparison.joint.errors.is_in_loop:
         headers += [f"in the loop, mean [{angle}]", f"RMS [{angle}]"]
     rows = []
-    for item in distances:
+    for item in rows_of_errors:
         errors = item.errors
         torque = [f"{size:.4g}" for size in (errors.torque_rms, errors.torque_fit, item.noise_floor)]
         motion = [format_quantity(size, 4) for size in (factor * errors.position_rms, errors.position_fit)]

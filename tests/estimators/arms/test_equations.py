@@ -9,7 +9,7 @@ import pytest
 from estimators import identify
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.options import Options
 from estimators.regression.balance import Columns
 from estimators.schemes.balance import compute_balances
 from estimators.selection.search import search
@@ -99,7 +99,7 @@ def test_a_motor_that_turns_with_two_joints_loads_both(body, tmp_path, at, is_he
     assert pickle.loads(pickle.dumps(kind())) == kind()
     base = arm_base(body)
     kinds = {one.id: one for one in (*list_couplings(body), place_effect(effect("stribeck"), "elbow"))}
-    evidence = Setting(base, kinds).make_evidence(FitData((recording,), terms=(*base, *kinds.values())).parts)
+    evidence = Options(base, kinds).make_evidence(FitData((recording,), terms=(*base, *kinds.values())).parts)
     assert [term.id for term in search(evidence).terms[len(base) :]] == [kind.id]
 
 

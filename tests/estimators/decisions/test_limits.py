@@ -80,7 +80,7 @@ OF_POLICIES = {
     "least_excitation": "EXCITE",
     "z_score": "noise",
     "noise_ratio": "noise",
-    "misfit": "FOLLOW",
+    "misfit_ratio": "FOLLOW",
     "accuracy": "FOLLOW",
 }
 
@@ -228,9 +228,9 @@ DECISIONS: dict[str, tuple[float, Callable[[Criterion], object]]] = {
     "block": (4.0, measure_gain),
     "drift_piece": (2.0, lambda c: make_evidence(c, "weak").densities.compute_refitted(BASE).sum()),
     "shorter_window": (np.inf, shorten_windows),
-    "error_margin": (-np.inf, lambda c: is_negligible(c, 0.02)),
+    "equal_error_share": (-np.inf, lambda c: is_negligible(c, 0.02)),
     "search.max_effects": (0, lambda c: make_state(c).has_room(1)),
-    "search.beam": (0, lambda c: len(list(propose_pairs(make_state(c))))),
+    "search.n_restarts": (0, lambda c: len(list(propose_pairs(make_state(c))))),
     "search.max_tried": (0, lambda c: add_effect(make_state(c)) is None),
     "search.max_ordered": (0, count_fits_of_orders),
     "white.p_value": (np.inf, find_noise),

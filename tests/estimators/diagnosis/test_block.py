@@ -10,7 +10,7 @@ from estimators.checks.channel import estimate_alignment
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.score import FOLDS
 from estimators.diagnosis.cases import choose_case
-from estimators.diagnosis.setting import Setting
+from estimators.diagnosis.options import Options
 from estimators.online.gains import Gains
 from estimators.regression.fold_fits import solve_without
 from pendulum_env.arms.joints import arm_base
@@ -49,17 +49,17 @@ def test_folds_and_score_have_the_same_blocks_of_the_given_length(name, block):
     run, base = CASES[name]()
     terms: Sequence[Term] = base
     case = choose_case(terms, [run])
-    data, setting = case.prepare([run], [run], Setting(terms, {}, Criterion(block=block)))
-    evidence = case.make_evidence(data, setting)
+    data, options = case.prepare([run], [run], Options(terms, {}, Criterion(block=block)))
+    evidence = case.make_evidence(data, options)
     scored = evidence.train.layout.scored
     assert len(scored.of_block) == pytest.approx(run.duration / block, abs=1.0)
     folds = [np.unique(scored.fold[scored.block == k]) for k in np.unique(scored.block)]
     assert all(len(fold) == 1 for fold in folds)  # no fit without a fold sees a block that it predicts
-    assert len(evidence.densities.compute(tuple(setting.base))) == 2 * len(scored.of_block)
-    rows = evidence.train.equations(setting.base)
+    assert len(evidence.densities.compute(tuple(options.base))) == 2 * len(scored.of_block)
+    rows = evidence.train.equations(options.base)
     kept = scored.fold != 0
     assert FOLDS > 1 and 0 < kept.sum() < len(rows.y)
-    fits = evidence.train.maker.fit_folds(tuple(setting.base))
+    fits = evidence.train.maker.fit_folds(tuple(options.base))
     assert np.allclose(fits.theta_without_fold, solve_without(rows, scored.fold, FOLDS), rtol=1e-3, atol=1e-6)
 
 

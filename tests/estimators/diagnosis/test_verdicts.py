@@ -173,7 +173,7 @@ def test_a_lag_is_named_where_the_torque_is_switched_and_its_log_has_no_noise():
 
 def test_what_predicts_most_of_it_is_named_though_the_residual_passes_for_noise():
     """Prediction of other data speaks louder than a test of noise, which has to know how large that is."""
-    blind = Criterion(z_score=1e9, misfit=1e9)
+    blind = Criterion(z_score=1e9, misfit_ratio=1e9)
     assert diagnosed("stribeck", criterion=blind).selected == ("stribeck",)
     assert diagnosed("paper's encoder", criterion=blind).selected == ()
 

@@ -17,10 +17,10 @@ from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import LoopLimits
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.goal_reading import reread_goals
+from estimators.diagnosis.options import Options
 from estimators.diagnosis.servo import SERVO
 from estimators.diagnosis.servo_conclusion import DoubtfulDrive, find_torque_scale
 from estimators.diagnosis.servo_refit import make_data
-from estimators.diagnosis.setting import Setting
 from estimators.findings import Quantity
 from estimators.in_loop import complete_drives, decide_conventions
 from estimators.in_loop.conventions import ControllerConvention, GoalConvention
@@ -394,12 +394,12 @@ def test_kind_of_drive_that_is_only_held_out_is_decided_by_its_own_motion():
 @pytest.mark.parametrize(("size", "is_kept"), [(0.0005, False), (0.002, True)])
 def test_effect_that_explains_a_small_share_of_the_error_is_dropped_though_it_is_significant(size, is_kept):
     id, recordings = "viscous_asymmetry", recorded({"viscous_asymmetry": {"asym_v": size}})
-    data, setting = SERVO.prepare(recordings[:2], recordings[2:], Setting(BASE, {id: effects()[id]}))
-    evidence = SERVO.make_evidence(data, setting)
-    longer = evidence.fits.fit_with_std((*setting.base, effects()[id]()), added=id)
-    found = SearchResult(evidence, [evidence.fits.fit_with_std(setting.base), longer])
+    data, options = SERVO.prepare(recordings[:2], recordings[2:], Options(BASE, {id: effects()[id]}))
+    evidence = SERVO.make_evidence(data, options)
+    longer = evidence.fits.fit_with_std((*options.base, effects()[id]()), added=id)
+    found = SearchResult(evidence, [evidence.fits.fit_with_std(options.base), longer])
     assert longer.model.estimates[id].is_significant
-    assert (len(Trial(SERVO, data, setting, found).final.steps) == 2) == is_kept
+    assert (len(Trial(SERVO, data, options, found).final.steps) == 2) == is_kept
 
 
 def test_back_emf_is_viscous_friction_where_no_torque_of_the_motor_tells_it():
@@ -681,7 +681,7 @@ def test_goals_are_read_the_other_way_only_if_the_found_model_predicts_better_so
     first, second, last = with_goals(tilted, is_held)
     tie = GoalConvention(is_held, Quantity(gain, 1.0))
     data = FitData.from_recordings([first, second], [last], BASE).with_treatment(tie)
-    changed = reread_goals(Trial.search(SERVO, data, Setting(BASE, {"dead_time": effects()["dead_time"]})))
+    changed = reread_goals(Trial.search(SERVO, data, Options(BASE, {"dead_time": effects()["dead_time"]})))
     goals = None if changed is None else {own.drive.goal for own in changed.recordings if own.drive}
     assert goals == (None if is_held else {"held"})
 

@@ -133,7 +133,7 @@ def test_a_random_torque_is_no_noise():
 
 
 def test_the_misfit_of_a_criterion_decides_which_error_is_unexplained():
-    said = diagnosed_at_random("torque_offset", ("quadratic_drag",), criterion=Criterion(misfit=100.0))
+    said = diagnosed_at_random("torque_offset", ("quadratic_drag",), criterion=Criterion(misfit_ratio=100.0))
     assert said.kind == "nothing" and said.error > 2.5 * said.floor
 
 

@@ -18,7 +18,7 @@ LEAST_BLOCKS = 5  # least number of blocks longer than the default: folds and sc
 
 
 @dataclass(frozen=True)
-class Setting:
+class Options:
     """Options of a diagnosis.
 
     Attributes:
