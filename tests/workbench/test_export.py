@@ -11,6 +11,7 @@ import pytest
 
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Column, Model, Term, effects
+from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.friction import TemperatureDependentFriction
 from pendulum_env.physics.table import Extent, TorqueByAngle
 from pendulum_env.plant import PAPER, hide, paper_plant
@@ -19,6 +20,7 @@ from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
 from tests.workbench.exported import compile_library, compute_error, load_module, needs_compiler, simulate_in_mujoco
 from workbench.export import ExportError, Request, export
+from workbench.export.servo import Motor
 
 TORQUE = np.r_[0.0, np.where(np.arange(600) % 300 < 150, 3.0, -2.5), np.zeros(300)]  # [N m], comes to rest in the end
 STIRRED = ("periodic_disturbance", "joint_flexibility")  # effects that still move the joint then
@@ -227,3 +229,16 @@ def test_the_command_writes_and_checks(tmp_path, run_command):
     assert out.read_text().startswith("<mujoco") and f"wrote {out}" in said
     errors = [float(line.split()[-2]) for line in said.splitlines() if line.endswith("%")]  # of the motion, in percent
     assert len(errors) == 3 and max(errors) < 1.0
+
+
+@dataclass(frozen=True)
+class SlowAmplifier(ActuatorLag):
+    """A user's lag of the torque."""
+
+    id, columns = "slow_amplifier", ()
+
+
+def test_a_users_lag_is_that_of_the_motor_and_a_second_lag_is_left_out():
+    lagging, zero = paper_plant().add(SlowAmplifier(0.02)), paper_plant().add(ActuatorLag(0.0))
+    assert "slow_amplifier" in Motor(0.001).list_held(lagging) and "actuator_lag" in Motor(0.001).list_held(zero)
+    assert "actuator_lag" not in Motor(0.001).list_held(lagging.add(ActuatorLag(0.01)))

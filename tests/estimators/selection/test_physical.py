@@ -1,6 +1,6 @@
 """What a body can be."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -14,10 +14,10 @@ from estimators.regression.least_squares import Equations, Fit, solve
 from estimators.selection.gates import compare_base, compare_errors, compute_coefficient_chance
 from estimators.selection.physical import find_violations
 from pendulum_env.arms.joints import get_coupling, place_term
-from pendulum_env.physics import BASE, Model, Samples, Term, effect, list_ids
+from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, list_ids
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.limits import limit_term
-from pendulum_env.physics.term import UNLOADED, KnownLoad
+from pendulum_env.physics.term import UNLOADED, KnownLoad, derive_kind
 from pendulum_env.physics.time_varying import PayloadChange
 
 X = Samples(*np.ones((4, 3)))
@@ -267,3 +267,55 @@ def test_a_base_parameter_that_the_smaller_model_does_not_determine_has_no_gate(
     before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [0.2, 3.0, 0.01, 0.01])
     after = Model.build([*BASE, ActuatorLag(0.01)], [0.001, -2.0, 0.1, 0.1], [0.001, 0.01, 0.01, 0.01])
     assert compare_base(after, before, {"": X}, LEAST) == []
+
+
+@dataclass(frozen=True)
+class GasSpring(Term):
+    """A user's spring, whose torque must not fall with the angle."""
+
+    id, law, kind, is_restoring = "gas_spring", "k tanh q", "potential", True
+
+    columns = (
+        Column(
+            "gas_spring", "N m", force=lambda x: np.tanh(x.position), potential=lambda x: np.log(np.cosh(x.position))
+        ),
+    )
+
+
+def test_a_users_spring_pushes_towards_its_rest_as_that_of_the_library():
+    assert find_violations(Model.build([*BASE, GasSpring()], [0.1, 2.0, 0.1, 0.1, 0.3], 0.01), {"": swinging()}) == []
+    (pushing,) = find_violations(Model.build([*BASE, GasSpring()], [0.1, 2.0, 0.1, 0.1, -0.3], 0.01), {"": swinging()})
+    assert pushing.name == "gas_spring" and pushing.value == pytest.approx(-0.3, abs=0.01)
+
+
+@dataclass(frozen=True)
+class EndPad(GasSpring):
+    """A user's stop, which begins at an angle."""
+
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    id, is_restoring, has_impacts = "end_pad", False, True
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        return self.lower, self.upper
+
+
+def test_a_users_stop_is_too_soft_as_that_of_the_library():
+    theta = [0.1, 2.0, 0.1, 0.1, 0.3]
+    assert find_violations(Model.build([*BASE, EndPad(upper=1.4)], theta), {"": swinging()}) == []
+    (soft,) = find_violations(Model.build([*BASE, EndPad(upper=-0.5)], theta), {"": swinging()})
+    assert soft.name == "soft_stop" and (soft.value, soft.limit) == pytest.approx((2.0, 1.0), abs=0.01)
+    assert EndPad(upper=1.4).open_ends == (True, False) and GasSpring().open_ends == (False, False)
+
+
+@pytest.mark.parametrize(("changes", "keeps_sign"), [({}, False), ({"is_weight": True}, True)])
+def test_beside_another_weight_gravity_may_have_any_sign(changes, keeps_sign):
+    other = derive_kind(GasSpring, lambda kind: kind, **changes)()
+    before, after = (
+        Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01),
+        Model.build([*BASE, other], [0.1, -2.0, 0.1, 0.1, 4.0], 0.01),
+    )
+    (gravity,) = (gate for gate in compare_base(after, before, {"": X}, 0.5) if gate.name == "kept_gravity")
+    assert gravity.passed == keeps_sign
