@@ -96,7 +96,7 @@ def compare(
         joint,
         tuple(compute_profiles(joined.samples, residual, joint.noise_floor, units=joined.units()) if separate else ()),
         tuple(find_failures(joined, residual, criterion, n_regions)) if has_torque else (),
-        examine(Subject(data, model, fits=fits)),
+        examine(Subject("compare", data, model, fits=fits)),
         recordings[0].torque_constant,
         data,
         None if joints else horizon or HORIZON,

@@ -103,7 +103,7 @@ def identify(
         tuple(np.cumsum([sum(len(m) * m.period for m, *_ in group) for group in segments]).tolist()),
         first.torque_unit,
         first.torque_constant,
-        None if subject.rows is None or subject.is_arm else subject.rows.data,
+        None if subject.rows is None or subject.machine == "arm" else subject.rows.data,
     )
 
 
@@ -114,11 +114,11 @@ def _make_subject(first: Model, results: Sequence[Identified], data: FitData, te
     """
     recordings, criterion = data.recordings, data.criterion
     if not first.body.can_simulate:
-        subject = Subject(data, results[0].model, schemes=results)
+        subject = Subject("identify", data, results[0].model, schemes=results)
         with suppress(IdentificationError):
             return replace(subject, rows=RegressionData.from_arm(recordings, terms))
         return subject
-    subject = Subject(data, first, schemes=results)
+    subject = Subject("identify", data, first, schemes=results)
     with suppress(IdentificationError):  # windows need more motion than some schemes
         windows = prepare_windows(recordings, inertia=data.cut.inertia)
         if (inertia := find_inertia_of_noise(RegressionData(windows), terms, criterion)) is not None:

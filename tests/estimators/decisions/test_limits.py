@@ -132,9 +132,7 @@ def shorten_windows(criterion: Criterion) -> float:
         residuals=SimpleNamespace(is_noise_by_part=lambda terms: (True, True)),
         motion=SimpleNamespace(is_misfit=lambda step: True),
     )
-    data = SimpleNamespace(
-        has_treatment=lambda kind: False, cut=CutSettings(), with_treatment=lambda finding, cut: cut.window_share
-    )
+    data = SimpleNamespace(actions=[], cut=CutSettings(), with_treatment=lambda finding, cut: cut.window_share)
     return narrow_windows(SimpleNamespace(evidence=evidence, data=data, result=SimpleNamespace(terms=BASE, steps=[0])))
 
 

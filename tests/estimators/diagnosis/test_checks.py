@@ -1,13 +1,15 @@
 """The list of checks: each verb runs all of them, and a new check reaches every result and its text."""
 
 import inspect
+from dataclasses import replace
 
 import pytest
 
 from estimators import add, compare, diagnose, identify
 from estimators.checks.homogeneity import Disagreement
+from estimators.data.fit_data import FitData
 from estimators.diagnosis import checks
-from estimators.diagnosis.checks import CHECKS, Subject
+from estimators.diagnosis.checks import CHECKS, Subject, check_friction, check_parameters
 from estimators.findings import Finding
 from estimators.selection.process_noise import UnloggedTorque
 from pendulum_env.arms import read_body
@@ -29,7 +31,8 @@ def test_a_check_is_a_documented_function_of_a_subject(check):
 
 
 def test_all_checks_are_in_the_list():
-    assert {check.__name__ for check in CHECKS} == {name for name in vars(checks) if name.startswith("check_")}
+    missing = {name for name in vars(checks) if name.startswith("check_")} - {check.__name__ for check in CHECKS}
+    assert not missing, f"add {missing} to CHECKS, at the place of its finding in print"
 
 
 @pytest.fixture(params=["pendulum", "arm"])
@@ -56,7 +59,8 @@ def test_a_new_check_reaches_every_result_and_its_text(machine, monkeypatch):
     effect = "stribeck" if terms == BASE else "torque_offset@elbow"
     compared = compare(identified.model, runs)
     results = identified, compared, diagnose(runs, (), terms, only=[effect]), add(identified.model, effect, runs)
-    assert len(subjects) == 4 and all(subject.data.recordings for subject in subjects)
+    assert [subject.verb for subject in subjects] == ["identify", "compare", "diagnose", "add"]
+    assert all(subject.data.recordings for subject in subjects)
     assert all(result.findings[-1] == NEWS for result in results)
     assert all(str(NEWS) in str(result) for result in results[1:]) and list_warnings(identified)[-1] == str(NEWS)
 
@@ -65,3 +69,11 @@ def test_findings_of_a_comparison_are_those_of_its_checks():
     runs = [recording("stribeck"), recording("cogging")]
     found = compare(identify(runs[:1]).model, runs)
     assert found.disagreements == tuple(own for own in found.findings if isinstance(own, Disagreement))
+
+
+def test_a_check_of_other_verbs_or_machines_finds_nothing():
+    runs = [recording("stribeck")]
+    found = identify(runs)
+    subject = Subject("add", FitData(tuple(runs)), found.model, doubts=(NEWS,))
+    assert [*check_parameters(subject)] == [] and [*check_parameters(replace(subject, verb="identify"))] == [NEWS]
+    assert subject.machine == "pendulum" and not [*check_friction(replace(subject, verb="identify"))]
