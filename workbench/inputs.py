@@ -72,7 +72,7 @@ def read_all(sources: Sequence[Source], terminal: Terminal, read: Callable[[Sour
     for source in sources:
         with terminal.progress(f"reading {source.file.name}"):
             recordings.append(read(source))
-    counts = Counter(note for recording in recordings for note in set(_collect_notes(recording)))
+    counts = Counter(note for recording in recordings for note in dict.fromkeys(_collect_notes(recording)))
     for source, recording in zip(sources, recordings, strict=True):
         terminal.print(f"{source.file}: {recording.summary}")
         if source.format_source:
