@@ -128,15 +128,21 @@ class Comparison(Summarised):
 
 def make_result_json(model: Model, constant: TorqueConstant | None, regions: Sequence[Region]) -> JSON:
     """Return the common entries of the files of `compare` and `diagnose`, as a dictionary for JSON."""
+    return make_model_json(model) | {
+        "torque_constant": constant.json() if constant is not None else None,
+        "regions": [region.json() for region in regions],
+    }
+
+
+def make_model_json(model: Model) -> JSON:
+    """Return a model and its units as a dictionary for JSON."""
     joint_units = {at: model.units(at) for at in model.body.joints}
     return {
         "torque_unit": model.torque_unit,
-        "torque_constant": constant.json() if constant is not None else None,
         "units": {
             at: {name: units.unit(AXES[name]) for name in ("position", "torque")} for at, units in joint_units.items()
         },
         "model": model.json(),
-        "regions": [region.json() for region in regions],
     }
 
 

@@ -15,7 +15,7 @@ from estimators.decisions.score import Gain
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Verdict
 from estimators.prediction import Prediction, predict_recordings
-from estimators.results import make_floors_json, make_result_json
+from estimators.results import make_floors_json, make_model_json, make_result_json
 from estimators.selection.evidence import Evidence
 from estimators.signals.residual import Region
 from pendulum_env._typing import JSON
@@ -25,6 +25,7 @@ from pendulum_env.physics import Model
 from pendulum_env.recording.channel import TorqueConstant
 
 SCHEMA = "pendulum-ident/diagnosis@3"
+ADDITION_SCHEMA = "pendulum-ident/addition@3"
 
 
 @dataclass(frozen=True)
@@ -305,3 +306,14 @@ class Addition(Summarised):
     def model(self) -> Model:
         """Model with the effect."""
         return self.after.model
+
+    def json(self) -> JSON:
+        """Return a dictionary for JSON."""
+        return make_model_json(self.model) | {
+            "schema": ADDITION_SCHEMA,
+            "effect": self.after.added,
+            "steps": [step.json() for step in (self.before, self.after)],
+            "gates": [gate.json() for gate in self.decision.gates],
+            "noise_floor": make_floors_json(self.floors),
+            "findings": [finding.json() for finding in self.findings],
+        }

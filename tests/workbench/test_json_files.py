@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 from benchmarks.two_link import TwoLink
-from estimators import compare, diagnose, identify
+from estimators import add, compare, diagnose, identify
 from estimators.findings import Finding
 from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import arm_base
@@ -18,7 +18,7 @@ from pendulum_env.servo import ServoDrive
 from tests.cases import recording
 from tests.two_link import record_arm
 from tools.prose import ROOT
-from workbench.narrator.diagnosis import write_comparison, write_diagnosis
+from workbench.narrator.diagnosis import write_addition, write_comparison, write_diagnosis
 from workbench.narrator.identification import write_identification
 
 PAGE = (ROOT / "docs" / "how-to" / "results.md").read_text(encoding="utf-8").partition("## Files of `--json`")[2]
@@ -64,7 +64,7 @@ def servo():
 
 @pytest.fixture(scope="module", params=["pendulum", "arm", "servo"])
 def files(request, tmp_path_factory):
-    """What `diagnose`, `compare` and `identify` write on a machine."""
+    """What `diagnose`, `compare`, `add` and `identify` write on a machine."""
     terms, runs = BASE, [recording("stribeck")]
     if request.param == "servo":
         runs = [servo()]
@@ -74,20 +74,25 @@ def files(request, tmp_path_factory):
         robot.write_text(TwoLink().urdf())
         terms, runs = arm_base(read_body(robot)), [record_arm(seconds=6.0, rate=500.0, offset=(0.0, 0.3))]
     found, estimates = diagnose(runs, (), terms, only=FEW), identify(runs, terms, ["dynamic", "filtered_dynamic"])
-    written = write_diagnosis(found), write_comparison(compare(found.model, runs)), write_identification(estimates)
+    effect = "torque_offset@elbow" if request.param == "arm" else "torque_offset"
+    added = add(found.steps[0].model, effect, runs)
+    written = write_diagnosis(found), write_comparison(compare(found.model, runs)), write_addition(added)
+    written = *written, write_identification(estimates)
     return [json.loads(json.dumps(one, allow_nan=False)) for one in written]
 
 
 def test_files_have_the_documented_fields(files):
-    for own, title in zip(files, ("### Diagnosis", "### Comparison", "### Identification"), strict=True):
+    for own, title in zip(
+        files, ("### Diagnosis", "### Comparison", "### Addition", "### Identification"), strict=True
+    ):
         documented = {name for cell, *_ in rows(title) for name in names(cell)}
         assert own.keys() == documented - OF_COMMANDS
         assert title.lower().removeprefix("### ") in own["schema"] and own["schema"] in PAGE
 
 
 def test_records_have_the_documented_fields(files):
-    diagnosis, comparison, identification = files
-    errors = [own for step in diagnosis["steps"] for own in step["errors"].values()]
+    diagnosis, comparison, addition, identification = files
+    errors = [own for step in (*diagnosis["steps"], *addition["steps"]) for own in step["errors"].values()]
     errors += [own["errors"] for own in (*comparison["recordings"], comparison["joint"])]
     estimates = [own for step in diagnosis["steps"] for own in step["theta"].values()]
     estimates += [own for scheme in identification["schemes"].values() for own in scheme["theta"].values()]

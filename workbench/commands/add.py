@@ -10,9 +10,10 @@ from pendulum_env.physics.library import find_addition
 from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import list_sources, open_sources
+from workbench.narrator.diagnosis import write_addition
 from workbench.narrator.effects import find_description
 from workbench.narrator.results import narrate_addition
-from workbench.outputs import report_files, write_model
+from workbench.outputs import report_files, write_json, write_model
 from workbench.printing import print_parts
 from workbench.terminal import Terminal
 
@@ -30,12 +31,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         parser, "recordings", *options.READING, "--holdout", "--drive", "--align", *options.LIMITS, "--degrees"
     )
     parser.add_argument("-o", "--output", metavar="MODEL.json", help="write the model with the effect")
+    options.add_json(parser, "write errors, tests and findings")
     options.add_robot(parser)
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     """Refit the model without and with the effect, and print both."""
-    inputs = open_sources(arguments, list_sources(arguments, [arguments.output]), terminal)
+    inputs = open_sources(arguments, list_sources(arguments, [arguments.output, arguments.json]), terminal)
     data = inputs.calibrate(terminal, arguments.align, find_scaling_values(inputs.model, arguments.fixed))
     with terminal.progress(f"adding {arguments.effect}") as progress:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
@@ -45,8 +47,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             if not error.effect:
                 raise
             raise InputError(f"{error}: it takes {find_description(error.effect).informative_experiment}") from error
+    write_json(arguments.json, write_addition(addition))
     print_parts(narrate_addition(addition), terminal)
-    report_files([write_model(addition.after.model, arguments.output)], terminal)
+    report_files([write_model(addition.after.model, arguments.output), arguments.json], terminal)
 
 
 def _convert_effect(text: str) -> str:

@@ -308,6 +308,14 @@ def _add_texts(entries: Sequence[JSON], findings: Sequence[Finding]) -> None:
 
 
 @show_angles("rad")
+def write_addition(addition: Addition) -> JSON:
+    """Return the content of `add --json`: results, the conclusion in words, and findings with their texts."""
+    data = addition.json() | {"text": describe_addition(addition)}
+    _add_texts(data["findings"], addition.findings)
+    return data
+
+
+@show_angles("rad")
 def write_diagnosis(diagnosis: Diagnosis) -> JSON:
     """Return the content of `diagnose --json`: results and findings with their texts."""
     data = diagnosis.json()
