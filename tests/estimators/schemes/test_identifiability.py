@@ -54,7 +54,7 @@ def test_one_direction_hides_friction_behind_an_offset():
     assert gaps(run) == [Gap.ONE_DIRECTION]
     found = identify([run])
     assert found["dynamic"].withheld == {"coulomb"}
-    assert found["dynamic"].json()["theta"]["coulomb"] == {"value": None, "std": None, "unit": "N m"}
+    assert found["dynamic"].json()["theta"]["coulomb"] == {"value": None, "std": None, "unit": "N m", "unknown": True}
     assert found["dynamic"].json()["theta"]["inertia"]["value"] == pytest.approx(THETA["inertia"], rel=0.02)
     assert not identify([driven(-5.0 - np.sin(3 * TIME)), run]).findings
 
