@@ -168,7 +168,8 @@ def undecided(found: Diagnosis) -> frozenset[Pair]:
 
 def list_inseparable(found: Diagnosis) -> tuple[tuple[str, str], ...]:
     """List the pairs of a term and an effect that no torque would distinguish."""
-    unreachable = [own for own in found.findings if isinstance(own, UnreachableAims) and own.limits is None]
+    findings = (*found.findings, found.no_experiment)
+    unreachable = [own for own in findings if isinstance(own, UnreachableAims) and own.limits is None]
     return tuple((aim.instead or "", aim.effect) for own in unreachable for aim in own.aims)
 
 

@@ -53,12 +53,12 @@ class Finding:
         return ()
 
     @property
-    def withholds_all(self) -> bool:
+    def is_total(self) -> bool:
         """Return whether no parameter has a meaningful estimate."""
         return False
 
     @property
-    def is_bias(self) -> bool:
+    def is_biasing(self) -> bool:
         """Return whether all estimates are biased."""
         return False
 
@@ -106,9 +106,9 @@ def collect_withheld(findings: Iterable[Finding]) -> set[str]:
 
 def bias_everything(findings: Iterable[Finding]) -> bool:
     """Return whether one of some findings marks all estimates as biased."""
-    return any(finding.is_bias for finding in findings)
+    return any(finding.is_biasing for finding in findings)
 
 
 def withhold_everything(findings: Iterable[Finding]) -> bool:
     """Return whether one of some findings withholds all parameters."""
-    return any(finding.withholds_all for finding in findings)
+    return any(finding.is_total for finding in findings)

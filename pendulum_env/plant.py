@@ -126,8 +126,7 @@ def check_nonlinear(id: str, parameter: NonlinearParameter, value: float) -> Non
         ValueError: with the effect, the parameter and its range.
     """
     if not parameter.is_allowed(value):
-        ends = f"from {parameter.low:g} to {parameter.high:g}{', or 0' * parameter.can_be_zero}"
-        allowed = f"{'an integer' if parameter.integer else 'a number'} {ends}"
+        allowed = f"{'an integer' if parameter.integer else 'a number'} {parameter.format_range()}"
         raise ValueError(f"{parameter.name} of {id} cannot be {value:g}: give {allowed} [{parameter.unit}]")
 
 

@@ -59,7 +59,7 @@ class TorqueTiming(Finding):
     recordings: tuple[str, ...] = ()
 
     @property
-    def is_bias(self) -> bool:
+    def is_biasing(self) -> bool:
         """Return whether torque is late and not corrected."""
         return self.is_late and not self.is_corrected
 
@@ -113,14 +113,13 @@ class Alignment:
         """Return whether torque is logged late or filtered, which no physical effect imitates."""
         return self.channel.is_late
 
-    @property
-    def z_score(self) -> float:
-        """Standard errors from which a delay or lag is significant."""
-        return self.criterion.timing.z_score
-
     def beats(self, other: Alignment) -> bool:
         """Return whether it predicts significantly better."""
         return decide(self, other, OVERRULE).passed
+
+    def predicts_better(self, other: Alignment) -> bool:
+        """Return whether it predicts better, significantly or not."""
+        return decide(self, other, PREDICT).passed
 
     @property
     def is_significant(self) -> bool:
@@ -143,7 +142,7 @@ class Alignment:
             return True
         difference = self.delay + self.lag - other.delay - other.lag
         std = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
-        return bool(abs(difference) <= self.z_score * std)
+        return bool(abs(difference) <= self.criterion.timing.z_score * std)
 
     def select_channel(self, period: float) -> Channel:
         """Return the law of a recording with a sample time `period` [s]."""
@@ -231,7 +230,7 @@ def require_gain_over_chance(after: Alignment, before: Alignment) -> Iterator[Ga
 def require_size(after: Alignment, before: Alignment) -> Iterator[Gate]:
     """Test that delay and lag differ significantly from zero, and lie inside the search range."""
     for name, (value, std, most) in after.sizes.items():
-        limit = after.z_score * std
+        limit = after.criterion.timing.z_score * std
         yield Gate(name, abs(value), limit, limit < abs(value) and -REACH < value < most, "s", std)
 
 

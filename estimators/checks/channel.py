@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks.alignment import DELAY, NO_ALIGNMENT, PREDICT, Alignment
+from estimators.checks.alignment import DELAY, NO_ALIGNMENT, Alignment
 from estimators.checks.channel_rows import CHANNEL, NONLINEAR_GAIN, ChannelRows
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.decisions.criterion import Criterion
@@ -112,7 +112,7 @@ class ChannelFits(ChannelRows):
         time = delay.delay
         if not decide(delay, in_time, DELAY).passed:  # a filter also shows as a delay
             # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
-            std = max(delay.delay_std, abs(time) / delay.z_score)
+            std = max(delay.delay_std, abs(time) / delay.criterion.timing.z_score)
             return replace(in_time, delay_std=std, lag_std=std)
         half = 0.5 * self.period * (time > 0)  # a filter of the log delays slow torque by its lag less half a sample
         lag = self.fit([self.make_law(0.0, share * time + half) for share in (0.5, 1.0, 1.5)])
@@ -125,7 +125,7 @@ class ChannelFits(ChannelRows):
             )
             if is_both and delay_and_lag.beats(delay) and delay_and_lag.beats(lag):
                 return delay_and_lag
-        is_filter = decide(lag, delay, PREDICT).passed and lag.is_supported(in_time) and abs(lag.lag) >= self.period
+        is_filter = lag.predicts_better(delay) and lag.is_supported(in_time) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
         return law if law.beats(other) or not other.is_supported(in_time) else replace(law, rival=other.channel)
 
@@ -226,16 +226,14 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     half_sample = sampled.fit([sampled.make_law(0.5 * fits.period)], is_free=False)
     if not law.is_late:
         is_half = (
-            half_sample.agrees(free_delay)
-            and decide(half_sample, law, PREDICT).passed
-            and not free_delay.beats(half_sample)
+            half_sample.agrees(free_delay) and half_sample.predicts_better(law) and not free_delay.beats(half_sample)
         )
         return replace(half_sample, delay_std=free_delay.delay_std, is_half_sample=True) if is_half else law
     sampled_law = sampled.select_law()
     shift, shift_std = (law.delay + law.lag) / fits.period, (law.delay_std + law.lag_std) / fits.period
-    if shift + law.z_score * shift_std < fits.criterion.timing.least_sampled:
+    if shift + law.criterion.timing.z_score * shift_std < fits.criterion.timing.least_sampled:
         return law
-    is_within_sample = shift < 0.5 + law.z_score * shift_std
+    is_within_sample = shift < 0.5 + law.criterion.timing.z_score * shift_std
     # the log is not that of an earlier row
     answers_row = bool(find_feedback([w.recording for w in fits.rows.data.windows], fits.criterion))
     is_sampled = answers_row or not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
@@ -272,9 +270,11 @@ def estimate_alignments(
         agree = [own.agrees(law) for own in own_laws]
         is_shared = law.is_found if law is joint else law.is_late and joint.agrees(law)
         if is_shared and 2 * sum(agree) > len(agree):
-            return [
-                law if agrees or (own.is_found and not own.is_late) else own
-                for own, agrees in zip(own_laws, agree, strict=True)
-            ]
-    laws = [joint if own.is_found and not own.is_late else own for own in own_laws]
+            return [law if agrees or _acts_late(own) else own for own, agrees in zip(own_laws, agree, strict=True)]
+    laws = [joint if _acts_late(own) else own for own in own_laws]
     return laws if any(law.is_found for law in laws) else [joint] * len(laws)
+
+
+def _acts_late(law: Alignment) -> bool:
+    """Return whether torque acts late, a property of the drive instead of the log."""
+    return law.is_found and not law.is_late

@@ -76,7 +76,7 @@ def is_consistent(
     """Return whether a fit of the torque's timing is consistent.
 
     The motion must have more than one frequency. A law that the model lacks may look like a small delay. Therefore, the
-    RMS residual must be at most `misfit` noise floors, or the timing must explain the share `explained_share`
+    RMS residual must be at most `misfit_ratio` noise floors, or the timing must explain the share `explained_share`
     of the residual without it. If torque reacts to the motion, only noise is consistent.
 
     Args:

@@ -40,19 +40,6 @@ class Difference:
     std: float
 
 
-class Scale(NamedTuple):
-    """Result of a comparison of parameters: the sign is opposite, or one factor explains all differences.
-
-    Attributes:
-        is_turned: whether torque or position has the opposite sign.
-        torque, inertia: factor of the torque, or of the inertia of a free swing; None for another difference.
-    """
-
-    is_turned: bool = False
-    torque: float | None = None
-    inertia: float | None = None
-
-
 @dataclass(frozen=True)
 class Disagreement(Finding):
     """Recording of a different plant than the other recordings or a model.
@@ -145,10 +132,10 @@ class RecordingFit:
         ]
         return tuple(sorted(differences, key=lambda d: -abs(d.value - d.others) / d.std))
 
-    def classify_difference(self, other: ComparedParameters) -> Scale:
-        """Return the sign, or the factor, that explains the differences of all parameters."""
+    def find_factor(self, other: ComparedParameters) -> float | None:
+        """Return the factor of all parameters that explains the differences; None without one."""
         if self.is_turned:
-            return Scale(is_turned=True)
+            return None
         weight = np.linalg.pinv(self.estimates.covariance + other.covariance, hermitian=True)
         scale = float(other.theta @ weight @ other.theta)
         factor = float(other.theta @ weight @ self.estimates.theta) / max(scale, 1e-300)
@@ -156,10 +143,8 @@ class RecordingFit:
         (gap, std), least = self.compute_gap(scaled), self.criterion.agreement.difference
         is_equal = np.abs(gap) <= np.maximum(least * np.abs(scaled.theta), self.z_limit * std)
         if len(gap) < 2 or not is_equal.all() or abs(factor - 1) <= least:
-            return Scale()
-        if self.is_free and factor > 0:
-            return Scale(inertia=1 / factor)
-        return Scale(torque=factor)
+            return None
+        return factor
 
     def compute_gap(self, other: ComparedParameters) -> tuple[Array, Array]:
         """Compute the differences of the parameters and their standard errors (P,)."""
@@ -218,11 +203,24 @@ def _select_differing(
     fits: Sequence[RecordingFit], known: ComparedParameters, others: tuple[str, ...]
 ) -> tuple[Disagreement, ...]:
     """Select the fits that differ from known parameters."""
-    return tuple(
-        Disagreement(fit.number, fit.name, others, differences, *fit.classify_difference(known))
-        for fit in fits
-        if (differences := fit.find_differences(known))
-    )
+    disagreements = []
+    for fit in fits:
+        if differences := fit.find_differences(known):
+            factor = fit.find_factor(known)
+            inertia_factor = 1 / factor if fit.is_free and factor is not None and factor > 0 else None
+            torque_factor = factor if inertia_factor is None else None
+            disagreements.append(
+                Disagreement(
+                    fit.number,
+                    fit.name,
+                    others,
+                    differences,
+                    is_turned=fit.is_turned,
+                    torque_factor=torque_factor,
+                    inertia_factor=inertia_factor,
+                )
+            )
+    return tuple(disagreements)
 
 
 def find_misfits(fits: Sequence[RecordingFit]) -> tuple[Disagreement, ...]:

@@ -113,6 +113,8 @@ def find_wrong_columns(
         remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(angle, digits))
         return [WrongColumn("position", remedies, angle=Quantity(angle, error, "rad"))]
     if is_significantly_negative(model, "gravity") and down < 0:
+        if any(term.is_weight and term.id != "gravity_tilt" for term in model.terms):
+            return []
         if springs := [term.columns[0].name for term in model.terms if term.is_restoring]:
             return [NegativeParameters(("gravity", *springs))]
         turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)

@@ -24,7 +24,7 @@ def find_driving_friction(model: Model) -> list[NegativeParameters]:
     if any(map(is_friction_table, model.terms)):
         return []
     friction = [term for term in model.terms if term.kind == "dissipative"]
-    names = [column.name for term in friction for column in term.columns if column.of_body]
+    names = [column.name for term in friction for column in term.columns if column.is_of_body]
     negative = [name for name in names if is_significantly_negative(model, name)]
     return [NegativeParameters(tuple(negative))] if negative else []
 

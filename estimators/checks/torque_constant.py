@@ -59,10 +59,12 @@ class GearLosses(Finding):
     Attributes:
         constant: the torque constant.
         share: share of the motion that the motor drives.
+        is_braked: whether the load torque nearly always opposes the motion.
     """
 
     constant: Quantity
     share: float
+    is_braked: bool = False
 
 
 @dataclass(frozen=True)
@@ -141,12 +143,13 @@ def find_gain_doubts(
 ) -> list[Finding]:
     """Find errors that the torque constant of a model in N m may have.
 
-    Gear losses may be part of it if nearly all motion is driven, back-EMF if the drive does not log amperes.
+    Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the drive does not log amperes.
     """
     findings, share = list[Finding](), compute_driven_share(data, data.torque.recorded)
-    if share > criterion.columns.driven_share:
+    is_braked = is_brake(data, criterion.columns)
+    if share > criterion.columns.driven_share or is_braked:
         known = Quantity(constant.value, constant.std, constant.unit)
-        findings.append(GearLosses(known, share))
+        findings.append(GearLosses(known, share, is_braked))
     if constant.of != "A" and "viscous" in model.estimates:
         back_emf = model.estimates["viscous"].value / constant.value
         findings.append(BackEmfInFriction(Quantity(back_emf, unit=f"{constant.of} s/rad")))

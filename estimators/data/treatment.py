@@ -8,7 +8,7 @@ from estimators.findings import Finding, Quantity
 
 
 class Action(StrEnum):
-    """What a treatment does; comments name its quantities."""
+    """Action of a treatment; comments name its quantities."""
 
     TORQUE_CONSTANT = "torque_constant"  # torque_constant: currents are converted by it
     NARROWER_WINDOWS = "narrower_windows"  # share of the length
@@ -25,7 +25,7 @@ class Treatment(Finding):
     """Treatment of recordings.
 
     Attributes:
-        action: what it does.
+        action: its action.
         quantities: quantities of the action by name, see `Action`.
         effects: ids of the effects of a timing.
         recordings: names of excluded recordings.

@@ -39,13 +39,14 @@ from estimators.diagnosis.unexplained import find_noise_not_logged
 from estimators.findings import Finding, withhold_everything
 from estimators.in_loop import list_decisions
 from estimators.schemes.fitting import Identified
+from estimators.selection.process_noise import UnloggedTorque
 from pendulum_env.arms.joints import Rotor
 from pendulum_env.physics import Model, Term
 
 Verb = Literal["identify", "compare", "add", "diagnose"]
 Machine = Literal["pendulum", "arm", "servo"]
 MACHINES: tuple[Machine, ...] = get_args(Machine)
-PENDULUM, ARM, SERVO = ((machine,) for machine in MACHINES)
+_PENDULUM, _ARM, _SERVO = ((machine,) for machine in MACHINES)
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Subject:
         fits: fits of single recordings, of `identify` and `compare`.
         rows: rows of the windows, of `identify`; None if too little of the motion is clear of stick.
         schemes: results of the schemes, of `identify`.
-        search: trial and diagnosis, of `diagnose`.
+        trial, diagnosis: of `diagnose`.
         earlier: findings of earlier checks in the list.
     """
 
@@ -71,20 +72,21 @@ class Subject:
     fits: Sequence[RecordingFit] = ()
     rows: RegressionData | None = None
     schemes: Sequence[Identified] = ()
-    search: tuple[Trial, Diagnosis] | None = None
+    trial: Trial | None = None
+    diagnosis: Diagnosis | None = None
     earlier: tuple[Finding, ...] = ()
 
     @classmethod
     def from_trial(cls, trial: Trial, diagnosis: Diagnosis) -> Subject:
         """Return the subject of a diagnosis without findings."""
         data, model = trial.data.whole or trial.data, trial.release_bounds(diagnosis.model)
-        return cls("diagnose", data, model, trial.doubts, search=(trial, diagnosis))
+        return cls("diagnose", data, model, trial.doubts, trial=trial, diagnosis=diagnosis)
 
     @property
     def found(self) -> tuple[Trial, Diagnosis]:
         """Trial and diagnosis, for checks of `diagnose` alone."""
-        assert self.search is not None
-        return self.search
+        assert self.trial is not None and self.diagnosis is not None
+        return self.trial, self.diagnosis
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -96,13 +98,13 @@ class Subject:
         """Kind of machine; a servo is one in a diagnosis by simulations with its controller."""
         if not self.model.body.can_simulate:
             return "arm"
-        is_in_loop = self.search is not None and self.search[1].steps[0].errors["holdout"].is_in_loop
+        is_in_loop = self.diagnosis is not None and self.diagnosis.steps[0].errors["holdout"].is_in_loop
         return "servo" if is_in_loop else "pendulum"
 
     @property
     def has_reversed_torque(self) -> bool:
         """Return whether the sign of the logged torque is reversed in a diagnosis, so that its model is of no use."""
-        regions = () if self.search is None else self.search[1].unexplained
+        regions = () if self.diagnosis is None else self.diagnosis.unexplained
         return any(isinstance(region.cause, WrongColumn) for region in regions)
 
 
@@ -139,23 +141,24 @@ def check_conventions(subject: Subject) -> Iterable[Finding]:
     return list_decisions(subject.data.treatments)
 
 
-@applies_to("diagnose", machines=ARM)
+@applies_to("diagnose", machines=_ARM)
 def check_payloads(subject: Subject) -> Iterable[Finding]:
     """Report payloads of an arm."""
     return [treatment for treatment in subject.data.treatments if isinstance(treatment, CarriedPayload)]
 
 
-@applies_to("identify", "diagnose", machines=PENDULUM + SERVO)
+@applies_to("identify", "diagnose", machines=_PENDULUM + _SERVO)
 def check_columns(subject: Subject) -> Iterable[Finding]:
     """Find a column with a wrong sign or zero, or friction that drives."""
-    recordings, criterion = subject.data.recordings, subject.data.criterion
-    if subject.search is None:
-        return find_remedies(subject.model, recordings, criterion=criterion)
-    _, known = subject.search
+    criterion = subject.data.criterion
+    if subject.verb == "identify":
+        return find_remedies(subject.model, subject.data.recordings, criterion=criterion)
+    trial, known = subject.found
+    recordings = trial.data.recordings  # without excluded ones, which may have another zero
     return find_remedies(subject.model, recordings, known.ambiguous, not known.unexplained, criterion)
 
 
-@applies_to("identify", "diagnose", machines=ARM)
+@applies_to("identify", "diagnose", machines=_ARM)
 def check_friction(subject: Subject) -> Iterable[Finding]:
     """Find friction of an arm that drives."""
     return find_driving_friction(subject.model)
@@ -166,14 +169,14 @@ def check_torque_constant(subject: Subject) -> Iterable[Finding]:
     return [subject.data.doubt] if subject.data.doubt is not None else []
 
 
-@applies_to("diagnose", machines=PENDULUM)
+@applies_to("diagnose", machines=_PENDULUM)
 def check_gain(subject: Subject) -> Iterable[Finding]:
-    """Find what else the torque constant of a drive may include."""
+    """Find gear losses and back-EMF in the torque constant of a drive."""
     data, constant, (_, diagnosis) = subject.data, subject.data.recordings[0].torque_constant, subject.found
     return [] if constant is None else find_gain_doubts(diagnosis.model, constant, data.parts[0].data, data.criterion)
 
 
-@applies_to("identify", machines=PENDULUM)
+@applies_to("identify", machines=_PENDULUM)
 def check_timing(subject: Subject) -> Iterable[Finding]:
     """Find torque that is logged late, or that acts late if the model has no dead time or lag."""
     if subject.rows is None:
@@ -188,7 +191,7 @@ def check_corrected_timing(subject: Subject) -> Iterable[Finding]:
     return subject.data.timing.corrections
 
 
-@applies_to("diagnose", machines=PENDULUM)
+@applies_to("diagnose", machines=_PENDULUM)
 def check_slow_torque(subject: Subject) -> Iterable[Finding]:
     """Find torque that acts late: by a found dead time or lag, or if an unexplained residual has no other delay."""
     (trial, diagnosis), slow = subject.found, subject.data.timing.find(is_late=False)
@@ -199,11 +202,11 @@ def check_slow_torque(subject: Subject) -> Iterable[Finding]:
     return subject.data.with_timing(effects).timing.find(is_late=False) if diagnosis.unexplained else ()
 
 
-@applies_to(machines=PENDULUM)
+@applies_to("identify", "compare", "diagnose", machines=_PENDULUM)
 def check_agreement(subject: Subject) -> Iterable[Finding]:
     """Find recordings that disagree with the others or with a model, and those that no parameters fit."""
-    if subject.search is not None:
-        return subject.search[0].outliers
+    if subject.verb == "diagnose":
+        return subject.found[0].outliers
     if subject.verb == "identify":
         return [*find_disagreements(subject.fits, only_if_all_fit=True), *find_misfits(subject.fits)]
     return [*find_disagreements_with_model(subject.model, subject.fits), *find_misfits(subject.fits)]
@@ -219,29 +222,29 @@ def check_completeness(subject: Subject) -> Iterable[Finding]:
     return find_incompleteness(subject.schemes, subject.rows, subject.terms, subject.data.criterion)
 
 
-@applies_to("identify", "diagnose", machines=PENDULUM)
+@applies_to("identify", "diagnose", machines=_PENDULUM)
 def check_clock(subject: Subject) -> Iterable[Finding]:
     """Find an uneven clock, which may cause the residual."""
-    is_left = any(isinstance(finding, Incomplete) for finding in subject.earlier)
-    if subject.search is not None:
-        is_left = bool(subject.search[1].unexplained)
+    is_left = any(isinstance(finding, Incomplete | UnloggedTorque) for finding in subject.earlier)
+    if subject.verb == "diagnose":
+        is_left = bool(subject.found[1].unexplained)
     return find_uneven_clocks(subject.data.recordings) if is_left else ()
 
 
-@applies_to("identify", "diagnose", machines=PENDULUM)
+@applies_to("identify", "diagnose", machines=_PENDULUM)
 def check_feedback(subject: Subject) -> Iterable[Finding]:
     """Find torque that reacts to the motion."""
     return find_feedback(subject.data.recordings, subject.data.criterion)
 
 
-@applies_to("diagnose", machines=PENDULUM, needs_sign=True)
+@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
 def check_contacts(subject: Subject) -> Iterable[Finding]:
     """Find contacts that no effect of a pendulum explains."""
-    trial, diagnosis = subject.found
-    return find_contacts(trial.final.evidence, trial.terms, diagnosis.model)
+    trial, _ = subject.found
+    return find_contacts(trial.final.evidence, trial.terms, trial.model)
 
 
-@applies_to("diagnose", machines=ARM)
+@applies_to("diagnose", machines=_ARM)
 def check_contacts_of_arm(subject: Subject) -> Iterable[Finding]:
     """Find contacts of joints of an arm without another residual or a stop."""
     trial, diagnosis = subject.found
@@ -250,13 +253,13 @@ def check_contacts_of_arm(subject: Subject) -> Iterable[Finding]:
     return find_arm_contacts(trial.evidence, diagnosis.model, joints)
 
 
-@applies_to("diagnose", machines=PENDULUM, needs_sign=True)
+@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
 def check_ties(subject: Subject) -> Iterable[Finding]:
     """Report effects that look the same."""
     return map(Tie, subject.found[1].ambiguous)
 
 
-@applies_to("diagnose", machines=ARM)
+@applies_to("diagnose", machines=_ARM)
 def check_rotors(subject: Subject) -> Iterable[Finding]:
     """Find joints of an arm whose motor inertia the robot file lacks."""
     selected = subject.found[1].selected
@@ -270,7 +273,7 @@ def check_parameters(subject: Subject) -> Iterable[Finding]:
     return subject.doubts
 
 
-@applies_to("diagnose", machines=PENDULUM, needs_sign=True)
+@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
 def check_unlogged_torque(subject: Subject) -> Iterable[Finding]:
     """Find torque noise that is not logged, without another residual."""
     trial, diagnosis = subject.found
@@ -278,21 +281,21 @@ def check_unlogged_torque(subject: Subject) -> Iterable[Finding]:
     return () if is_left else find_noise_not_logged(trial.final)
 
 
-@applies_to("diagnose", machines=PENDULUM, needs_sign=True)
+@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
 def check_range(subject: Subject) -> Iterable[Finding]:
     """Find limits of the recordings within which the values of a model hold, see `find_caveats`."""
     trial, diagnosis = subject.found
     return find_caveats(trial.final.evidence, diagnosis.steps, trial.terms, diagnosis.detectable)
 
 
-@applies_to("diagnose", machines=SERVO)
+@applies_to("diagnose", machines=_SERVO)
 def check_drive(subject: Subject) -> Iterable[Finding]:
     """Find an unknown rate of the speed of a drive, and a scale of the logged torque."""
-    recordings, limits = subject.data.recordings, subject.data.criterion.loop
-    return filter(None, (find_speed_rate(subject.model, recordings, limits), find_torque_scale(recordings, limits)))
+    recordings, limits, (_, diagnosis) = subject.data.recordings, subject.data.criterion.loop, subject.found
+    return filter(None, (find_speed_rate(diagnosis.model, recordings, limits), find_torque_scale(recordings, limits)))
 
 
-@applies_to("diagnose", machines=PENDULUM, needs_sign=True)
+@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
 def check_tables(subject: Subject) -> Iterable[Finding]:
     """Report tables that explain the residual, unless they are the next step."""
     _, diagnosis = subject.found

@@ -34,7 +34,7 @@ class Incomplete(Finding):
     joints: tuple[str, ...] = ()
 
     @property
-    def is_bias(self) -> bool:
+    def is_biasing(self) -> bool:
         """Return True: a missing effect shifts all estimates."""
         return True
 

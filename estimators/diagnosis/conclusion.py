@@ -14,14 +14,13 @@ from estimators.diagnosis.unexplained import (
     find_joint_residuals,
 )
 from estimators.findings import Finding
-from estimators.selection.physical import find_violations
 from estimators.selection.tables import find_explaining_law
 from pendulum_env.physics import TABLES
 
 
 @dataclass(frozen=True)
 class NoKnownEffect(Finding):
-    """Residual that no effect of the library explains; `tables` are the ids of tables that do."""
+    """Residual that no effect of the library explains; `tables` are the ids of tables that explain it."""
 
     tables: tuple[str, ...] = ()
 
@@ -53,7 +52,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     is_complete = not regions and len(trial.terms) == len(evidence.fits.base)
     detectable = find_detectable_effects(evidence, trial.terms, evidence.library) if is_complete else ()
     questions = list_questions(evidence, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, detectable)
-    if find_violations(model, evidence.train.motions) or not model.has_known_inertia:
+    if not model.has_known_inertia:
         questions = []  # motion cannot be predicted
     limits = trial.options.limits.with_default_torque((trial.data.whole or trial.data).recordings)
     suggestion, unanswerable, no_experiment = suggest_experiment(evidence, model, questions, limits, regions)
@@ -65,7 +64,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     inseparable = tuple(aim for aim in unanswerable if aim.instead)
     findings = (UnreachableAims(inseparable),) if inseparable else ()
     if suggestion is None and no_experiment is None and findings:
-        no_experiment = findings[0]
+        (no_experiment,), findings = findings, ()
     return replace(
         diagnosis,
         findings=findings,

@@ -234,6 +234,6 @@ def simulate_experiments(evidence: Evidence, model: Model, torque: float | None)
             run = scale_swing(run, recorded.known_inertia, recorded.torque_unit) if signal is None else run
             peak, reach = float(np.abs(run.torque).max()), (float(angle.min()), float(angle.max()))
             release = float(angle[0]) if signal is None else None
-            expected = Suggestion(signal, EXPERIMENT_TIME, (), peak, reach, speed, release)
+            expected = Suggestion(signal, EXPERIMENT_TIME, (), peak, reach, speed, release, model.units())
             runs.append(SimulatedExperiment(expected, run, half_width))
     return runs

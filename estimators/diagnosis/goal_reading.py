@@ -51,7 +51,7 @@ def reread_goals(trial: Trial) -> FitData | None:
 def declare_goals(trial: Trial, goal: str) -> FitData:
     """Return the data of a trial with another reading of the goals; how controllers read positions is decided again."""
     data, changes = trial.data, dict[str, Any](goal=goal)
-    if any(isinstance(one, ControllerConvention) and one.is_of_position and one.gain for one in data.treatments):
+    if any(isinstance(one, ControllerConvention) and one.is_of_position for one in data.treatments):
         changes["reads"] = None
 
     def declare(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:

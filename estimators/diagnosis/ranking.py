@@ -31,7 +31,7 @@ class Tie(Finding):
 
 @dataclass(frozen=True)
 class Imitation(Finding):
-    """Effect that imitates another `effect` or term in these data, or several, if that is empty."""
+    """Effect that imitates another `effect` or term in these data; without an id, several others explain more."""
 
     effect: str = ""
 

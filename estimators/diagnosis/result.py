@@ -9,7 +9,7 @@ from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import NOTHING_TESTED, Decision
-from estimators.decisions.errors import Step, Terms
+from estimators.decisions.errors import Step, Terms, encode_estimates
 from estimators.decisions.gate import FailedGates, explain_rejection
 from estimators.decisions.score import Gain
 from estimators.diagnosis.suggestion import Suggestion
@@ -165,7 +165,7 @@ class Diagnosis(Summarised):
             joint with a residual.
         floors: noise floor of the held-out torque at each joint [N m]; in the loop the mean position error by the
             encoder [rad].
-        findings: on data and model, the most important first.
+        findings: on data and model, in the order of `CHECKS`, then on the next experiment.
         suggestion: experiment that decides most open questions; None without one.
         no_experiment: reason why no experiment decides a question or explains a residual; None without a reason.
         tables: ids of tables that explain the residual: one, or one per joint.
@@ -243,7 +243,7 @@ class Diagnosis(Summarised):
             "criterion": criterion,
             "base": {
                 "terms": [term.id for term in base.terms],
-                "theta": {name: estimate.json() for name, estimate in base.estimates.items()},
+                "theta": encode_estimates(base),
             },
             "selected": list(self.selected),
             "steps": [step.json() for step in self.steps],

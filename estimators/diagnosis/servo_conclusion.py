@@ -26,22 +26,29 @@ class ResultOfLongSteps(Finding):
 
 @dataclass(frozen=True)
 class DoubtfulDrive(Finding):
-    """Description of a drive that may be wrong; without a field, as no effect explains the residual.
+    """Description of a drive that may be wrong: no effect explains the residual."""
 
-    Attributes:
-        rate, inertia: rate of the speed at which an unknown rate imitates an inertia, and this inertia.
-        torque_factor: ratio of the logged torque to that requested by the drive.
-    """
 
-    rate: Quantity | None = None
-    inertia: Quantity | None = None
-    torque_factor: float | None = None
+@dataclass(frozen=True)
+class UnknownSpeedRate(Finding):
+    """Unknown rate of the speed of a drive; at some `rate` its gain imitates an `inertia`."""
+
+    rate: Quantity
+    inertia: Quantity
+
+
+@dataclass(frozen=True)
+class ScaledTorque(Finding):
+    """Logged torque that is the torque requested by the drive, times a factor."""
+
+    factor: float
 
 
 def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     """Add the noise floors of the rollouts, and the next step.
 
-    Candidates that the refit dropped get the reason `LONG_STEPS`. An unexplained residual forbids a next experiment.
+    Candidates that the refit dropped get the reason `ResultOfLongSteps`. An unexplained residual forbids a next
+    experiment.
     """
     dropped = list_ids(trial.result.terms) - list_ids(trial.final.terms)
     return replace(
@@ -55,7 +62,7 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     )
 
 
-def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopLimits) -> DoubtfulDrive | None:
+def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopLimits) -> UnknownSpeedRate | None:
     """Return a finding if a controller of unknown rate may act so late that its gain imitates inertia.
 
     The imitated inertia is half the speed gain over `slow_rate` [Hz]; it counts above one standard error.
@@ -66,10 +73,10 @@ def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopL
     if imitated_inertia <= model.estimates["inertia"].std:
         return None
     inertia = Quantity(imitated_inertia, unit=model.estimates["inertia"].unit)
-    return DoubtfulDrive(Quantity(limits.slow_rate, unit="Hz"), inertia)
+    return UnknownSpeedRate(Quantity(limits.slow_rate, unit="Hz"), inertia)
 
 
-def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> DoubtfulDrive | None:
+def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> ScaledTorque | None:
     """Return a finding if the logged torque is that requested by the drive times a factor off 1.
 
     The factor is off by at least `torque_scale`. Drives with an integral part are not tested: the requested
@@ -86,7 +93,7 @@ def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> Do
     factor = float(logged @ requested / max(requested @ requested, np.finfo(float).tiny))
     if abs(factor - 1.0) < limits.torque_scale:
         return None
-    return DoubtfulDrive(torque_factor=factor)
+    return ScaledTorque(factor)
 
 
 def find_loop_regions(trial: Trial) -> Sequence[Region]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from pendulum_env.errors import FileError
 from pendulum_env.excitation import Excitation, decode_signal, encode_signal
 from pendulum_env.notebook import summarise
 from pendulum_env.reading import NonNegative, Number, Text, convert
+from pendulum_env.units import TURNING, JointUnits
 
 LONGEST = 100_000.0  # longest experiment in a file [s]
 RATE = 500.0  # sampling rate of the experiment's torque [Hz]
@@ -43,6 +44,7 @@ class Suggestion:
         reach: lowest and highest angle by the fitted model [rad].
         peak_speed: highest speed by the fitted model [rad/s].
         release: angle of a free swing, at rest [rad]; None with a signal.
+        units: names of the units of the joint.
     """
 
     signal: Excitation | None
@@ -52,6 +54,7 @@ class Suggestion:
     reach: tuple[float, float]
     peak_speed: float
     release: float | None = None
+    units: JointUnits = field(default=TURNING, compare=False)
 
     def __str__(self) -> str:
         return summarise(self)

@@ -56,7 +56,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     doubts = find_undetermined(measured, last.model.terms, last.model.units())
     unknown = find_unidentifiable(last.model, measured, doubts)
     unknown = (*unknown, *find_stiff_stops(last.model, trial.data.recordings))
-    withholding = (*unknown, *(doubt for doubt in doubts if doubt.withholds_all))
+    withholding = (*unknown, *(doubt for doubt in doubts if doubt.is_total))
     model = last.model.mark_unknown(collect_withheld(withholding))
     return replace(result, steps=[*others, replace(last, model=model)]), (*doubts, *unknown)
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 from estimators.findings import Finding, Quantity
 from pendulum_env.physics import Term
-from pendulum_env.physics.terms import find_untested_ends
 from pendulum_env.units import JointUnits
 
 
@@ -24,5 +23,6 @@ class UntestedRange(Finding):
 
 def find_untested_range(term: Term, low: float, high: float, units: JointUnits) -> UntestedRange | None:
     """Return the finding on a term that may act beyond the ends of a motion [rad]; None if it cannot."""
-    ends = find_untested_ends(term, low, high, units)
-    return UntestedRange(term.id, **ends) if ends else None
+    pairs = zip((low, high), term.open_ends, strict=True)
+    ends = [Quantity(end, unit=units.unit("rad")) if is_open else None for end, is_open in pairs]
+    return UntestedRange(term.id, *ends) if any(ends) else None

@@ -29,7 +29,7 @@ from estimators.in_loop.servos import are_driven, choose_parts, make_base
 from estimators.weak_form.rows import Terms
 from estimators.weak_form.windows import Part
 from pendulum_env.physics import BASE, Term, effects, list_ids
-from pendulum_env.physics.terms import is_late
+from pendulum_env.physics.terms import is_pure_delay
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import CONTROLLER, list_open_conventions
 from pendulum_env.servo.torque import depends_on_past
@@ -41,19 +41,25 @@ class ControllerConvention(Finding):
 
     Attributes:
         settings: settings of its drive: how it acts, or the position that it `reads`.
-        gain: gain over the likeliest other convention [nat]; None if the drive declares counts of an encoder, and the
-            log shows no step of them.
+        gain: gain over the likeliest other convention [nat].
         recordings: names of the recordings of these drives.
     """
 
     settings: Mapping[str, str]
-    gain: Quantity | None = None
+    gain: Quantity
     recordings: tuple[str, ...] = ()
 
     @property
     def is_of_position(self) -> bool:
         """Return whether the convention is the position that the controller reads."""
         return "reads" in self.settings
+
+
+@dataclass(frozen=True)
+class UnseenCounts(Finding):
+    """Counts of an encoder that a drive declares, and the log does not show."""
+
+    recordings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,7 +80,8 @@ class GoalConvention(Finding):
 
 
 Recordings = tuple[Recording, ...]
-Decided = tuple[Settings, list[ControllerConvention | GoalConvention]]
+Decision = ControllerConvention | GoalConvention | UnseenCounts
+Decided = tuple[Settings, list[Decision]]
 
 
 class Conventions(NamedTuple):
@@ -127,19 +134,19 @@ def decide_open_torque(
 
 def list_decisions(findings: Sequence[Finding]) -> list[Finding]:
     """List the last decisions among findings: laws of controllers, the position that they read, and course of goals."""
-    laws = [item for item in findings if isinstance(item, ControllerConvention)]
-    positions = [law for law in laws if law.is_of_position]
+    laws = [item for item in findings if isinstance(item, ControllerConvention | UnseenCounts)]
+    positions = [law for law in laws if isinstance(law, ControllerConvention) and law.is_of_position]
     goals = [item for item in findings if isinstance(item, GoalConvention)]
     return [*(law for law in laws if law not in positions), *positions[-1:], *goals[-1:]]
 
 
 def _decide_together(
     recordings: Sequence[Recording], count: int, base: Sequence[Term], criterion: Criterion
-) -> tuple[Recordings, list[ControllerConvention | GoalConvention]]:
+) -> tuple[Recordings, list[Decision]]:
     """Decide the conventions of drives of one kind by their first `count` recordings; return findings as well."""
     base, part = make_base(recordings[:count], base), choose_parts(recordings[count:])[0]
     result = complete_drives(recordings, {})
-    findings: list[ControllerConvention | GoalConvention] = []
+    findings: list[Decision] = []
     for settle in (_decide_controller, _decide_counts):
         settings, own_findings = settle(result[:count], base, part, criterion)
         result, findings = complete_drives(result, settings), findings + own_findings
@@ -159,7 +166,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
     choices = [controller | goal for controller in controllers for goal in goals]
     fits = fit_conventions(recordings, choices, base, part, criterion)
     settings: Settings = {}
-    findings: list[ControllerConvention | GoalConvention] = []
+    findings: list[Decision] = []
     if len(controllers) > 1:
         ranked = sorted(fits, key=lambda fit: (controllers.index(fit.select(CONTROLLER)), -fit.likelihood))
         choice = choose_fit(ranked, CONTROLLER, criterion.p_value, criterion)
@@ -167,7 +174,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
         findings = [ControllerConvention(settings, choice.gain)]
         fits = [fit for fit in fits if fit.select(CONTROLLER) == settings]
     if len(goals) > 1:
-        late = [kind() for id, kind in effects().items() if is_late(kind) and id not in list_ids(base)]
+        late = [kind() for id, kind in effects().items() if is_pure_delay(kind) and id not in list_ids(base)]
         fits += [fit.with_effect(effect) for fit in fits for effect in late]
         by_size = sorted(fits, key=lambda fit: (len(fit.terms), -fit.likelihood))
         choice = choose_fit(by_size, ("goal",), criterion.p_value, criterion)
@@ -186,7 +193,7 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part, criterion: C
     choices = list_open_conventions([r.actuator for r in recordings], ("reads",))
     readings = {r.actuator.reads for r in recordings}
     if find_encoder_step(recordings) is None:
-        return {}, [ControllerConvention({"reads": "exact"})] if "counts" in readings else []
+        return {}, [UnseenCounts()] if "counts" in readings else []
     if len(choices) == 1:
         return {}, []
     fits = fit_conventions(recordings, choices, base, part, criterion, has_counts=True)

@@ -33,7 +33,7 @@ from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects, list_loads
-from pendulum_env.physics.terms import is_late
+from pendulum_env.physics.terms import is_pure_delay
 
 
 @dataclass(frozen=True)
@@ -445,7 +445,7 @@ class EffectMonitor:
 
 def find_obstacle(effect: type[Term]) -> Obstacle | None:
     """Find the reason why an effect has no online diagnosis; None if it has a diagnosis."""
-    if effect.has_state() and not is_late(effect):
+    if effect.has_state() and not is_pure_delay(effect):
         return Obstacle.HAS_STATE
     if len(list_loads(effect.at)) > 1:
         return Obstacle.LOADS_TWO_JOINTS

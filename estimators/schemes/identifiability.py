@@ -70,7 +70,7 @@ class Undetermined(Finding):
         return self.parameters
 
     @property
-    def withholds_all(self) -> bool:
+    def is_total(self) -> bool:
         """Return whether no parameter is determined."""
         return self.gap in TOTAL
 

@@ -22,7 +22,7 @@ def has_known_parameter(*terms: Term) -> bool:
 def list_bounds(terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return lower and upper bounds of the linear parameters of a model with some terms, (P,) each.
 
-    They are the bounds of the laws. Parameters of columns `of_body` without a lower bound are at least zero, except
+    They are the bounds of the laws. Parameters of columns `is_of_body` without a lower bound are at least zero, except
     friction at a joint with a table of friction.
     """
     tables = {at for term in terms if is_friction_table(term) for at in list_loads(term.at)}
@@ -45,7 +45,7 @@ def is_friction_table(term: Term) -> bool:
 
 def _is_of_body(term: Term, column: Column, has_table: bool) -> bool:
     """Return whether the parameter of a column must not be negative, given a table of friction at its joint."""
-    return column.of_body and not (has_table and term.kind == "dissipative")
+    return column.is_of_body and not (has_table and term.kind == "dissipative")
 
 
 def mark_bounds(model: Model) -> Model:

@@ -67,7 +67,7 @@ def _make_placed_effect(effect: type[Term], joint: str, is_prismatic: bool) -> t
     units = JointUnits(is_prismatic=is_prismatic)
 
     def name_columns(columns: Sequence[Column]) -> tuple[Column, ...]:
-        of_joint = (column for column in columns if not column.of_weight)
+        of_joint = (column for column in columns if not column.is_of_weight)
         return tuple(replace(c, name=f"{c.name}@{joint}", unit=units.unit(c.unit)) for c in of_joint)
 
     placed_effect = derive_kind(

@@ -15,7 +15,7 @@ class Inertia(Term):
     law = "I q''"
     kind = "inertial"
 
-    columns = (Column("inertia", "kg m^2", mass=return_one, of_body=True),)
+    columns = (Column("inertia", "kg m^2", mass=return_one, is_of_body=True),)
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Viscous(Term):
     law = "b q'"
     kind = "dissipative"
 
-    columns = (Column("viscous", "N m s/rad", force=lambda x: x.velocity, of_body=True),)
+    columns = (Column("viscous", "N m s/rad", force=lambda x: x.velocity, is_of_body=True),)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Coulomb(Term):
     law = "fc sgn q'"
     kind = "dissipative"
 
-    columns = (Column("coulomb", "N m", dry=return_one, of_body=True),)
+    columns = (Column("coulomb", "N m", dry=return_one, is_of_body=True),)
 
 
 BASE: tuple[Term, ...] = (Inertia(), Gravity(), Viscous(), Coulomb())

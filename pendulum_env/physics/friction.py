@@ -120,7 +120,7 @@ class LoadDependentFriction(Term):
                 "load_dependent_friction.output",
                 "1",
                 dry=lambda x: np.abs((self.weight + x.load.gravity) * np.sin(x.position) - x.load.torque),
-                of_weight=True,
+                is_of_weight=True,
                 least=0.0,
                 most=self.largest_coefficient,
             ),

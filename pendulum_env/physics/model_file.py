@@ -176,5 +176,5 @@ def check_value(parameter: NonlinearParameter, number: float, place: str) -> flo
     if not parameter.is_allowed(number):
         kind = "a whole number" if parameter.integer else "a number"
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-        raise ModelError(f"'{place}' is {number:g}: expected {kind} from {parameter.low:g} to {parameter.high:g}{unit}")
+        raise ModelError(f"'{place}' is {number:g}: expected {kind} {parameter.format_range()}{unit}")
     return number

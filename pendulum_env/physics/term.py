@@ -91,13 +91,13 @@ class Column:
         force: torque as a smooth function of time, position, velocity and commanded torque.
         dry: magnitude of set-valued dry friction; at rest, friction is any torque up to it.
         of_torque: whether the column is proportional to the commanded torque.
-        of_body: whether no body has a negative parameter. Fits keep it from being negative, unless the user bounds it,
-            or friction of free form is at the joint. Without this bound, a negative fit is evidence about the data.
-        of_weight: whether the column needs the weight of a pendulum; an effect at a joint of an arm lacks it.
+        is_of_body: whether no body has a negative parameter. Fits keep it from being negative, unless the user bounds
+            it, or friction of free form is at the joint. Without this bound, a negative fit is evidence about the data.
+        is_of_weight: whether the column needs the weight of a pendulum; an effect at a joint of an arm lacks it.
         potential: stored energy U with force = dU/dq + loss, without further torque; None: all work of the force is
             dissipated.
         loss: dissipative part of the force, for a column with a potential.
-        least: smallest physical value of the parameter; minus infinity for a column `of_body`.
+        least: smallest physical value of the parameter; minus infinity for a column `is_of_body`.
         most: largest physical value of the parameter.
     """
 
@@ -109,8 +109,8 @@ class Column:
     potential: Law | None = None
     loss: Law = return_zero
     of_torque: bool = False
-    of_body: bool = False
-    of_weight: bool = False
+    is_of_body: bool = False
+    is_of_weight: bool = False
     least: float = -np.inf
     most: float = np.inf
 
@@ -173,6 +173,10 @@ class NonlinearParameter:
         """Return whether a plant may have the value."""
         is_inside = self.low <= value <= self.high or (self.can_be_zero and value == 0)
         return is_inside and (not self.integer or value == round(value))
+
+    def format_range(self) -> str:
+        """Format the allowed range: `from 0.0001 to 2, or 0`."""
+        return f"from {self.low:g} to {self.high:g}{', or 0' * self.can_be_zero}"
 
     def get_unit(self, units: JointUnits) -> str:
         """Return the unit at a joint with the given units."""

@@ -7,8 +7,6 @@ import numpy as np
 
 from pendulum_env._typing import ArrayLike
 from pendulum_env.physics.term import Samples, Term, return_zero
-from pendulum_env.quantity import Quantity
-from pendulum_env.units import TURNING, JointUnits
 
 
 def list_ids(terms: Sequence[Term]) -> frozenset[str]:
@@ -63,7 +61,7 @@ def has_bristles(term: Term) -> bool:
     return term.kind == "dissipative" and term.has_hidden_state
 
 
-def is_late(kind: type[Term]) -> bool:
+def is_pure_delay(kind: type[Term]) -> bool:
     """Return whether an effect only delays the torque, by a lag or a delay."""
     return (kind.delay is not Term.delay or kind.lead is not Term.lead) and not kind().columns
 
@@ -87,13 +85,6 @@ def set_nonlinear_values(terms: Sequence[Term], values: Mapping[str, ArrayLike])
         changes = {short: float(value.flat[0]) if np.ptp(value) == 0 else value for short, value in arrays.items()}
         result.append(replace(term, **changes) if changes else term)
     return tuple(result)
-
-
-def find_untested_ends(term: Term, low: float, high: float, units: JointUnits = TURNING) -> dict[str, Quantity]:
-    """Return the ends `low` and `high` of the tested range [rad] beyond which a term may act."""
-    ends = zip(("low", "high"), (low, high), term.open_ends, strict=True)
-    unit = units.unit("rad")
-    return {name: Quantity(value, unit=unit) for name, value, is_open in ends if is_open}
 
 
 def count_term_parameters(term: Term) -> int:

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import re
-from functools import partial
 from typing import get_args
 
 import pytest
@@ -28,7 +27,7 @@ from estimators.diagnosis.contacts import Contact
 from estimators.diagnosis.experiment import UnreachableAims
 from estimators.diagnosis.ranking import Imitation, Tie
 from estimators.diagnosis.result import Detectable
-from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps
+from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
 from estimators.diagnosis.small_effect import SmallEffect
 from estimators.diagnosis.suggestion import Aim, Suggestion
 from estimators.diagnosis.treatments import CarriedPayload
@@ -36,7 +35,7 @@ from estimators.diagnosis.unexplained import ErrorNearReversals, HeldOutResidual
 from estimators.diagnosis.untested import UntestedRange
 from estimators.findings import Change, Finding, Quantity
 from estimators.identification import CoarseEncoder, SlowedFilter
-from estimators.in_loop.conventions import ControllerConvention, GoalConvention
+from estimators.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.selection.process_noise import UnloggedTorque
 from estimators.selection.tables import ExplainingTable
@@ -62,7 +61,7 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     UnknownConstant("A", inverse=Quantity(2.0, 0.9, "A/(N m)")),
     UnknownConstant("A", has_integral=True),
     *(UnknownConstant("V", loads, moved) for loads, moved in ((0, 0), (1, 0), (2, 0), (2, 1))),
-    GearLosses(Quantity(0.5, 0.01, "N m/A"), 0.95),
+    *(GearLosses(Quantity(0.5, 0.01, "N m/A"), 0.95, is_braked) for is_braked in (False, True)),
     BackEmfInFriction(Quantity(0.3, unit="V s/rad")),
     *(TorqueTiming(is_late, Quantity(0.0099, 4e-5, "s"), rival_lag=Quantity(0.01, unit="s")) for is_late in (0, 1)),
     TorqueTiming(is_late=True, is_sampled=True, is_corrected=True, recordings=NAMES),
@@ -73,7 +72,7 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     *(GoalConvention(is_held, gain, {"dead_time": Quantity(0.01, unit="s")})
       for is_held, gain in ((True, Quantity(3.0, 1.0)), (False, None))),
     *(ControllerConvention(settings, Quantity(3.0, 5.0)) for settings in ({"reads": "exact"}, {"windup": "stop"})),
-    ControllerConvention({"reads": "exact"}),
+    UnseenCounts(),
     Feedback(Quantity(-3.0, unit="N m/rad"), NAMES),
     Disagreement(3, "run 2", NAMES, (Difference("viscous", "N m s/rad", 1.12, 1.0, 0.01),)),
     Disagreement(3, "run 2", (), is_turned=True),
@@ -93,8 +92,8 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     Incomplete(11.0, 8.5, ("viscous",), ("elbow",)),
     UnloggedTorque(TORQUE, TORQUE),
     DoubtfulDrive(),
-    DoubtfulDrive(Quantity(50.0, unit="Hz"), Quantity(0.01, unit="kg m^2")),
-    DoubtfulDrive(torque_factor=2.0),
+    UnknownSpeedRate(Quantity(50.0, unit="Hz"), Quantity(0.01, unit="kg m^2")),
+    ScaledTorque(2.0),
     FewWindows(12),
     PartOfTurn(ANGLE, ("spring",)),
     UnknownScale(0.95),
@@ -199,8 +198,8 @@ SAID = [  # numbers as they are shown: their unit, sign and digits
     (describe, limits("share_above_floor", 0.3, Criterion.needed_share), r"30 % of the torque above .* 50 %"),
     (describe_detectable, Detectable("stribeck", 0.05, "A"), r"above 0\.05 A"),
     (
-        partial(describe_suggestion, units=CURRENT),
-        Suggestion(excitation("paper", 0, 9), 20.0, (Aim("spring", "gravity"),), 1.2, (-1.0, 1.0), 3.0),
+        describe_suggestion,
+        Suggestion(excitation("paper", 0, 9), 20.0, (Aim("spring", "gravity"),), 1.2, (-1.0, 1.0), 3.0, units=CURRENT),
         r"To tell spring from gravity: record 20 s of.* up to 1\.2 A",
     ),
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pendulum_env.physics import Model, Term, has_link
-from pendulum_env.physics.terms import is_late
+from pendulum_env.physics.terms import is_pure_delay
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.servo import OUTPUT_UNITS, ServoDrive
 from workbench.export.request import ExportError, Request
@@ -18,7 +18,7 @@ OFFSETS = ("torque_offset", "coulomb_asymmetry")  # effects of constant torque
 
 def find_lag(terms: Sequence[Term]) -> Term | None:
     """Find the first term that is a lag of the torque, the one that MuJoCo represents."""
-    return next((term for term in terms if term.lead and is_late(type(term))), None)
+    return next((term for term in terms if term.lead and is_pure_delay(type(term))), None)
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Motor:
 
     def list_held(self, model: Model) -> tuple[str, ...]:
         """List the ids of the effects that are included: offsets, one lag, and all delays."""
-        late, lag = (term for term in model.terms if is_late(type(term))), find_lag(model.terms)
+        late, lag = (term for term in model.terms if is_pure_delay(type(term))), find_lag(model.terms)
         return (*OFFSETS, *(term.id for term in late if not term.lead or term is lag))
 
     def actuate(self, mujoco: Any, actuator: Any, model: Model, offset: float) -> None:

@@ -19,7 +19,7 @@ from pendulum_env.excitation import encode_signal
 from pendulum_env.formatting import capitalise, format_percent, join_words
 from pendulum_env.physics.term import list_loads
 from pendulum_env.recording import NEWTON_METRE, NoteKind
-from pendulum_env.units import TURNING, JointUnits, show_angles, to_shown_unit
+from pendulum_env.units import show_angles, to_shown_unit
 from workbench.narrator.effects import find_description, name_effect
 from workbench.narrator.findings import (
     ERRORS,
@@ -72,8 +72,9 @@ def describe_unexplained(diagnosis: Diagnosis, region: Region) -> str:
     return f"{residual}; {text}" if text else residual
 
 
-def describe_suggestion(suggestion: Suggestion, units: JointUnits = TURNING) -> str:
+def describe_suggestion(suggestion: Suggestion) -> str:
     """Describe a suggested experiment."""
+    units = suggestion.units
     aims = describe_aims(suggestion.settles)
     angle, speed = units.unit("rad"), measure(Quantity(suggestion.peak_speed, unit=units.unit("rad/s")), 2)
     if suggestion.signal is None:
@@ -205,7 +206,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
     if contacts := [describe(finding) for finding in diagnosis.findings if isinstance(finding, Contact)]:
         return contacts[0]
     if diagnosis.suggestion is not None:
-        return describe_suggestion(diagnosis.suggestion, diagnosis.model.units())
+        return describe_suggestion(diagnosis.suggestion)
     if diagnosis.no_experiment is not None:
         return describe(diagnosis.no_experiment)
     if any(isinstance(finding, SmallEffect) for finding in diagnosis.findings):
@@ -218,14 +219,19 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
 
 def list_advice(diagnosis: Diagnosis) -> list[str]:
     """List the findings of a diagnosis and the suggested experiment, a text each."""
-    texts = []
-    if has_searched(diagnosis) and diagnosis.data is not None:
-        notes = [note for recording in diagnosis.data.recordings for note in recording.notes]
-        texts = [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
+    texts = _list_implausible(diagnosis)
     texts += [describe(finding) for finding in diagnosis.findings if finding not in diagnosis.disagreements]
     texts += [describe_next_step(diagnosis)] if diagnosis.suggestion is not None else []
     texts += [describe(diagnosis.no_experiment)] if diagnosis.no_experiment is not None else []
     return list(dict.fromkeys(texts))
+
+
+def _list_implausible(diagnosis: Diagnosis) -> list[str]:
+    """List the notes of a search on implausible values in the recordings."""
+    if not has_searched(diagnosis) or diagnosis.data is None:
+        return []
+    notes = [note for recording in diagnosis.data.recordings for note in recording.notes]
+    return [note.text for note in notes if note.kind is NoteKind.IMPLAUSIBLE]
 
 
 def list_remarks(diagnosis: Diagnosis) -> list[str]:
@@ -323,6 +329,7 @@ def write_diagnosis(diagnosis: Diagnosis) -> JSON:
         entry["reason"] = describe_reason(candidate)
     _add_texts(data["findings"], diagnosis.findings)
     _add_texts(data["treatments"], [tried.treatment for tried in diagnosis.treatments])
+    data["notes"] = _list_implausible(diagnosis)
     if diagnosis.no_experiment is not None:
         data["no_experiment"]["text"] = describe(diagnosis.no_experiment)
     for entry, region in zip(data["regions"], diagnosis.unexplained, strict=True):
@@ -331,7 +338,7 @@ def write_diagnosis(diagnosis: Diagnosis) -> JSON:
         "; ".join(describe_unexplained(diagnosis, region) for region in diagnosis.unexplained) or None
     )
     if diagnosis.suggestion is not None:
-        data["suggestion"]["text"] = describe_suggestion(diagnosis.suggestion, diagnosis.model.units())
+        data["suggestion"]["text"] = describe_suggestion(diagnosis.suggestion)
     if diagnosis.refit is not None:
         data["horizon"]["text"] = describe_refit(diagnosis.refit)
     return data

@@ -26,7 +26,7 @@ from estimators.diagnosis.contacts import Contact
 from estimators.diagnosis.experiment import UnreachableAims
 from estimators.diagnosis.ranking import Imitation, Tie
 from estimators.diagnosis.result import Candidate
-from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps
+from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
 from estimators.diagnosis.small_effect import SmallEffect
 from estimators.diagnosis.suggestion import Aim
 from estimators.diagnosis.treatments import CarriedPayload
@@ -34,7 +34,7 @@ from estimators.diagnosis.unexplained import ErrorNearReversals, HeldOutResidual
 from estimators.diagnosis.untested import UntestedRange
 from estimators.findings import Finding, Quantity
 from estimators.identification import CoarseEncoder, SlowedFilter
-from estimators.in_loop.conventions import ControllerConvention, GoalConvention
+from estimators.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.selection.process_noise import UnloggedTorque
 from estimators.selection.tables import ExplainingTable
@@ -231,6 +231,8 @@ def _describe_unknown_constant(finding: UnknownConstant) -> str:
     if finding.loads < 2 and not finding.by_load_torque:
         have = "known loads that differ are needed" if finding.loads == 0 else "all recordings have the same load"
         return f"{unknown}. The log has {LOGGED.get(logged, logged)} for the torque, and {have}. {OTHER_LOAD}"
+    if finding.moved == 0:
+        return f"{unknown}: too little of the motion is clear of the ends of the recordings. Record longer."
     return (
         f"{unknown}: the joint was moved under {finding.moved} of {finding.loads} known loads. Move it under each of "
         "them, clear of stick."
@@ -240,8 +242,10 @@ def _describe_unknown_constant(finding: UnknownConstant) -> str:
 def _describe_gear_losses(finding: GearLosses) -> str:
     constant = finding.constant
     name = "torque constant" if constant.unit.partition("/")[2] == "A" else "torque gain"
+    driven = f"The motor pushes along the motion {finding.share:.0%} of the time"
+    place = "The load torque nearly always opposes the motion" if finding.is_braked else driven
     return (
-        f"The motor pushes along the motion {finding.share:.0%} of the time. The losses of its gears and the {name} "
+        f"{place}. The losses of its gears and the {name} "
         f"are then one number, {constant.value:.4g} {constant.unit}. To distinguish them, let a weight down slowly, so "
         "that it turns the motor."
     )
@@ -362,24 +366,6 @@ def describe_law(finding: ExplainingTable) -> str:
     return name_effect(finding.table) if power is None else f"friction that grows as |q'|^{power:.2g}"
 
 
-def _describe_drive(finding: DoubtfulDrive) -> str:
-    if finding.torque_factor is not None:
-        return (
-            f"The logged torque is {finding.torque_factor:.2f} times the torque that the described drive asks for, and "
-            "all parameters are by the drive. Check its gains and limit, and the unit of the torque column."
-        )
-    if finding.rate is not None and finding.inertia is not None:
-        return (
-            "If the drive computes its speed from two readings of its encoder, give the rate of the readings (`rate`). "
-            f"At {finding.rate.value:g} readings a second, the inertia is {measure(finding.inertia, 2)} larger than "
-            "stated here."
-        )
-    return (
-        "No effect that was tried explains the residual. Check the drive: kp, kd and ki in the units of `output`, "
-        "`limit`, `supply`, `rate`, `delay`, and how it integrates and differentiates. Then record under more gains."
-    )
-
-
 def _describe_no_known_effect(finding: NoKnownEffect) -> str:
     if not finding.tables:
         return "No library effect explains the rest of the residual. Write your own effect, or keep a table."
@@ -462,11 +448,6 @@ def _describe_goals(finding: GoalConvention) -> str:
 
 
 def _describe_controller(finding: ControllerConvention) -> str:
-    if finding.gain is None:
-        return (
-            "The log shows no step of an encoder: the controller is simulated with the exact position, though its "
-            'drive has `reads = "counts"`. Log the position as the encoder counts it, without a filter.'
-        )
     if finding.is_of_position:
         readings = {"counts": "whole counts of its encoder", "exact": "the exact position"}
         reading = readings.pop(finding.settings["reads"])
@@ -622,7 +603,22 @@ SENTENCES: Mapping[type[Finding], Text] = {
         "Noise of the position has more than half of the acceleration's information: estimates of some schemes are "
         "biased. Record faster motion, or with a finer encoder."
     ),
-    DoubtfulDrive: _describe_drive,
+    UnknownSpeedRate: (
+        "If the drive computes its speed from two readings of its encoder, give the rate of the readings (`rate`). At "
+        "{rate.value:g} readings a second, the inertia is {inertia:2} larger than stated here."
+    ),
+    ScaledTorque: (
+        "The logged torque is {factor:.2f} times the torque that the described drive asks for, and all "
+        "parameters are by the drive. Check its gains and limit, and the unit of the torque column."
+    ),
+    DoubtfulDrive: (
+        "No effect that was tried explains the residual. Check the drive: kp, kd and ki in the units of `output`, "
+        "`limit`, `supply`, `rate`, `delay`, and how it integrates and differentiates. Then record under more gains."
+    ),
+    UnseenCounts: (
+        "The log shows no step of an encoder: the controller is simulated with the exact position, though its drive "
+        'has `reads = "counts"`. Log the position as the encoder counts it, without a filter.'
+    ),
     WrongColumn: _describe_wrong_column,
     NegativeParameters: _describe_negative,
     Incomplete: _describe_incomplete,

@@ -144,7 +144,7 @@ def make_next_experiment(case: ReportData) -> Section | None:
         height=220,
     )
     about = (
-        f"{describe_suggestion(suggestion, case.units)} The command `diagnose --experiment next.csv` writes it for a "
+        f"{describe_suggestion(suggestion)} The command `diagnose --experiment next.csv` writes it for a "
         "controller of your own."
     )
     return Section("next", "What next", "The next experiment", [about, figure])

@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 
 from estimators import add, compare, diagnose, identify
-from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
 from estimators.diagnosis import checks
 from estimators.diagnosis.checks import CHECKS, Subject, check_friction, check_parameters
@@ -63,12 +62,6 @@ def test_a_new_check_reaches_every_result_and_its_text(machine, monkeypatch):
     assert all(subject.data.recordings for subject in subjects)
     assert all(result.findings[-1] == NEWS for result in results)
     assert all(str(NEWS) in str(result) for result in results[1:]) and list_warnings(identified)[-1] == str(NEWS)
-
-
-def test_findings_of_a_comparison_are_those_of_its_checks():
-    runs = [recording("stribeck"), recording("cogging")]
-    found = compare(identify(runs[:1]).model, runs)
-    assert found.disagreements == tuple(own for own in found.findings if isinstance(own, Disagreement))
 
 
 def test_a_check_of_other_verbs_or_machines_finds_nothing():

@@ -19,11 +19,11 @@ from estimators.diagnosis.case import Trial
 from estimators.diagnosis.goal_reading import reread_goals
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.servo import SERVO
-from estimators.diagnosis.servo_conclusion import DoubtfulDrive, find_torque_scale
+from estimators.diagnosis.servo_conclusion import ScaledTorque, UnknownSpeedRate, find_torque_scale
 from estimators.diagnosis.servo_refit import make_data
 from estimators.findings import Quantity
 from estimators.in_loop import complete_drives, decide_conventions
-from estimators.in_loop.conventions import ControllerConvention, GoalConvention
+from estimators.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from estimators.in_loop.fit import fit_rollouts
 from estimators.in_loop.likelihood import compute_log_likelihood
 from estimators.in_loop.linearisation import linearise_errors
@@ -302,7 +302,7 @@ def test_declared_counts_are_reported_if_the_log_shows_no_step_of_an_encoder():
     drive = replace(recording.drive, reads="counts")
     filtered = replace(recording, position=recording.position + noise, drive=drive)
     (found,) = decide_conventions([filtered]).findings
-    assert found == ControllerConvention({"reads": "exact"}, recordings=found.recordings)
+    assert isinstance(found, UnseenCounts)
     assert Rollouts((filtered,)).creep_torque == Rollouts((filtered,)).without_counts.creep_torque > 0
 
 
@@ -596,8 +596,8 @@ def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):
         drive = replace(own.drive, kp=0.75 * own.drive.kp)
         logs.append(read_recording(path, drive=drive, columns={"torque": "torque:Nm"}))
     wrong = diagnose(logs[:2], logs[2:], only=["stribeck"]).findings
-    (scaled,) = (own for own in wrong if isinstance(own, DoubtfulDrive) and own.torque_factor)
-    assert scaled.torque_factor == pytest.approx(1 / 0.75, rel=0.01)
+    (scaled,) = (own for own in wrong if isinstance(own, ScaledTorque))
+    assert scaled.factor == pytest.approx(1 / 0.75, rel=0.01)
     with_integral = [replace(own, drive=replace(own.drive, ki=0.5)) for own in logs]
     limits = LoopLimits()
     assert find_torque_scale(logs, limits) is not None and find_torque_scale(with_integral, limits) is None
@@ -606,7 +606,7 @@ def test_logged_torque_tells_the_scale_of_a_wrong_gain(plain, tmp_path):
 def test_a_drive_that_acts_on_the_speed_is_asked_how_often_it_looks(plain):
     def asked(rate: float | None, kd: float) -> bool:
         damped = [replace(own, drive=replace(own.drive, rate=rate, kd=kd)) for own in plain[:2]]
-        return any(isinstance(own, DoubtfulDrive) and own.rate for own in diagnose(damped, only=["stribeck"]).findings)
+        return any(isinstance(own, UnknownSpeedRate) for own in diagnose(damped, only=["stribeck"]).findings)
 
     assert asked(None, 0.03) and not asked(1000.0, 0.03)
 
