@@ -153,7 +153,7 @@ def test_a_wide_swing_that_was_held_out_tells_a_spring_from_an_offset(scale, rea
     found = diagnosed(f"scale {scale}", "wide")
     if scale < 0.7:
         open_effects = {id for own in found.findings for id in (*(own.rivals or ()), *getattr(own, "effects", ()))}
-            assert "spring" in open_effects or found.suggestion is not None
+        assert "spring" in open_effects or found.suggestion is not None
         assert found.unexplained  # in what was held out
     else:
         assert found.selected == ("spring",)
