@@ -194,7 +194,16 @@ def select_visible_effects(kinds: Mapping[str, type[Term]], recordings: Sequence
 def apply_limits(
     terms: Sequence[Term], library: Mapping[str, type[Term]], fixed: Mapping[str, float] | None, bounds: Bounds | None
 ) -> tuple[tuple[Term, ...], dict[str, type[Term]]]:
-    """Fix or bound parameters of terms and effects by name: `gravity`, `cogging.order`."""
+    """Fix or bound parameters of terms and effects by name: `gravity`, `cogging.order`.
+
+    A term that a parameter of zero switches off is refused.
+    """
+    for term in terms:
+        for parameter in term.nonlinear_parameters:
+            if parameter.can_be_zero and getattr(term, parameter.name) == 0:
+                raise UserError(
+                    f"{term.id} of the model is 0, and no fit starts there: leave {term.id} out of the model"
+                )
     limits = make_limits(fixed or {}, bounds or {})
     if not limits:
         return tuple(terms), dict(library)

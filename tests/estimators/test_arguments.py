@@ -80,6 +80,7 @@ WRONG = [
     (lambda r: identify(identify(r, schemes="energy")), TypeError, "is not a recording"),
     (lambda r: add(MODEL, Gravity, r), TypeError, "an effect is added by its id"),
     (lambda r: add(MODEL, "stribek", r), ValueError, "did you mean stribeck"),
+    (lambda r: add(hide(make_plant(), "dead_time=0"), "stribeck", r), UserError, "leave dead_time out of the model"),
     (
         lambda r: add(hide(make_plant(), "stribeck"), "stribeck", r),
         ModelError,
