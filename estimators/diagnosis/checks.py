@@ -27,7 +27,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.caveats import find_caveats
-from estimators.diagnosis.completeness import Incomplete, find_incompleteness
+from estimators.diagnosis.completeness import IdentifiedModel, Incomplete, find_incompleteness
 from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect
 from estimators.diagnosis.contacts import find_arm_contacts, find_contacts
 from estimators.diagnosis.ranking import Tie
@@ -219,7 +219,7 @@ def check_completeness(subject: Subject) -> Iterable[Finding]:
     is_explained = any(isinstance(finding, explanations) for finding in subject.earlier)
     if subject.rows is None or (is_explained and subject.machine != "arm"):
         return ()
-    return find_incompleteness(subject.schemes, subject.rows, subject.terms, subject.data.criterion)
+    return find_incompleteness(IdentifiedModel(subject.schemes, subject.rows, subject.terms, subject.data.criterion))
 
 
 @applies_to("identify", "diagnose", machines=_PENDULUM)
