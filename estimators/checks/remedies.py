@@ -97,7 +97,8 @@ def find_wrong_columns(
         remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("load_torque"))
         return [WrongColumn("load_torque", remedies)]
     if is_significantly_negative(model, "inertia"):
-        remedies = _make_remedies(recordings, lambda origin: origin.flip_sign("torque"))
+        quantity = "torque" if any(recording.torque.any() for recording in recordings) else "load_torque"
+        remedies = _make_remedies(recordings, lambda origin: origin.flip_sign(quantity))
         inertia = model.estimates["inertia"]
         return [WrongColumn("torque", remedies, Quantity(inertia.value, inertia.std, inertia.unit))]
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))

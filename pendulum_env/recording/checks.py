@@ -284,7 +284,7 @@ def refuse_foreign_velocity(recording: Recording, origin: Origin) -> None:
             f"with {_format_columns(gear)}"
         )
     if correlation < 0:
-        columns = _format_columns(origin.flip_sign("velocity"))
+        columns = _format_columns(origin.flip_sign("velocity") or {})
         raise ColumnError(f"velocity has the opposite sign of the slope of position: read it with {columns}")
     for quantity, unit, factor in VELOCITY_FACTORS:
         if 0.9 < ratio / factor < 1.1 or (unit[:3] == "deg" and 0.7 < ratio / factor < 1.4):

@@ -40,8 +40,10 @@ class Origin:
         factors = ("/4096", *self._get_expression("position").factors)
         return self.change_column("position", unit="counts", factors=factors)
 
-    def flip_sign(self, quantity: str) -> dict[str, str]:
-        """Return the option `columns` with the opposite sign of a quantity, including its offset."""
+    def flip_sign(self, quantity: str) -> dict[str, str] | None:
+        """Return the option `columns` with the opposite sign of a quantity, including its offset; None without it."""
+        if quantity not in self.columns:
+            return None
         column = self._get_expression(quantity)
         offset = None if column.offset is None else ("+" if column.offset[0] == "-" else "-") + column.offset[1:]
         return self.change_column(quantity, is_negative=not column.is_negative, offset=offset)

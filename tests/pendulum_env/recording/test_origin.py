@@ -129,3 +129,9 @@ def test_a_factor_on_the_unit_of_a_known_name_is_warned_of_with_the_other_readin
     for plain in ("pos_estimate", "-pos_estimate", "pos_estimate+0.1", f"pos_estimate:rev*{factor:.6f}"):
         read = read_recording(path, columns={"position": plain, "torque": "-torque" if plain[0] == "-" else "torque"})
         assert not any(note.startswith(WARNING) for note in list_notes(read)), plain
+
+
+def test_a_column_that_is_not_read_has_no_other_sign(write):
+    read = read_recording(write(q=ANGLE, sensor=ANGLE), columns={"torque": "none", "load_torque": "sensor"})
+    assert read.origin.flip_sign("torque") is None
+    assert read.origin.flip_sign("load_torque")["load_torque"] == "-sensor"
