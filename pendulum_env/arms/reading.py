@@ -59,7 +59,7 @@ def read_arm_recording(
         RecordingError: as `read_recording`, and if columns are missing, belong to other joints, or are currents without
             a torque constant.
     """
-    recording = read_joints(source, joints, held=held, unwrap=unwrap, columns=columns, name=name)
+    recording = read_joints(source, joints, held, unwrap, columns, name)
     warn_of_notes(get_label(source, name), recording.notes)
     return recording
 
@@ -67,10 +67,9 @@ def read_arm_recording(
 def read_joints(
     source: Readable,
     joints: Sequence[str],
-    *,
-    held: Collection[str] = (),
-    unwrap: bool = False,
-    columns: Mapping[str, str] | None = None,
+    held: Collection[str],
+    unwrap: bool,
+    columns: Mapping[str, str] | None,
     name: str | None = None,
 ) -> ArmRecording:
     """Read a recording as `read_arm_recording`, without warnings."""
@@ -185,5 +184,5 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"
         )
-    recording = read_joints(source.file, joints, held=held, unwrap=source.unwrap, columns=source.columns)
+    recording = read_joints(source.file, joints, held, source.unwrap, source.columns)
     return source.select_range(recording)
