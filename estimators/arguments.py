@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass, replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -62,8 +63,7 @@ def select_recordings(
         TypeError: if an object is no recording, or has other joints.
         ValueError: if a recording is given twice, or none.
     """
-    is_single = isinstance(given, Recording) or is_readable(given)
-    sources = (given,) if is_single or isinstance(given, np.ndarray) else convert_to_tuple(given)
+    is_single, sources = isinstance(given, Recording) or is_readable(given), _list_sources(given)
     format = parse_log_format(log_format or {})
     recordings = [_read_input(item, "" if is_single else f" {k + 1}", body, format) for k, item in enumerate(sources)]
     for item in recordings:
@@ -72,12 +72,39 @@ def select_recordings(
             raise TypeError(
                 f"{item.name}: is of {read_joints}, and the terms are of {term_joints}: give BASE, or arm_base(body)"
             )
-    names = {id(item) if isinstance(item, Recording) or is_data(item) else str(item) for item in sources}
-    if len(names) < len(sources):
+    if len(_identify_sources(given)) < len(sources):
         raise ValueError("a recording is given twice: give each one once")
     if not recordings and not empty:
         raise ValueError("there is no recording to work on: give one or several")
     return tuple(r if r.time[0] == 0.0 else replace(r, time=r.time - r.time[0]) for r in recordings)
+
+
+def select_parts(
+    given: Recordings,
+    holdout: Recordings,
+    body: Mechanism = PENDULUM,
+    log_format: Mapping[str, Any] | None = None,
+) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
+    """Return fitted and held-out recordings, see `select_recordings`; `holdout` may be empty.
+
+    Raises:
+        ValueError: if a held-out recording is fitted, too.
+    """
+    if _identify_sources(given) & _identify_sources(holdout):
+        raise ValueError("a recording is both fitted and held out: hold out another, or none for the last 30 % of each")
+    fitted = select_recordings(given, body=body, log_format=log_format)
+    return fitted, select_recordings(holdout, empty=True, body=body, log_format=log_format)
+
+
+def _list_sources(given: Recordings) -> tuple[Any, ...]:
+    """List one or several recordings, as given."""
+    is_single = isinstance(given, Recording | np.ndarray) or is_readable(given)
+    return (given,) if is_single else convert_to_tuple(given)
+
+
+def _identify_sources(given: Recordings) -> set[int | str]:
+    """Return keys of recordings that differ unless they are the same object or path."""
+    return {id(x) if isinstance(x, Recording) or is_data(x) else str(x) for x in _list_sources(given)}
 
 
 def _read_input(given: Any, number: str, body: Mechanism, format: Source) -> Recording:
@@ -245,11 +272,16 @@ class HasModel(Protocol):
         """Return the model."""
 
 
-def check_model(given: Model | HasModel) -> Model:
-    """Return a model, or the model of a result, and check that it has inertia or is of an arm."""
+ModelSource = Model | HasModel | str | Path
+
+
+def check_model(given: ModelSource) -> Model:
+    """Return a model, of a result or file if given these, and check that it has inertia or is of an arm."""
+    if isinstance(given, str | Path):
+        given = Model.load(given)
     if not isinstance(given := getattr(given, "model", given), Model):
         raise TypeError(
-            f"{quote_value(given)} is not a model: read a file with Model.load, or take the `.model` of a result"
+            f"{quote_value(given)} is not a model: give a model, the path of its file, or a result with a model"
         )
     if not any(item.kind == "inertial" for item in given.terms):
         raise ModelError(NO_INERTIA)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.arguments import (
-    HasModel,
+    ModelSource,
     Recordings,
     check_horizon,
     check_model,
@@ -42,7 +42,7 @@ def compute_recording_errors(name: str, data: RegressionData, model: Model, loop
 
 @refuse_unknown_arguments
 def compare(
-    model: Model | HasModel,
+    model: ModelSource,
     recordings: Recordings,
     *,
     horizon: float | None = None,
@@ -54,7 +54,7 @@ def compare(
     are those of the torque of each joint, for all recordings together.
 
     Args:
-        model: a model, or a result with a model.
+        model: a model, a result with a model, or the path of a model file.
         recordings: recordings to compare, separately and together.
         horizon: length of free-running simulations [s], each from the measured state under the recorded torque; by
             default 1 s.

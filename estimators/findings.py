@@ -63,6 +63,11 @@ class Finding:
         return False
 
     @property
+    def needs_recording(self) -> bool:
+        """Return whether its remedy is another recording."""
+        return False
+
+    @property
     def rivals(self) -> tuple[str, str] | None:
         """An effect and the term of the model from which these data cannot distinguish it; None for most findings."""
         return None

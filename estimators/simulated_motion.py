@@ -7,11 +7,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from estimators.arguments import HasModel, check_model
+from estimators.arguments import ModelSource, check_model
 from pendulum_env._typing import Array
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import Model
 from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording
 
@@ -21,7 +20,7 @@ MAX_SAMPLES = 10_000_000  # of a simulation
 
 @refuse_unknown_arguments
 def simulate(
-    model: Model | HasModel,
+    model: ModelSource,
     torque: Torque,
     rate: float,
     *,
@@ -37,7 +36,7 @@ def simulate(
     that depends on temperature is that at 25 deg C.
 
     Args:
-        model: a model of a pendulum, or a result with a model.
+        model: a model of a pendulum, a result with a model, or the path of a model file.
         torque: torque at each sample (N,) [N m], or in the unit of the model; or a function of the time of a sample
             [s], which returns a number.
         rate: samples per second [Hz].

@@ -60,8 +60,8 @@ class TorqueTiming(Finding):
 
     @property
     def is_biasing(self) -> bool:
-        """Return whether torque is late and not corrected."""
-        return self.is_late and not self.is_corrected
+        """Return whether the model has no correction of this time."""
+        return not self.is_corrected
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,11 @@ class WrongColumn(Finding):
     inertia: Quantity | None = None
     angle: Quantity | None = None
 
+    @property
+    def is_biasing(self) -> bool:
+        """Return True: all estimates are fitted to the wrong column."""
+        return True
+
 
 @dataclass(frozen=True)
 class UnevenClock(Finding):

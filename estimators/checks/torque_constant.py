@@ -51,6 +51,11 @@ class UnknownConstant(Finding):
     by_load_torque: bool = False
     has_integral: bool = False
 
+    @property
+    def needs_recording(self) -> bool:
+        """Return whether other loads or motion would determine the constant."""
+        return self.constant is None
+
 
 @dataclass(frozen=True)
 class GearLosses(Finding):
@@ -65,6 +70,11 @@ class GearLosses(Finding):
     constant: Quantity
     share: float
     is_braked: bool = False
+
+    @property
+    def needs_recording(self) -> bool:
+        """Return True: a weight that turns the motor shows the losses."""
+        return True
 
 
 @dataclass(frozen=True)

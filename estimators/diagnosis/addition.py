@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from estimators.arguments import (
-    HasModel,
+    ModelSource,
     Recordings,
     apply_limits,
     check_model,
     check_options,
-    select_recordings,
+    select_parts,
     select_visible_effects,
 )
 from estimators.data.fit_data import FitData
@@ -48,7 +48,7 @@ from pendulum_env.recording.study import collect_log_format
 
 @refuse_unknown_arguments
 def add(
-    model: Model | HasModel,
+    model: ModelSource,
     id: str,
     recordings: Recordings,
     holdout: Recordings = (),
@@ -61,7 +61,7 @@ def add(
     """Refit a model's terms, then with one more effect.
 
     Args:
-        model: to start from.
+        model: to start from: a model, a result with a model, or the path of a model file.
         id: of the effect or table (`torque_by_angle`); of an arm at a joint, `stribeck@elbow`.
         recordings: fitted jointly.
         holdout: confirm the effect; by default the last 30 % of each recording.
@@ -81,8 +81,7 @@ def add(
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     model = check_model(model)
     body = model.body
-    recordings = select_recordings(recordings, body=body, log_format=model.log_format)
-    holdout = select_recordings(holdout, empty=True, body=body, log_format=model.log_format)
+    recordings, holdout = select_parts(recordings, holdout, body, model.log_format)
     every, count = complete_drives((*recordings, *holdout), model.log_format), len(recordings)
     recordings, holdout = every[:count], every[count:]
     model.refuse_present(id)

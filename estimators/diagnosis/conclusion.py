@@ -15,7 +15,7 @@ from estimators.diagnosis.unexplained import (
 )
 from estimators.findings import Finding
 from estimators.selection.tables import find_explaining_law
-from pendulum_env.physics import TABLES
+from pendulum_env.physics import TABLES, list_ids
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,10 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     if regions and table is None:
         table = find_explaining_law(evidence, model.terms, TABLES.values())
     trial.options.progress("looking for the next experiment", 0.95)
-    is_complete = not regions and len(trial.terms) == len(evidence.fits.base)
-    detectable = find_detectable_effects(evidence, trial.terms, evidence.library) if is_complete else ()
-    questions = list_questions(evidence, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, detectable)
+    absent = {id: kind for id, kind in evidence.library.items() if id not in list_ids(trial.terms)}
+    detectable = () if regions else find_detectable_effects(evidence, trial.terms, absent)
+    doubted = detectable if len(trial.terms) == len(evidence.fits.base) else ()
+    questions = list_questions(evidence, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, doubted)
     if not model.has_known_inertia:
         questions = []  # motion cannot be predicted
     limits = trial.options.limits.with_default_torque((trial.data.whole or trial.data).recordings)

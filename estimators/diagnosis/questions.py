@@ -67,12 +67,13 @@ def list_questions(
 ) -> list[Question]:
     """List the open questions of a diagnosis.
 
-    Each effect that ties with a selected effect (`groups`) or, by `doubts`, with a term is a question; then each effect
-    that was not excited, or has no possible `detectable` size, unless it acts beyond an end of the range alone.
+    Each effect that ties with a selected effect (`groups`) or, by `doubts`, with a determined term is a question; then
+    each effect that was not excited, or has no possible `detectable` size, unless it acts beyond an end of the range
+    alone.
     """
     hidden = {effect.effect for effect in detectable if not effect.is_excited}
     pairs = [(id, selected) for selected, *tied in groups for id in tied]
-    pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None]
+    pairs += [doubt.rivals for doubt in doubts if doubt.rivals is not None and doubt.rivals[1] not in doubt.withheld]
     present = list_ids(terms)
     questions = []
     for id, instead in pairs:

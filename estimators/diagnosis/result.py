@@ -171,7 +171,7 @@ class Diagnosis(Summarised):
         tables: ids of tables that explain the residual: one, or one per joint.
         alignments: time between torque and motion of each recording, fitted ones first, by which late or filtered
             torque was corrected.
-        detectable: absent effects that the data would have shown; only of a complete model.
+        detectable: absent effects that the data would have shown; none if a residual is unexplained.
         torque_constant: constant by which a current was converted; None if torque was logged, or it is unknown.
         data: data of the diagnosis, without excluded recordings; None if it was read from a file.
         joint_residuals: residual of joints of an arm that is not noise [N m], see `find_joint_residuals`.

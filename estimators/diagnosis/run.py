@@ -13,7 +13,7 @@ from estimators.arguments import (
     check_horizon,
     check_options,
     select_effects,
-    select_recordings,
+    select_parts,
     select_terms,
     select_visible_effects,
 )
@@ -88,7 +88,7 @@ def diagnose(
     terms = select_terms(base)
     body = find_body(terms)
     terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
-    fitted, held_out = select_recordings(recordings, body=body), select_recordings(holdout, empty=True, body=body)
+    fitted, held_out = select_parts(recordings, holdout, body)
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
     rng, progress = np.random.default_rng(0 if rng is None else rng), report_forward(progress)
     options = Options(terms, effects, criterion, rng, progress, limits, horizon)

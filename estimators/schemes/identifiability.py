@@ -75,6 +75,11 @@ class Undetermined(Finding):
         return self.gap in TOTAL
 
     @property
+    def needs_recording(self) -> bool:
+        """Return True: other motion or torque determines them."""
+        return True
+
+    @property
     def rivals(self) -> tuple[str, str] | None:
         """The effect and the term that look alike; None for other gaps."""
         return RIVALS.get(self.gap)

@@ -214,6 +214,8 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
     if hidden := [size.effect for size in diagnosis.detectable if not size.is_excited]:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
         return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
+    if open_findings := [finding for finding in diagnosis.findings if finding.needs_recording]:
+        return describe(open_findings[0])
     return "No further experiment is needed."
 
 
