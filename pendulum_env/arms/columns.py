@@ -1,8 +1,6 @@
 """Column names of the joints of an arm, in files and in messages."""
 
-import re
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -10,13 +8,12 @@ from pendulum_env._typing import Array
 from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import find
 from pendulum_env.recording.columns import NONE, add_si_unit, find_labelled_columns, parse_column, strip_units
-from pendulum_env.recording.notes import Note, NoteKind
+from pendulum_env.recording.joint_names import OF_JOINTS
 from pendulum_env.recording.preview import Preview
 from pendulum_env.recording.vocabulary import find_label
 from pendulum_env.settings import Blank, format_setting
 
-QUANTITIES = ("position", "torque")
-OF_JOINTS = (*QUANTITIES, "temperature")  # temperature is optional
+QUANTITIES = ("position", "torque")  # temperature is optional
 
 
 def find_joint_columns(
@@ -97,19 +94,3 @@ def read_held_position(label: str, preview: Preview, text: str) -> Array:
         option = format_setting("columns", {"position_JOINT": NONE})
         raise ColumnError(f"{label}: column {column.header!r} has no numbers: leave it out, {option}")
     return np.asarray(column.scale * values[np.isfinite(values)] + column.offset)
-
-
-def note_joint(joint: str, note: Note) -> Note:
-    """Return a note on one joint with the column names of the arm's file."""
-    quantities = (f"{quantity}_{joint}" if quantity in OF_JOINTS else quantity for quantity in note.quantities)
-    columns_of_joint = {q: text for q, text in note.columns.items() if text != NONE}
-    columns = {f"{q}_{joint}" if q in OF_JOINTS else q: text for q, text in columns_of_joint.items()}
-    text = name_joint(joint, note.text) if note.kind is NoteKind.IMPLAUSIBLE else note.text
-    return replace(note, quantities=tuple(quantities), columns=columns, text=text)
-
-
-def name_joint(joint: str, text: str) -> str:
-    """Add the joint to the column names in a text."""
-    text = re.sub(",(velocity|reference)=none|, '(velocity|reference)': 'none'", "", text)
-    text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda match: f"{match[1]}_{joint} is", text)
-    return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda match: f"{match[1]}_{joint}{match[2]}", text)

@@ -5,14 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from pendulum_env._typing import JSON
 from pendulum_env.arms.body import Body
 from pendulum_env.arms.columns import (
-    OF_JOINTS,
     QUANTITIES,
     find_joint_columns,
     match_joints,
-    name_joint,
-    note_joint,
     read_held_position,
 )
 from pendulum_env.arms.recording import ArmRecording
@@ -23,9 +21,10 @@ from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.columns import NONE, check_columns_option, parse_column
 from pendulum_env.recording.formats import Readable, get_label
+from pendulum_env.recording.joint_names import OF_JOINTS, name_errors, note_joint
 from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.preview import Preview, read_preview
-from pendulum_env.recording.storage import describe_reading, read_rows
+from pendulum_env.recording.storage import describe_reading, read_joint_rows
 from pendulum_env.recording.study import Source
 from pendulum_env.settings import format_setting
 
@@ -76,9 +75,8 @@ def read_joints(
     check_columns_option(columns)
     preview = read_preview(source, max_columns=500)  # columns, enough for 64 joints with further signals
     named_columns = find_joint_columns(get_label(source), preview.headers, joints, held, dict(columns or {}))
-    recordings = [_read_joint(source, preview, joint, named_columns, unwrap) for joint in joints]
+    recordings = _read_each(source, preview, joints, named_columns, unwrap, describe_reading(columns or {}, unwrap))
     _refuse_shared_columns(get_label(source), joints, recordings)
-    _refuse_other_instants(joints, recordings)
     first = recordings[0]
     measured = [recording.temperature for recording in recordings]
     filled = np.column_stack([np.full(len(first), ROOM) if values is None else values for values in measured])
@@ -93,7 +91,7 @@ def read_joints(
         temperature=None if all(temperature is None for temperature in measured) else filled,
         starts=first.starts,
         start_date=first.start_date,
-        log_format=describe_reading(columns or {}, unwrap),
+        log_format=first.log_format,
         names=tuple(joints),
         still={
             joint: read_held_position(get_label(source), preview, column)
@@ -132,17 +130,6 @@ def find_logged_joints(
     return tuple(filter(is_logged, joints)) or tuple(joints)
 
 
-def _refuse_other_instants(joints: Sequence[str], recordings: Sequence[Recording]) -> None:
-    first = recordings[0]
-    for joint, other in zip(joints, recordings, strict=True):
-        is_equal = len(other) == len(first) and other.starts == first.starts
-        if not (is_equal and np.allclose(other.time, first.time, rtol=0, atol=0.1 / first.rate)):
-            raise RecordingError(
-                f"{first.name}: joint '{joint}' has other instants than joint '{joints[0]}': sample all joints at "
-                "once, and leave rows out in which one has no number"
-            )
-
-
 def _refuse_shared_columns(label: str, joints: Sequence[str], recordings: Sequence[Recording]) -> None:
     """Refuse a column that was read for two quantities or joints."""
     names: dict[str, str] = {}
@@ -156,26 +143,33 @@ def _refuse_shared_columns(label: str, joints: Sequence[str], recordings: Sequen
                     )
 
 
-def _read_joint(source: Readable, preview: Preview, joint: str, texts: Mapping[str, str], unwrap: bool) -> Recording:
-    """Read the recording of one joint from the columns of all joints in `texts`."""
-    columns_of_joint = {quantity: texts.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS}
-    columns_of_joint |= {"time": texts["time"]} if "time" in texts else {}
-    label = get_label(source)
-    unused = {"velocity": NONE, "reference": NONE}
-    try:
-        if columns_of_joint["torque"] == NONE:
-            raise ColumnError("an arm needs the torque of every joint: name its column")
-        parse_column("torque", columns_of_joint["torque"], preview.headers, can_find_gain=False)
-        result = read_rows(source, unwrap=unwrap, columns=columns_of_joint | unused, can_resample=False)  # rows of all
-    except RecordingError as error:
-        text = name_joint(joint, str(error).removeprefix(f"{label}: "))
-        raise RecordingError(f"{label}: joint '{joint}': {text}") from None
-    if result.torque_unit != NEWTON_METRE:
-        columns = {f"torque_{joint}": columns_of_joint["torque"].replace("*?", "*0.4")}
-        raise ColumnError(
-            f"{label}: joint '{joint}' has no torque constant: give it, as in {format_setting('columns', columns)}"
-        )
-    return result
+def _read_each(
+    source: Readable,
+    preview: Preview,
+    joints: Sequence[str],
+    texts: Mapping[str, str],
+    unwrap: bool,
+    log_format: JSON,
+) -> list[Recording]:
+    """Read the recording of each joint from the columns of all joints in `texts`."""
+    label, unused = get_label(source), {"velocity": NONE, "reference": NONE}
+    columns = dict[str, dict[str, str]]()
+    for joint in joints:
+        columns[joint] = {quantity: texts.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS} | unused
+        columns[joint] |= {"time": texts["time"]} if "time" in texts else {}
+        try:
+            with name_errors(joint):
+                if columns[joint]["torque"] == NONE:
+                    raise ColumnError("an arm needs the torque of every joint: name its column")
+                parse_column("torque", columns[joint]["torque"], preview.headers, can_find_gain=False)
+        except RecordingError as error:
+            raise RecordingError(f"{label}: {error}") from None
+    recordings = read_joint_rows(source, columns, log_format, unwrap=unwrap)
+    for joint, recording in recordings.items():
+        if recording.torque_unit != NEWTON_METRE:
+            option = format_setting("columns", {f"torque_{joint}": texts[f"torque_{joint}"].replace("*?", "*0.4")})
+            raise ColumnError(f"{label}: joint '{joint}' has no torque constant: give it, as in {option}")
+    return [*recordings.values()]
 
 
 def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str] = ()) -> ArmRecording:

@@ -9,8 +9,8 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.arms.body import LinkLoad
-from pendulum_env.arms.columns import OF_JOINTS
 from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.recording.joint_names import OF_JOINTS
 
 
 @dataclass(frozen=True, eq=False, repr=False)

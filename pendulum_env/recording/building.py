@@ -1,8 +1,8 @@
-"""Build a recording from raw columns: in SI units, cleaned, and in segments of uniform time."""
+"""Build the recordings of the joints of a file: in SI units, cleaned, and in segments of one uniform time."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-from datetime import timedelta
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, jitter, sampling
 from pendulum_env.recording.clock import find_date, find_unix_unit, unwrap_clock
 from pendulum_env.recording.columns import FileColumn
+from pendulum_env.recording.joint_names import name_errors
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NO_TORQUE, Recording
@@ -21,21 +22,76 @@ from pendulum_env.servo import MOTOR, ServoDrive
 from pendulum_env.servo.torque import complete_torque
 
 
-def build_recording(
+@dataclass
+class JointLog:
+    """Log of one joint of a file during the construction of its recording.
+
+    Attributes:
+        joint: name of the joint; empty if the file has one.
+        log: content of the file.
+        origin: its columns.
+        unit: of its torque.
+        date: of the first row; None if unknown.
+    """
+
+    joint: str
+    log: cleaning.Log
+    origin: Origin
+    unit: str
+    date: datetime | None
+
+
+def build_recordings(
     name: str,
-    table: RawTable,
+    tables: Mapping[str, RawTable],
     unwrap: bool,
     drive: ServoDrive | None,
-    named_columns: Mapping[str, str],
+    named_columns: Mapping[str, Mapping[str, str]],
     log_format: JSON,
-    *,
-    can_resample: bool,
-) -> Recording:
-    """Convert a table to SI units, clean it, cut it at gaps and make time uniform; refuse implausible data.
+) -> dict[str, Recording]:
+    """Convert the tables of the joints of a file to recordings with the same instants; refuse implausible data.
 
-    `can_resample` to the clock of an encoder that is slower than its log.
+    Values are converted to SI units and cleaned joint by joint. Rows that are left out of one joint are left out of
+    all. Stamps, lost rows, gaps and the period of the clock are decided once, by the motion of all joints.
+
+    Args:
+        name: name of the recordings.
+        tables: of the columns of each joint, by its name; the name of a single joint may be empty.
+        unwrap: whether jumps of a turn in position are undone.
+        drive: controller of the joint; None without one.
+        named_columns: columns that the user named, by joint and quantity.
+        log_format: reading options of the file.
     """
-    values, actuator = table.values, drive or MOTOR
+    joints, actuator = list[JointLog](), drive or MOTOR
+    for joint, table in tables.items():
+        with name_errors(joint):
+            joints.append(_open_log(joint, table, unwrap, actuator, named_columns[joint]))
+    _clean_rows(joints, can_swing=not actuator.is_controller)
+    jumps = dict.fromkeys(tables, 0)
+    for item in joints:
+        log, turn = item.log, item.log.turns["position"]
+        with name_errors(item.joint):
+            position = log.values["position"]
+            checks.refuse_jumps(position, log.rows, log.starts, item.origin, turn=turn, allow_wrapped=unwrap)
+            if unwrap:
+                jumps[item.joint] = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed)
+            sampling.drop_short_segments(log)
+    sampling.resample_uniformly([item.log for item in joints])
+    recordings = dict[str, Recording]()
+    for item in joints:
+        with name_errors(item.joint):
+            recording = _make_recording(item, name, drive, log_format)
+            if not jumps[item.joint]:  # jumps of 2 pi confirm the unit
+                recording = replace(recording, notes=(*recording.notes, *_find_doubts(recording, item.origin)))
+            recordings[item.joint] = recording
+    return recordings
+
+
+def _open_log(
+    joint: str, table: RawTable, unwrap: bool, actuator: ServoDrive, named_columns: Mapping[str, str]
+) -> JointLog:
+    """Convert a table to SI units, with notes on its columns; refuse implausible columns."""
+    values = table.values
     columns, notes = _read_clock(table)
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))
     _convert_to_si(values, origin)
@@ -52,12 +108,12 @@ def build_recording(
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named_columns else NoteKind.NO_TORQUE_COLUMN))
     notes = [*(note for column in noted_columns for note in column.notes), *notes]
     log = cleaning.Log(values, notes, turns=cleaning.find_turns(values, columns), unwraps=unwrap)
-    _clean_rows(log, can_resample=can_resample, can_swing=not actuator.is_controller)
-    turn = log.turns["position"]
-    checks.refuse_jumps(log.values["position"], log.rows, log.starts, origin, turn=turn, allow_wrapped=unwrap)
-    jumps = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed) if unwrap else 0
-    sampling.drop_short_segments(log)
-    sampling.resample_uniformly(log)
+    return JointLog(joint, log, origin, unit, table.date)
+
+
+def _make_recording(item: JointLog, name: str, drive: ServoDrive | None, log_format: JSON) -> Recording:
+    """Make the recording of a joint of its cleaned log; refuse implausible values."""
+    log, origin, date = item.log, item.origin, item.date
     if "enabled" in log.values:
         _round_enabled(log, origin)
     recording = Recording(
@@ -65,16 +121,14 @@ def build_recording(
         **log.values,  # type: ignore[arg-type]
         notes=tuple(log.notes),
         starts=log.starts,
-        torque_unit=unit,
+        torque_unit=item.unit,
         drive=drive,
         origin=origin,
         log_format=log_format,
-        start_date=find_date(log.start) or (table.date and table.date + timedelta(seconds=log.start)),
+        start_date=find_date(log.start) or (date and date + timedelta(seconds=log.start)),
     )
     recording = complete_torque(recording)
     checks.refuse_implausible(recording, origin)
-    if not jumps:  # jumps of 2 pi confirm the unit
-        recording = replace(recording, notes=(*recording.notes, *_find_doubts(recording, origin)))
     return recording
 
 
@@ -106,30 +160,43 @@ def _convert_to_si(values: dict[str, Array], origin: Origin) -> None:
             values[quantity] += column.offset
 
 
-def _clean_rows(log: cleaning.Log, *, can_resample: bool, can_swing: bool) -> None:
-    """Remove invalid rows, correct time stamps, and cut the log at gaps.
+def _clean_rows(joints: Sequence[JointLog], *, can_swing: bool) -> None:
+    """Remove invalid rows, correct time stamps, and cut the logs of all joints at gaps.
 
-    `can_resample` to the clock of a slow encoder; without torque, a log that `can_swing` begins with the release.
+    A single joint may have an encoder that is slower than its log. Without torque, its log that `can_swing` begins with
+    the release.
     """
-    checks.refuse_too_few(log.values["time"])
-    cleaning.fill_unchanged(log)
-    cleaning.align_topics(log, checks.BOUNDS.fewest)
-    cleaning.drop_invalid_rows(log, checks.BOUNDS.fewest)
-    cleaning.shift_restarted_runs(log)
-    if cleaning.has_repeated_times(log):
-        jitter.replace_late_stamps(log)
-    cleaning.drop_repeated_times(log)
-    has_torque = (np.abs(log.values["torque"]) > NO_TORQUE).any()
-    if can_swing and not has_torque and np.ptp(log.values["position"]) > 0:
-        cleaning.drop_initial_hold(log)
-    cleaning.start_from_zero(log)
-    if can_resample:
-        jitter.resample_slow_encoder(log)
-    cleaning.drop_spoilt_positions(log)
-    checks.refuse_too_few(log.values["time"])
-    checks.refuse_motionless(log.values["position"])
-    jitter.replace_late_stamps(log)
-    sampling.cut_at_gaps(log)
+    logs, is_single = [item.log for item in joints], len(joints) == 1
+    for item in joints:
+        with name_errors(item.joint):
+            checks.refuse_too_few(item.log.values["time"])
+            cleaning.fill_unchanged(item.log)
+            cleaning.align_topics(item.log, checks.BOUNDS.fewest)
+            cleaning.drop_invalid_rows(item.log, checks.BOUNDS.fewest)
+            cleaning.shift_restarted_runs(item.log)
+    cleaning.keep_shared_rows(logs, checks.BOUNDS.fewest)
+    if any(cleaning.has_repeated_times(log) for log in logs):
+        jitter.replace_late_stamps(logs)
+    for item in joints:
+        with name_errors(item.joint):
+            cleaning.drop_repeated_times(item.log)
+    first = logs[0]
+    has_torque = (np.abs(first.values["torque"]) > NO_TORQUE).any()
+    if is_single and can_swing and not has_torque and np.ptp(first.values["position"]) > 0:
+        cleaning.drop_initial_hold(first)
+    for log in logs:
+        cleaning.start_from_zero(log)
+    if is_single:
+        jitter.resample_slow_encoder(first)
+    for log in logs:
+        cleaning.drop_spoilt_positions(log)
+    cleaning.keep_shared_rows(logs, checks.BOUNDS.fewest)
+    for item in joints:
+        with name_errors(item.joint):
+            checks.refuse_too_few(item.log.values["time"])
+            checks.refuse_motionless(item.log.values["position"])
+    jitter.replace_late_stamps(logs)
+    sampling.cut_at_gaps(logs)
 
 
 def _round_enabled(log: cleaning.Log, origin: Origin) -> None:

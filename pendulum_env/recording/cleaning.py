@@ -1,6 +1,6 @@
 """Remove invalid rows: empty cells, repeated times, glitches of one sample and stale values."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -191,6 +191,21 @@ def drop_invalid_rows(log: Log, fewest: int) -> None:
         )
     log.values = columns
     log.keep_rows(is_kept)
+
+
+def keep_shared_rows(logs: Sequence[Log], fewest: int) -> None:
+    """Remove rows that another of the logs of one file lacks; refuse fewer than `fewest` rows."""
+    shared = logs[0].rows
+    for log in logs[1:]:
+        shared = np.intersect1d(shared, log.rows)
+    if len(shared) < fewest and any(len(log.rows) >= fewest for log in logs):
+        raise RecordingError(
+            f"only {len(shared)} rows have numbers of all joints: sample all joints at once, and write them in the "
+            "same rows"
+        )
+    for log in logs:
+        if len(log.rows) > len(shared):
+            log.keep_rows(np.isin(log.rows, shared))
 
 
 def shift_restarted_runs(log: Log) -> None:

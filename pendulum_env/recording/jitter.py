@@ -1,5 +1,6 @@
 """Replace late time stamps of uniform samples, and resample an encoder that is slower than its log."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from typing import NamedTuple
@@ -41,15 +42,16 @@ SPAN = 4  # rows on either side for velocity and for the usual motion, more than
 NEGLIGIBLE = 1e-3  # deviation of a stamp that counts as none [periods]
 
 
-def replace_late_stamps(log: Log) -> None:
-    """Replace time stamps by a fitted uniform clock, if position shows uniform samples.
+def replace_late_stamps(logs: Sequence[Log]) -> None:
+    """Replace the time stamps of the joints of a file by a fitted uniform clock, if positions show uniform samples.
 
     Stamps jitter about a uniform clock if their deviations do not accumulate. If the samples jitter too, position
     deviates from a smooth function of the row number by velocity times jitter. Lost rows remain gaps. Rounded stamps,
     and rows that arrive in bursts, repeat a time. The last of these rows has that time, which may deviate by up to a
     step between different stamps, also if the deviations accumulate. Otherwise, time is unchanged.
     """
-    time, position = log.values["time"], log.position
+    log, positions = logs[0], np.stack([log.position for log in logs])
+    time = log.values["time"]
     last = np.flatnonzero(np.diff(time, append=np.inf) > 0)  # (M,), last row of each stamp
     stamps, steps, n_rows, has_repeats = time[last], np.diff(time[last]), np.diff(last), len(last) < len(time)
     if has_repeats and len(stamps) <= JITTER.fewest_stamps:
@@ -69,7 +71,7 @@ def replace_late_stamps(log: Log) -> None:
     parts = [(a, max(a + 1, b - has_repeats)) for a, b in bounds]  # the last stamp of a part may lack rows
     if not any(b - a > 2 * SPAN for a, b in parts):
         return
-    rows = StampedRows(stamps, last, position, parts)
+    rows = StampedRows(stamps, last, positions, parts)
     clocks = ((period, False), (find_period(stamps, period, parts), True))
     alternatives = product((np.arange(len(time)), log.rows), clocks)
     fits = [rows.fit_clock(numbers, period, has_losses=has_losses) for numbers, (period, has_losses) in alternatives]
@@ -80,10 +82,11 @@ def replace_late_stamps(log: Log) -> None:
     if not (is_white or (has_repeats and largest_delay <= median_step)):
         return
     clock = np.repeat(fit.offsets, np.diff([0, *(last[:-1][cuts] + 1).tolist(), len(time)])) + fit.period * fit.counts
-    share, error = _estimate_jitter_share(time - clock, clock, fit.period, position)
+    share, error = _estimate_jitter_share(time - clock, clock, fit.period, positions)
     if not share + JITTER.least_z_score * error < JITTER.share_limit:
         return
-    log.values = {**log.values, "time": clock - clock[0] + time[0]}
+    for each in logs:
+        each.values = {**each.values, "time": clock - clock[0] + time[0]}
     deviation = Quantity(1e3 * float(np.std(time - clock)), unit="ms")
     log.notes.append(
         Note(NoteKind.STAMPS_LATE, numbers={"rate": Quantity(1 / fit.period, unit="Hz"), "std": deviation})
@@ -119,13 +122,13 @@ class StampedRows(NamedTuple):
     Attributes:
         stamps: different time stamps (M,) [s].
         last: last row of each stamp (M,).
-        position: position of each row (N,) [rad].
+        positions: position of each of J joints in each row (J, N) [rad].
         parts: first and end of the stamps of each part with its own clock.
     """
 
     stamps: Array
     last: Index
-    position: Array
+    positions: Array
     parts: Parts
 
     def fit_clock(self, numbers: Index, period: float, *, has_losses: bool) -> ClockFit:
@@ -146,11 +149,13 @@ class StampedRows(NamedTuple):
         were lost. Stamps deviate from the clock by normal errors. Motion in a step deviates from the median motion of
         its neighbours, times the periods of the step, by errors with long tails. It decides where stamps do not.
         """
-        counts, moves = np.diff(numbers), np.diff(self.position)
-        neighbours = np.delete(sliding_window_view(np.pad(moves, SPAN, mode="edge"), 2 * SPAN + 1), SPAN, axis=1)
-        usual = np.median(neighbours, axis=1) * counts  # motion in a row step without losses
+        counts, moves = np.diff(numbers), np.diff(self.positions)
+        padded = np.pad(moves, ((0, 0), (SPAN, SPAN)), mode="edge")
+        neighbours = np.delete(sliding_window_view(padded, 2 * SPAN + 1, axis=1), SPAN, axis=2)
+        usual = np.median(neighbours, axis=2) * counts  # motion in a row step without losses
         excess = moves - usual
-        scale = float(np.mean(np.abs(excess))) or 1.0
+        scale = np.mean(np.abs(excess), axis=1, keepdims=True)
+        scale = np.where(scale > 0, scale, 1.0)
         for begin, stop in self.parts:
             last = self.last[begin:stop]
             deviation = (self.stamps[begin:stop] - self.stamps[begin]) / period - (numbers[last] - numbers[last[0]])
@@ -158,7 +163,7 @@ class StampedRows(NamedTuple):
             noise = np.sqrt(max(-np.log(np.abs(mean)) / (2.0 * np.pi**2), NEGLIGIBLE**2))
             deviation -= np.angle(mean) / (2.0 * np.pi)
             steps = slice(last[0], last[-1])
-            motion = MotionEvidence(usual[steps] / scale, excess[steps] / scale)
+            motion = MotionEvidence(usual[:, steps] / scale, excess[:, steps] / scale)
             counts[steps] += np.diff(find_levels(deviation / noise, last - last[0], 1.0 / noise, motion))
         return np.append(0, np.cumsum(counts))
 
@@ -170,7 +175,19 @@ def _fit_clock(time: Array, counts: Index, parts: Parts) -> tuple[float, list[fl
     return period, [float(np.mean(time[a:b] - period * counts[a:b])) for a, b in parts]
 
 
-def _estimate_jitter_share(delay: Array, clock: Array, period: float, position: Array) -> tuple[float, float]:
+def _estimate_jitter_share(delay: Array, clock: Array, period: float, positions: Array) -> tuple[float, float]:
+    """Estimate the share of jitter (N,) [s] that is visible in the positions of joints (J, N), and its standard error.
+
+    Shares of joints are averaged with the inverse of their variance.
+    """
+    shares, errors = np.transpose([_measure_jitter_share(delay, clock, period, position) for position in positions])
+    if len(shares) == 1 or not np.isfinite(errors).any():
+        return float(shares[0]), float(errors[0])
+    weights = 1.0 / np.maximum(errors, 1e-12) ** 2
+    return float(shares @ weights / weights.sum()), float(weights.sum() ** -0.5)
+
+
+def _measure_jitter_share(delay: Array, clock: Array, period: float, position: Array) -> tuple[float, float]:
     """Estimate the share of jitter (N,) [s] that is visible in position (N,), and its standard error.
 
     Only samples of fast motion with all neighbours are used; `clock` (N,) [s] has the given period [s].

@@ -34,11 +34,11 @@ def find_period(stamps: Array, period: float, parts: Parts) -> float:
 
 
 class MotionEvidence(NamedTuple):
-    """Motion in steps between rows, relative to the mean size of its errors.
+    """Motion of J joints in steps between rows, relative to the mean size of its errors.
 
     Attributes:
-        usual: median motion of the neighbouring steps (N,).
-        excess: motion beyond it (N,).
+        usual: median motion of the neighbouring steps (J, N).
+        excess: motion beyond it (J, N).
     """
 
     usual: Array
@@ -46,8 +46,8 @@ class MotionEvidence(NamedTuple):
 
     def compute_cost(self, steps: slice, n_lost: int) -> Array:
         """Compute the change of the negative log-likelihood by lost periods in some of the steps."""
-        usual, excess = self.usual[steps], self.excess[steps]
-        return np.asarray(np.log1p((excess - n_lost * usual) ** 2) - np.log1p(excess**2))
+        usual, excess = self.usual[:, steps], self.excess[:, steps]
+        return np.sum(np.log1p((excess - n_lost * usual) ** 2) - np.log1p(excess**2), axis=0)
 
 
 class LevelPath(NamedTuple):

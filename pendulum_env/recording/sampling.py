@@ -39,23 +39,25 @@ SAMPLING = SamplingSettings()
 PIECES = 8  # of a period, by which torque is summed up
 
 
-def cut_at_gaps(log: Log) -> None:
-    """Start a segment after each gap of time, and at each change of the column `segment`."""
-    segments = log.values.get("segment")
+def cut_at_gaps(logs: Sequence[Log]) -> None:
+    """Start a segment of the joints of a file after each gap of time, and at each change of the column `segment`."""
+    log = logs[0]
+    segments, time = log.values.get("segment"), log.values["time"]
     segment_starts = set() if segments is None else set((np.flatnonzero(np.diff(segments)) + 1).tolist())
-    log.values = {quantity: column for quantity, column in log.values.items() if quantity != "segment"}
-    time, position = log.values["time"], log.position
     steps = np.diff(time)
     median_step = float(np.median(steps))
     gaps = np.empty(0, dtype=np.intp)
-    if steps.max() > CLEANING.long_step * median_step and not is_rounded(time, position, log.resolution):
-        gaps = np.flatnonzero(steps > (count_bridgeable(time, position) + CLEANING.long_step) * median_step) + 1
+    if steps.max() > CLEANING.long_step * median_step and not _are_rounded(logs):
+        n_bridgeable = min(count_bridgeable(time, each.position) for each in logs)
+        gaps = np.flatnonzero(steps > (n_bridgeable + CLEANING.long_step) * median_step) + 1
     new_starts = [int(gap) for gap in gaps if gap not in segment_starts]
     if new_starts:
         sizes = steps[np.array(new_starts) - 1]
         numbers = _make_seconds(shortest=sizes.min(), longest=sizes.max())
         log.notes.append(_note_times(NoteKind.GAPS, time[new_starts] - sizes - time[0], len(new_starts), numbers))
-    log.starts = tuple(sorted({0, *segment_starts, *new_starts}))
+    for each in logs:
+        each.values = {quantity: column for quantity, column in each.values.items() if quantity != "segment"}
+        each.starts = tuple(sorted({0, *segment_starts, *new_starts}))
 
 
 def drop_short_segments(log: Log) -> None:
@@ -78,6 +80,11 @@ def drop_short_segments(log: Log) -> None:
 def _find_starts(lengths: Sequence[int]) -> tuple[int, ...]:
     """Return the indices of the first samples of consecutive segments with given lengths."""
     return tuple(np.cumsum([0, *lengths[:-1]]).tolist())
+
+
+def _are_rounded(logs: Sequence[Log]) -> bool:
+    """Return whether long steps of the time of some joints are due to rounding, see `is_rounded`."""
+    return all(is_rounded(log.values["time"], log.position, log.resolution) for log in logs)
 
 
 def is_rounded(time: Array, position: Array, resolution: float) -> bool:
@@ -136,32 +143,34 @@ def _find_longest_run(is_good: Mask) -> slice:
     return slice(int(first[longest]), int(min(end[longest] + 1, first[longest] + SAMPLING.most_samples)))
 
 
-def resample_uniformly(log: Log) -> None:
-    """Resample the series to uniform time with one period in all segments.
+def resample_uniformly(logs: Sequence[Log]) -> None:
+    """Resample the series of the joints of a file to uniform time with one period in all segments.
 
     Lost samples are filled first. If time is uniform up to rounding, the series are unchanged. Otherwise position and
     velocity are interpolated by cubic splines. Torque, which is held between samples, is averaged over each new step,
     which keeps its impulse.
     """
-    time = log.values["time"]
-    if is_uniform(time, log.starts):
+    log = logs[0]
+    if is_uniform(log.values["time"], log.starts):
         return
-    parts = [{name: column[a:b] for name, column in log.values.items()} for a, b in pairwise((*log.starts, len(time)))]
+    parts = _split(log)
     median_step = float(np.median(np.concatenate([np.diff(part["time"]) for part in parts])))
-    if len(parts) > 1 or not is_rounded(time, log.values["position"], log.resolution):
-        parts = _fill_lost(log, parts, median_step)
-        _join(log, parts)
-        time = log.values["time"]
+    if len(parts) > 1 or not _are_rounded(logs):
+        for each in logs:
+            _fill_lost(each, median_step)
+        parts = _split(log)
+    time = log.values["time"]
     if is_uniform(time, log.starts):
         return
     steps = np.concatenate([np.diff(part["time"]) for part in parts])
     is_slow = steps > CLEANING.long_step * median_step
     period = float(np.mean(steps))
     unevenness = max(compute_unevenness(part["time"], period) for part in parts)
-    has_loss = len(parts) == 1 and has_lost_samples(time, log.values["position"])
+    has_loss = len(parts) == 1 and any(has_lost_samples(time, each.values["position"]) for each in logs)
     if unevenness <= max(1.001 * log.resolution + log.rounding, SAMPLING.negligible_error * period) and not has_loss:
         grids = [_make_grid(part["time"][0], period, len(part["time"])) for part in parts]
-        log.values = {**log.values, "time": np.concatenate(grids)}
+        for each in logs:
+            each.values = {**each.values, "time": np.concatenate(grids)}
         if unevenness > log.rounding:
             rate = {"rate": Quantity(1 / period, unit="Hz")}
             log.notes.append(Note(NoteKind.CLOCK_ROUNDED, numbers=rate | _make_seconds(error=unevenness)))
@@ -169,7 +178,8 @@ def resample_uniformly(log: Log) -> None:
     if is_slow.any():
         period = float(np.mean(steps[~is_slow]))
     _refuse_too_many(sum(float(part["time"][-1] - part["time"][0]) for part in parts) / period, len(time), period)
-    _join(log, [_resample_segment(part, period) for part in parts])
+    for each in logs:
+        _join(each, [_resample_segment(part, period) for part in _split(each)])
     numbers = {"rate": Quantity(1 / period, unit="Hz")}
     sizes = {"shortest": steps.min(), "longest": steps.max(), "std": steps.std()}
     numbers |= {name: Quantity(1e3 * float(size), unit="ms") for name, size in sizes.items()}
@@ -187,17 +197,24 @@ def _refuse_too_many(count: float, n_recorded: int, period: float) -> None:
         )
 
 
+def _split(log: Log) -> list[dict[str, Array]]:
+    """Return the series of each segment of a log."""
+    bounds = pairwise((*log.starts, len(log.values["time"])))
+    return [{name: column[a:b] for name, column in log.values.items()} for a, b in bounds]
+
+
 def _join(log: Log, parts: Sequence[dict[str, Array]]) -> None:
     """Replace the series of a log by its segments."""
     log.values = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     log.starts = _find_starts([len(part["time"]) for part in parts])
 
 
-def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], median_step: float) -> list[dict[str, Array]]:
-    """Return the segments with lost samples filled.
+def _fill_lost(log: Log, median_step: float) -> None:
+    """Fill the lost samples of each segment.
 
     Position and velocity are interpolated by cubic splines, torque linearly.
     """
+    parts = _split(log)
     filled_parts, places, count = [], [], 0
     for part in parts:
         n_lost = _count_lost(part["time"], median_step)
@@ -207,7 +224,7 @@ def _fill_lost(log: Log, parts: Sequence[dict[str, Array]], median_step: float) 
         count += int(n_lost.sum())
     if count:
         log.notes.append(_note_times(NoteKind.FILLED, np.concatenate(places), count))
-    return filled_parts
+    _join(log, filled_parts)
 
 
 def _count_lost(time: Array, median_step: float) -> Index:

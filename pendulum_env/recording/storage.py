@@ -15,11 +15,13 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import RecordingError
 from pendulum_env.files import replace_file
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.recording.building import build_recording
+from pendulum_env.recording.building import build_recordings
 from pendulum_env.recording.columns import NONE, check_columns_option, find_columns
 from pendulum_env.recording.formats import Readable, find_format, find_stem, get_label, read_table
+from pendulum_env.recording.joint_names import name_errors
 from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.record import Recording
+from pendulum_env.recording.table import RawTable
 from pendulum_env.servo import ServoDrive
 
 
@@ -73,21 +75,37 @@ def read_rows(
     columns: Mapping[str, str | None] | None,
     drive: ServoDrive | None = None,
     name: str | None = None,
-    can_resample: bool = True,
 ) -> Recording:
-    """Read a recording as `read_recording`, without warnings.
-
-    `can_resample` to the clock of an encoder that is slower than its log.
-    """
+    """Read a recording as `read_recording`, without warnings."""
     check_columns_option(columns)
+    named_columns = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
+    log_format = describe_reading(named_columns, unwrap, drive)
+    return read_joint_rows(source, {"": named_columns}, log_format, unwrap=unwrap, drive=drive, name=name)[""]
+
+
+def read_joint_rows(
+    source: Readable,
+    columns: Mapping[str, Mapping[str, str]],
+    log_format: JSON,
+    *,
+    unwrap: bool,
+    drive: ServoDrive | None = None,
+    name: str | None = None,
+) -> dict[str, Recording]:
+    """Read a recording of each joint of a file, with the same instants; `columns` are by joint and quantity.
+
+    Errors name the joint, unless its name is empty.
+    """
     label, is_file = get_label(source, name), isinstance(source, str | os.PathLike)
+    tables = dict[str, RawTable]()
     try:
-        name = name or (find_stem(Path(label)) if is_file else label)
-        output = getattr(drive, "output", None)
-        named_columns = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
-        table = read_table(source, partial(find_columns, named_columns=named_columns, output=output))
-        log_format = describe_reading(named_columns, unwrap, drive)
-        return build_recording(name, table, unwrap, drive, named_columns, log_format, can_resample=can_resample)
+        for joint, named_columns in columns.items():
+            output = getattr(drive, "output", None)
+            with name_errors(joint):
+                tables[joint] = read_table(source, partial(find_columns, named_columns=named_columns, output=output))
+        return build_recordings(
+            name or (find_stem(Path(label)) if is_file else label), tables, unwrap, drive, columns, log_format
+        )
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.arms import ArmRecording, find_logged_joints, read_arm_recording
-from pendulum_env.recording import RecordingError, write_recording
+from pendulum_env.recording import NoteKind, RecordingError, write_recording
 from tests.notes import list_notes
 from tests.pendulum_env.recording.test_files import moved
 
@@ -106,7 +106,35 @@ def test_numbers_of_some_joints_are_those_of_these_joints(tmp_path):
     assert np.allclose(recording.position, POSITION) and np.allclose(recording.torque, TORQUE)
 
 
-OFF = np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])
+OFF = np.where(TIME < 0.6 * TIME[-1], np.nan, POSITION[:, 1])
+ON = np.where(TIME > 0.5 * TIME[-1], np.nan, TORQUE[:, 0])
+
+
+def test_rows_left_out_of_one_joint_are_left_out_of_all(tmp_path):
+    hole = abs(TIME - 1.0) < 0.2
+    columns = ARM | {"position_elbow": np.where(hole, np.nan, POSITION[:, 1])}
+    recording = read_arm_recording(table(tmp_path / "run.csv", time=TIME, **columns), JOINTS)
+    kept = ~hole
+    assert recording.starts == (0, int(np.argmax(hole)))
+    assert np.allclose(recording.position, POSITION[kept]) and np.allclose(recording.torque, TORQUE[kept])
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_joints_share_one_clock_whatever_each_of_them_shows(tmp_path, is_late):
+    """Samples that jitter, or late stamps of uniform samples; one encoder repeats its value in three rows."""
+    rng, uniform = np.random.default_rng(3), np.arange(0, 10, 1e-3)
+    stamps = uniform + 1e-4 * rng.standard_normal(len(uniform))
+    instants = uniform if is_late else stamps
+    position = np.column_stack([np.sin(2 * instants), np.sin(7 * instants) + 0.4 * np.cos(3 * instants)])
+    position[5000:5003, 1] = position[4999, 1]
+    torque = {"torque_shoulder": np.cos(instants), "torque_elbow": np.sin(instants)}
+    columns = {"position_shoulder": position[:, 0], "position_elbow": position[:, 1], **torque}
+    recording = read_arm_recording(table(tmp_path / "run.csv", time=stamps, **columns), JOINTS)
+    time = recording.time - recording.time[0] + instants[0]
+    truth = np.column_stack([np.sin(2 * time), np.sin(7 * time) + 0.4 * np.cos(3 * time)])
+    assert recording.rate == pytest.approx(1000, rel=1e-3)
+    assert np.abs(recording.position - truth).max() < 2e-3
+    assert any(note.kind is NoteKind.STALE and note.quantities == ("position_elbow",) for note in recording.notes)
 
 
 @pytest.mark.parametrize(
@@ -116,7 +144,7 @@ OFF = np.where(abs(TIME - 1.0) < 0.2, np.nan, POSITION[:, 1])
         ({"position_1": TIME, "torque_1": TIME}, {}, "none for shoulder, elbow"),
         (ARM | {"position_knee": TIME}, {}, "column 'position_knee' is of no joint"),
         (ARM, {"torque_elbo": "x"}, "unknown column of the arm 'torque_elbo': did you mean torque_elbow"),
-        (ARM | {"position_elbow": OFF}, {}, "joint 'elbow' has other instants"),
+        (ARM | {"position_elbow": OFF, "torque_shoulder": ON}, {}, "only 0 rows have numbers of all joints: sample all"),
         (ARM, {"torque_elbow": "torque_elbow:A*?"}, "'elbow' has no torque constant: .*'torque_elbow=torque_elbow:A"),
         (ARM, {"torque_elbow": "torque_elbow:A"}, r"torque_elbow=torque_elbow:A\*0.1' with the .* gear ratio$"),
         (ARM | {"position_elbow": 0 * TIME}, {}, "joint 'elbow': position_elbow is 0 rad in every row, so nothing can"),
