@@ -23,6 +23,7 @@ from estimators.data.regression_data import RegressionData, drop_unstable_segmen
 from estimators.data.settings import DATA
 from estimators.data.split import CutSettings
 from estimators.decisions.criterion import Criterion
+from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.checks import Subject, examine
 from estimators.in_loop.motion import LoopMotion, simulate_in_loop
 from estimators.results import Comparison, RecordingErrors
@@ -96,7 +97,7 @@ def compare(
         joint,
         tuple(compute_profiles(joined.samples, residual, joint.noise_floor, units=joined.units()) if separate else ()),
         tuple(find_failures(joined, residual, criterion, n_regions)) if has_torque else (),
-        examine(Subject("compare", data, model, fits=fits)),
+        examine(Subject("compare", choose_case(model.terms, recordings), data, model, fits=fits)),
         recordings[0].torque_constant,
         data,
         None if joints else horizon or HORIZON,

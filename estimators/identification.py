@@ -14,6 +14,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
+from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.checks import Subject, examine
 from estimators.findings import Finding, Quantity, bias_everything
 from estimators.free_swings import make_swing_terms, restore_known
@@ -103,7 +104,7 @@ def identify(
         tuple(np.cumsum([sum(len(m) * m.period for m, *_ in group) for group in segments]).tolist()),
         first.torque_unit,
         first.torque_constant,
-        None if subject.rows is None or subject.machine == "arm" else subject.rows.data,
+        None if subject.rows is None or not first_model.body.can_simulate else subject.rows.data,
     )
 
 
@@ -113,12 +114,13 @@ def _make_subject(first: Model, results: Sequence[Identified], data: FitData, te
     `first` is the model of the first scheme, in the unit of the recorded torque, with all parameters.
     """
     recordings, criterion = data.recordings, data.criterion
+    case = choose_case(terms, recordings)
     if not first.body.can_simulate:
-        subject = Subject("identify", data, results[0].model, schemes=results)
+        subject = Subject("identify", case, data, results[0].model, schemes=results)
         with suppress(IdentificationError):
             return replace(subject, rows=RegressionData.from_arm(recordings, terms))
         return subject
-    subject = Subject("identify", data, first, schemes=results)
+    subject = Subject("identify", case, data, first, schemes=results)
     with suppress(IdentificationError):  # windows need more motion than some schemes
         windows = prepare_windows(recordings, inertia=data.cut.inertia)
         if (inertia := find_inertia_of_noise(RegressionData(windows), terms, criterion)) is not None:

@@ -1,8 +1,9 @@
 """Texts of results and their display in notebooks, registered by the modules of the entry points `NARRATORS`."""
 
 from functools import singledispatch
-from importlib.metadata import entry_points
 from typing import Any
+
+from pendulum_env.plugins import load_plugins
 
 BLUE, ORANGE, GREEN = "#3d85d8", "#d9792a", "#2f9e77"  # contrast of at least 3:1 on white and on black
 NARRATORS = "pendulum_ident.narrators"  # loaded at the first use; the workbench has one
@@ -28,8 +29,7 @@ def render_text(result: object) -> str:
 
 def _narrate(generic: Any, result: object) -> str:
     """Load the installed narrators, which register their functions, and call the one for the result's type."""
-    for point in entry_points(group=NARRATORS):
-        point.load()
+    load_plugins(NARRATORS)
     narrate = generic.dispatch(type(result))
     if narrate is generic.dispatch(object):
         raise TypeError(f"{type(result).__name__} has no text: install pendulum-ident again to register its narrator")

@@ -104,7 +104,7 @@ def add(
     log_format = collect_log_format(trial.data.recordings)
     steps = case.present(trial, before, True), trial.present(trial.final.steps[-1], True)
     before, after = (step.with_log_format(log_format) for step in steps)
-    findings = examine(Subject("add", trial.data, after.model))
+    findings = examine(Subject("add", case, trial.data, after.model))
     return Addition(before, after, trial.evidence.residuals.holdout_floors, decision, findings, criterion)
 
 

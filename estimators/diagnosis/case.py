@@ -1,13 +1,16 @@
-"""Cases of a diagnosis, and trials: searches on data under some treatments.
+"""Interface of a case, a kind of machine that is diagnosed; trials: searches on data under some treatments.
 
-A record for each of pendulum, arm and servos holds their differences; the driver has no other branches.
+A case has the functions in which diagnoses of machines differ; the driver has no other branches. The case of a
+pendulum, `estimators.diagnosis.pendulum`, is the model for others, which `register_case` adds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, ClassVar
 
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
@@ -17,7 +20,7 @@ from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
 from estimators.findings import Finding
 from estimators.selection.evidence import Evidence
-from estimators.selection.search import SearchResult
+from estimators.selection.search import SearchResult, search
 from estimators.signals.residual import Region
 from pendulum_env.physics import Model, Term, list_ids
 from pendulum_env.recording import Recording
@@ -25,40 +28,71 @@ from pendulum_env.recording import Recording
 Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None if it does not apply
 
 
-@dataclass(frozen=True)
-class Case:
-    """Functions in which diagnoses of a pendulum, an arm and servos differ.
+class Case(ABC):
+    """Kind of machine and recordings with its own data, search and conclusion.
+
+    A case defines the six abstract methods. The others have defaults: a search by the rows of the evidence, without
+    refit, treatments, checks and an experiment.
 
     Attributes:
-        accepts: returns whether a base model and recordings belong to the case.
-        prepare: maps fitted and held-out recordings to calibrated data, and completes base model and library.
-        make_evidence: makes the evidence for models.
-        search: searches for effects.
-        refit: refits the last step of a search to the motion, from a start model with a link if given.
-        refine: returns the refitted result of a trial, without parameters that the data do not determine, and findings
-            on these.
-        unexplained: returns regions of the residual of the final model of a trial.
-        present: returns a step in the units of the user; a final step includes the error of the law of the angle.
-        conclude: adds the next step to a diagnosis, and findings on it.
-        show_effect: returns data that show an effect, given the base terms and the effect, for `add`.
+        name: name of the case.
         treatments: candidate treatments of the data, in the order of their trials.
+        checks: checks of results, in the order of print; functions of an `estimators.diagnosis.checks.Subject`.
         is_timed: whether the time between torque and motion is corrected first.
-        refit_to_horizon: refits the final model to free-running motion; None if torque alone gives no motion.
+        moves_freely: whether a model gives free-running motion, for experiments and refits to a horizon.
     """
 
-    accepts: Callable[[Sequence[Term], Sequence[Recording]], bool]
-    prepare: Callable[[Sequence[Recording], Sequence[Recording], Options], tuple[FitData, Options]]
-    make_evidence: Callable[[FitData, Options], Evidence]
-    search: Callable[[Evidence], SearchResult]
-    refit: Callable[[SearchResult, Model | None], SearchResult]
-    refine: Callable[[Trial], tuple[SearchResult, Sequence[Finding]]]
-    unexplained: Callable[[Trial], Sequence[Region]]
-    present: Callable[[Trial, Step, bool], Step]
-    conclude: Callable[[Trial, Diagnosis], Diagnosis]
-    show_effect: Callable[[FitData, Terms, type[Term]], FitData]
-    treatments: tuple[Treatment, ...]
-    is_timed: bool = True
-    refit_to_horizon: Callable[[Trial], HorizonRefit | None] | None = None
+    name: ClassVar[str]
+    treatments: ClassVar[tuple[Treatment, ...]] = ()
+    checks: ClassVar[tuple[Callable[[Any], Iterable[Finding]], ...]] = ()
+    is_timed: ClassVar[bool] = True
+    moves_freely: ClassVar[bool] = False
+
+    @abstractmethod
+    def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
+        """Return whether a base model and recordings belong to the case."""
+
+    @abstractmethod
+    def prepare(
+        self, recordings: Sequence[Recording], holdout: Sequence[Recording], options: Options
+    ) -> tuple[FitData, Options]:
+        """Return calibrated data of fitted and held-out recordings, and options with complete base and library."""
+
+    @abstractmethod
+    def make_evidence(self, data: FitData, options: Options) -> Evidence:
+        """Make the evidence for models: the rows that they predict, fitted and held out."""
+
+    @abstractmethod
+    def find_unexplained(self, trial: Trial) -> Sequence[Region]:
+        """Return the regions of the residual of the final model of a trial."""
+
+    @abstractmethod
+    def present(self, trial: Trial, step: Step, is_final: bool) -> Step:
+        """Return a step in the units of the user, with all standard errors."""
+
+    @abstractmethod
+    def conclude(self, trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
+        """Add the next step to a diagnosis, and findings on it."""
+
+    def search(self, evidence: Evidence) -> SearchResult:
+        """Search for effects."""
+        return search(evidence)
+
+    def refit(self, found: SearchResult, start: Model | None) -> SearchResult:
+        """Refit the steps of a search to the motion, from a start model with a link if given; by default unchanged."""
+        return found
+
+    def refine(self, trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
+        """Return the refitted result of a trial, and findings on parameters that the data do not determine."""
+        return trial.result, ()
+
+    def show_effect(self, data: FitData, base: Terms, kind: type[Term]) -> FitData:
+        """Return data that show an effect beside base terms, for `add`; by default unchanged."""
+        return data
+
+    def refit_to_horizon(self, trial: Trial) -> HorizonRefit | None:
+        """Refit the final model to free-running motion over the horizon of the options; None without one."""
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +161,7 @@ class Trial:
     @cached_property
     def unexplained(self) -> tuple[Region, ...]:
         """Regions of the residual of the final model."""
-        return tuple(self.case.unexplained(self))
+        return tuple(self.case.find_unexplained(self))
 
     @cached_property
     def outliers(self) -> tuple[Disagreement, ...]:

@@ -1,12 +1,12 @@
 """Checks of a result: one list, in the order of print, for `identify`, `compare`, `add` and `diagnose`.
 
-A check is a function of a `Subject` that returns findings. `applies_to` names the verbs and machines to which it
-applies, if these are not all; elsewhere it returns none.
+A check is a function of a `Subject` that returns findings. `applies_to` names the verbs to which it applies, if these
+are not all; elsewhere it returns none. `CHECKS` are those of a pendulum; another case has its own list.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from typing import Literal, get_args
@@ -25,7 +25,7 @@ from estimators.checks.signs import NegativeParameters, find_driving_friction
 from estimators.checks.torque_constant import find_gain_doubts
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
-from estimators.diagnosis.case import Trial
+from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.caveats import find_caveats
 from estimators.diagnosis.completeness import IdentifiedModel, Incomplete, find_incompleteness
 from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect
@@ -44,9 +44,6 @@ from pendulum_env.arms.joints import Rotor
 from pendulum_env.physics import Model, Term
 
 Verb = Literal["identify", "compare", "add", "diagnose"]
-Machine = Literal["pendulum", "arm", "servo"]
-MACHINES: tuple[Machine, ...] = get_args(Machine)
-_PENDULUM, _ARM, _SERVO = ((machine,) for machine in MACHINES)
 
 
 @dataclass(frozen=True)
@@ -55,6 +52,7 @@ class Subject:
 
     Attributes:
         verb: function that made the model.
+        case: case of the model and the recordings.
         data: recordings with their treatments, before recordings were excluded.
         model: the model; of a diagnosis refitted without the bounds of a body.
         doubts: findings of the fit: parameters that the recordings do not determine, and changed filters.
@@ -66,6 +64,7 @@ class Subject:
     """
 
     verb: Verb
+    case: Case
     data: FitData
     model: Model
     doubts: Sequence[Finding] = ()
@@ -80,7 +79,7 @@ class Subject:
     def from_trial(cls, trial: Trial, diagnosis: Diagnosis) -> Subject:
         """Return the subject of a diagnosis without findings."""
         data, model = trial.data.whole or trial.data, trial.release_bounds(diagnosis.model)
-        return cls("diagnose", data, model, trial.doubts, trial=trial, diagnosis=diagnosis)
+        return cls("diagnose", trial.case, data, model, trial.doubts, trial=trial, diagnosis=diagnosis)
 
     @property
     def found(self) -> tuple[Trial, Diagnosis]:
@@ -94,14 +93,6 @@ class Subject:
         return tuple(self.model.terms)
 
     @property
-    def machine(self) -> Machine:
-        """Kind of machine; a servo is one in a diagnosis by simulations with its controller."""
-        if not self.model.body.can_simulate:
-            return "arm"
-        is_in_loop = self.diagnosis is not None and self.diagnosis.steps[0].errors["holdout"].is_in_loop
-        return "servo" if is_in_loop else "pendulum"
-
-    @property
     def has_reversed_torque(self) -> bool:
         """Return whether the sign of the logged torque is reversed in a diagnosis, so that its model is of no use."""
         regions = () if self.diagnosis is None else self.diagnosis.unexplained
@@ -112,22 +103,20 @@ Check = Callable[[Subject], Iterable[Finding]]
 
 
 def examine(subject: Subject) -> tuple[Finding, ...]:
-    """Return the findings of all checks of a subject."""
+    """Return the findings of all checks of the case of a subject."""
     findings: tuple[Finding, ...] = ()
-    for check in CHECKS:
+    for check in subject.case.checks:
         findings = (*findings, *check(replace(subject, earlier=findings)))
     return findings
 
 
-def applies_to(
-    *verbs: Verb, machines: Collection[Machine] = MACHINES, needs_sign: bool = False
-) -> Callable[[Check], Check]:
-    """Make a check return no findings for other verbs and machines, and with `needs_sign` under a reversed torque."""
+def applies_to(*verbs: Verb, needs_sign: bool = False) -> Callable[[Check], Check]:
+    """Make a check return no findings for other verbs, and with `needs_sign` under a reversed torque."""
 
     def limit(check: Check) -> Check:
         @wraps(check)
         def check_if_applicable(subject: Subject) -> Iterable[Finding]:
-            is_applicable = subject.verb in (verbs or get_args(Verb)) and subject.machine in machines
+            is_applicable = subject.verb in (verbs or get_args(Verb))
             return check(subject) if is_applicable and not (needs_sign and subject.has_reversed_torque) else ()
 
         return check_if_applicable
@@ -141,13 +130,13 @@ def check_conventions(subject: Subject) -> Iterable[Finding]:
     return list_decisions(subject.data.treatments)
 
 
-@applies_to("diagnose", machines=_ARM)
+@applies_to("diagnose")
 def check_payloads(subject: Subject) -> Iterable[Finding]:
     """Report payloads of an arm."""
     return [treatment for treatment in subject.data.treatments if isinstance(treatment, CarriedPayload)]
 
 
-@applies_to("identify", "diagnose", machines=_PENDULUM + _SERVO)
+@applies_to("identify", "diagnose")
 def check_columns(subject: Subject) -> Iterable[Finding]:
     """Find a column with a wrong sign or zero, or friction that drives."""
     criterion = subject.data.criterion
@@ -158,7 +147,7 @@ def check_columns(subject: Subject) -> Iterable[Finding]:
     return find_remedies(subject.model, recordings, known.ambiguous, not known.unexplained, criterion)
 
 
-@applies_to("identify", "diagnose", machines=_ARM)
+@applies_to("identify", "diagnose")
 def check_friction(subject: Subject) -> Iterable[Finding]:
     """Find friction of an arm that drives."""
     return find_driving_friction(subject.model)
@@ -169,14 +158,14 @@ def check_torque_constant(subject: Subject) -> Iterable[Finding]:
     return [subject.data.doubt] if subject.data.doubt is not None else []
 
 
-@applies_to("diagnose", machines=_PENDULUM)
+@applies_to("diagnose")
 def check_gain(subject: Subject) -> Iterable[Finding]:
     """Find gear losses and back-EMF in the torque constant of a drive."""
     data, constant, (_, diagnosis) = subject.data, subject.data.recordings[0].torque_constant, subject.found
     return [] if constant is None else find_gain_doubts(diagnosis.model, constant, data.parts[0].data, data.criterion)
 
 
-@applies_to("identify", machines=_PENDULUM)
+@applies_to("identify")
 def check_timing(subject: Subject) -> Iterable[Finding]:
     """Find torque that is logged late, or that acts late if the model has no dead time or lag."""
     if subject.rows is None:
@@ -191,7 +180,7 @@ def check_corrected_timing(subject: Subject) -> Iterable[Finding]:
     return subject.data.timing.corrections
 
 
-@applies_to("diagnose", machines=_PENDULUM)
+@applies_to("diagnose")
 def check_slow_torque(subject: Subject) -> Iterable[Finding]:
     """Find torque that acts late: by a found dead time or lag, or if an unexplained residual has no other delay."""
     (trial, diagnosis), slow = subject.found, subject.data.timing.find(is_late=False)
@@ -202,7 +191,7 @@ def check_slow_torque(subject: Subject) -> Iterable[Finding]:
     return subject.data.with_timing(effects).timing.find(is_late=False) if diagnosis.unexplained else ()
 
 
-@applies_to("identify", "compare", "diagnose", machines=_PENDULUM)
+@applies_to("identify", "compare", "diagnose")
 def check_agreement(subject: Subject) -> Iterable[Finding]:
     """Find recordings that disagree with the others or with a model, and those that no parameters fit."""
     if subject.verb == "diagnose":
@@ -217,12 +206,18 @@ def check_completeness(subject: Subject) -> Iterable[Finding]:
     """Test whether an identified model explains the recordings, unless an earlier finding explains the residual."""
     explanations = WrongColumn | NegativeParameters | TorqueTiming | Disagreement
     is_explained = any(isinstance(finding, explanations) for finding in subject.earlier)
-    if subject.rows is None or (is_explained and subject.machine != "arm"):
+    return () if is_explained else check_completeness_of_arm(subject)
+
+
+@applies_to("identify")
+def check_completeness_of_arm(subject: Subject) -> Iterable[Finding]:
+    """Test whether an identified model explains the recordings."""
+    if subject.rows is None:
         return ()
     return find_incompleteness(IdentifiedModel(subject.schemes, subject.rows, subject.terms, subject.data.criterion))
 
 
-@applies_to("identify", "diagnose", machines=_PENDULUM)
+@applies_to("identify", "diagnose")
 def check_clock(subject: Subject) -> Iterable[Finding]:
     """Find an uneven clock, which may cause the residual."""
     is_left = any(isinstance(finding, Incomplete | UnloggedTorque) for finding in subject.earlier)
@@ -231,20 +226,20 @@ def check_clock(subject: Subject) -> Iterable[Finding]:
     return find_uneven_clocks(subject.data.recordings) if is_left else ()
 
 
-@applies_to("identify", "diagnose", machines=_PENDULUM)
+@applies_to("identify", "diagnose")
 def check_feedback(subject: Subject) -> Iterable[Finding]:
     """Find torque that reacts to the motion."""
     return find_feedback(subject.data.recordings, subject.data.criterion)
 
 
-@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
+@applies_to("diagnose", needs_sign=True)
 def check_contacts(subject: Subject) -> Iterable[Finding]:
     """Find contacts that no effect of a pendulum explains."""
     trial, _ = subject.found
     return find_contacts(trial.final.evidence, trial.terms, trial.model)
 
 
-@applies_to("diagnose", machines=_ARM)
+@applies_to("diagnose")
 def check_contacts_of_arm(subject: Subject) -> Iterable[Finding]:
     """Find contacts of joints of an arm without another residual or a stop."""
     trial, diagnosis = subject.found
@@ -253,13 +248,13 @@ def check_contacts_of_arm(subject: Subject) -> Iterable[Finding]:
     return find_arm_contacts(trial.evidence, diagnosis.model, joints)
 
 
-@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
+@applies_to("diagnose", needs_sign=True)
 def check_ties(subject: Subject) -> Iterable[Finding]:
     """Report effects that look the same."""
     return map(Tie, subject.found[1].ambiguous)
 
 
-@applies_to("diagnose", machines=_ARM)
+@applies_to("diagnose")
 def check_rotors(subject: Subject) -> Iterable[Finding]:
     """Find joints of an arm whose motor inertia the robot file lacks."""
     selected = subject.found[1].selected
@@ -273,7 +268,7 @@ def check_parameters(subject: Subject) -> Iterable[Finding]:
     return subject.doubts
 
 
-@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
+@applies_to("diagnose", needs_sign=True)
 def check_unlogged_torque(subject: Subject) -> Iterable[Finding]:
     """Find torque noise that is not logged, without another residual."""
     trial, diagnosis = subject.found
@@ -281,21 +276,21 @@ def check_unlogged_torque(subject: Subject) -> Iterable[Finding]:
     return () if is_left else find_noise_not_logged(trial.final)
 
 
-@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
+@applies_to("diagnose", needs_sign=True)
 def check_range(subject: Subject) -> Iterable[Finding]:
     """Find limits of the recordings within which the values of a model hold, see `find_caveats`."""
     trial, diagnosis = subject.found
     return find_caveats(trial.final.evidence, diagnosis.steps, trial.terms, diagnosis.detectable)
 
 
-@applies_to("diagnose", machines=_SERVO)
+@applies_to("diagnose")
 def check_drive(subject: Subject) -> Iterable[Finding]:
     """Find an unknown rate of the speed of a drive, and a scale of the logged torque."""
     recordings, limits, (_, diagnosis) = subject.data.recordings, subject.data.criterion.loop, subject.found
     return filter(None, (find_speed_rate(diagnosis.model, recordings, limits), find_torque_scale(recordings, limits)))
 
 
-@applies_to("diagnose", machines=_PENDULUM, needs_sign=True)
+@applies_to("diagnose", needs_sign=True)
 def check_tables(subject: Subject) -> Iterable[Finding]:
     """Report tables that explain the residual, unless they are the next step."""
     _, diagnosis = subject.found
@@ -311,9 +306,7 @@ def check_small_effect(subject: Subject) -> Iterable[Finding]:
 
 CHECKS: tuple[Check, ...] = (
     check_conventions,
-    check_payloads,
     check_columns,
-    check_friction,
     check_torque_constant,
     check_gain,
     check_timing,
@@ -324,13 +317,10 @@ CHECKS: tuple[Check, ...] = (
     check_clock,
     check_feedback,
     check_contacts,
-    check_contacts_of_arm,
     check_ties,
-    check_rotors,
     check_parameters,
     check_unlogged_torque,
     check_range,
-    check_drive,
     check_tables,
     check_small_effect,
 )

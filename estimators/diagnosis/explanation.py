@@ -17,7 +17,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     trial.options.progress("judging", 0.93)
     has_contacts = Treatment(Action.IMPACTS_INCLUDED) in [tried.treatment for tried in treatments]
     candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts, has_contacts)
-    refit = trial.case.refit_to_horizon(trial) if trial.case.refit_to_horizon is not None else None
+    refit = trial.case.refit_to_horizon(trial)
     *others, last = trial.final.steps
     if refit is not None:
         refitted = refit.after

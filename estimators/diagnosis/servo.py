@@ -22,62 +22,123 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators.data.fit_data import FitData
+from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.back_emf import add_back_emf, include_back_emf, present
-from estimators.diagnosis.case import Case
+from estimators.diagnosis.case import Case, Trial
+from estimators.diagnosis.checks import (
+    applies_to,
+    check_agreement,
+    check_clock,
+    check_columns,
+    check_completeness,
+    check_conventions,
+    check_corrected_timing,
+    check_drive,
+    check_feedback,
+    check_parameters,
+    check_small_effect,
+    check_timing,
+    check_torque_constant,
+)
 from estimators.diagnosis.goal_reading import decide_drives, reread_goals
 from estimators.diagnosis.options import Options
+from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.servo_conclusion import conclude, find_loop_regions
 from estimators.diagnosis.servo_refit import make_data, refine, refit
+from estimators.findings import Finding
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
 from estimators.selection.evidence import Evidence
-from estimators.selection.search import search
+from estimators.selection.search import SearchResult
+from estimators.signals.residual import Region
 from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.torque_rows import TorqueRows
+from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
 
 
-def prepare(recordings: Sequence[Recording], holdout: Sequence[Recording], options: Options) -> tuple[FitData, Options]:
-    """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
+class Servo(Case):
+    """Servos with known controllers, by simulations in the loop."""
 
-    An effect must explain at least the share `criterion.loop.needed` of the residual.
-    """
-    data = FitData.from_recordings(recordings, holdout, options.base, criterion=options.criterion)
-    base = make_base(data.recordings, options.base)
-    library = {id: kind for id, kind in options.library.items() if kind.kind != "sensor"}
-    share = max(options.criterion.explained_share, options.criterion.loop.needed)
-    criterion = replace(options.criterion, explained_share=share, needed_share=share)
-    data = decide_drives(data, options)
-    return data, replace(options, base=base, library=library, criterion=criterion)
+    name = "servo"
+    treatments = (lambda trial: include_back_emf(trial.data, trial.final.terms), reread_goals)
+    checks = (
+        check_conventions,
+        check_columns,
+        check_torque_constant,
+        check_timing,
+        check_corrected_timing,
+        applies_to("identify", "compare")(check_agreement),
+        check_completeness,
+        applies_to("identify")(check_clock),
+        applies_to("identify")(check_feedback),
+        check_parameters,
+        check_drive,
+        check_small_effect,
+    )
+    is_timed = False
+
+    def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
+        """Return whether a recording has a drive."""
+        return any(recording.drive is not None for recording in recordings)
+
+    def prepare(
+        self, recordings: Sequence[Recording], holdout: Sequence[Recording], options: Options
+    ) -> tuple[FitData, Options]:
+        """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
+
+        An effect must explain at least the share `criterion.loop.needed` of the residual.
+
+        Raises:
+            RecordingError: if some recordings have no drive, or they cannot be simulated together.
+        """
+        are_driven((*recordings, *holdout))
+        data = FitData.from_recordings(recordings, holdout, options.base, criterion=options.criterion)
+        base = make_base(data.recordings, options.base)
+        library = {id: kind for id, kind in options.library.items() if kind.kind != "sensor"}
+        share = max(options.criterion.explained_share, options.criterion.loop.needed)
+        criterion = replace(options.criterion, explained_share=share, needed_share=share)
+        data = decide_drives(data, options)
+        return data, replace(options, base=base, library=library, criterion=criterion)
+
+    def make_evidence(self, data: FitData, options: Options) -> Evidence:
+        """Make the evidence of models on rollouts; parameters of the fitted rows predict the held-out ones.
+
+        Raises:
+            IdentificationError: if the recordings have too little motion.
+        """
+        recordings, held_out = data.recordings, data.holdout or data.recordings
+        train_part, check_part = choose_parts(data.holdout)
+        windows = TorqueRows(prepare_windows(recordings, part=train_part))
+        train = RolloutRows(Rollouts(recordings, shares=train_part), windows, criterion=options.criterion)
+        windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
+        check = RolloutRows(Rollouts(held_out, shares=check_part), windows, train, options.criterion)
+        return add_back_emf(data, options).make_evidence((make_data(train), make_data(check)))
+
+    def refit(self, found: SearchResult, start: Model | None) -> SearchResult:
+        """Refit with shorter steps of the integrator."""
+        return refit(found)
+
+    def refine(self, trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
+        """Refit all steps with shorter steps of the integrator, and drop effects that are then not needed."""
+        return refine(trial)
+
+    def find_unexplained(self, trial: Trial) -> Sequence[Region]:
+        """Return the regions of the residual of the motion in the loop."""
+        return find_loop_regions(trial)
+
+    def present(self, trial: Trial, step: Step, is_final: bool) -> Step:
+        """Return a step with back-EMF as part of viscous friction, unless the recordings distinguish the two."""
+        return present(trial, step)
+
+    def conclude(self, trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
+        """Add findings on the residual and the next step."""
+        return conclude(trial, diagnosis)
+
+    def show_effect(self, data: FitData, base: Terms, kind: type[Term]) -> FitData:
+        """Return data with back-EMF as a treatment, if the effect distinguishes it from viscous friction."""
+        return include_back_emf(data, (*base, kind())) or data
 
 
-def make_evidence(data: FitData, options: Options) -> Evidence:
-    """Make the evidence of models on rollouts; parameters of the fitted rows predict the held-out ones.
-
-    Raises:
-        IdentificationError: if the recordings have too little motion.
-    """
-    recordings, held_out = data.recordings, data.holdout or data.recordings
-    train_part, check_part = choose_parts(data.holdout)
-    windows = TorqueRows(prepare_windows(recordings, part=train_part))
-    train = RolloutRows(Rollouts(recordings, shares=train_part), windows, criterion=options.criterion)
-    windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
-    check = RolloutRows(Rollouts(held_out, shares=check_part), windows, train, options.criterion)
-    return add_back_emf(data, options).make_evidence((make_data(train), make_data(check)))
-
-
-SERVO = Case(
-    accepts=lambda base, recordings: are_driven(recordings),
-    prepare=prepare,
-    make_evidence=make_evidence,
-    search=search,
-    refit=refit,
-    refine=refine,
-    unexplained=find_loop_regions,
-    present=lambda trial, step, _: present(trial, step),
-    conclude=conclude,
-    show_effect=lambda data, base, kind: include_back_emf(data, (*base, kind())) or data,
-    treatments=(lambda trial: include_back_emf(trial.data, trial.final.terms), reread_goals),
-    is_timed=False,
-)
+SERVO = Servo()

@@ -2,16 +2,16 @@
 
 import warnings
 from functools import cache
-from importlib.metadata import entry_points
 from types import ModuleType
 
-from pendulum_env.errors import UserError, format_error
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
 from pendulum_env.physics import actuation, friction, potential, sensor, time_varying, transmission
 from pendulum_env.physics.base import BASE
 from pendulum_env.physics.effect_check import check_effect
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import Term
+from pendulum_env.plugins import load_plugins
 
 ENTRY_POINTS = "pendulum_ident.effects"
 BUILT_IN: tuple[type[Term], ...] = (
@@ -75,20 +75,15 @@ def _get_full_name(kind: type[Term]) -> tuple[str, str]:
 def load_installed() -> tuple[type[Term], ...]:
     """Load the effects of installed packages."""
     kinds = []
-    for point in entry_points(group=ENTRY_POINTS):
-        try:
-            kind = point.load()
-            if isinstance(kind, type) and issubclass(kind, Term):
-                check_effect(kind)
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:  # also SystemExit of another package
-            warnings.warn(f"the effects of '{point.value}' cannot be loaded: {format_error(error)}", stacklevel=2)
-            continue
+    for kind in load_plugins(ENTRY_POINTS):
         if isinstance(kind, type) and issubclass(kind, Term):
-            kinds.append(kind)
+            try:
+                check_effect(kind)
+                kinds.append(kind)
+            except UserError as error:
+                warnings.warn(f"the effect {kind.__name__} cannot be loaded: {error}", stacklevel=2)
         elif not isinstance(kind, ModuleType):  # a module registers its effects when it is imported
-            warnings.warn(f"'{point.value}' is no effect: name a subclass of Term, or a module", stacklevel=2)
+            warnings.warn(f"{kind!r} is no effect: name a subclass of Term, or a module", stacklevel=2)
     return tuple(kinds)
 
 

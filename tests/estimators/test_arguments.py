@@ -76,7 +76,7 @@ WRONG = [
     (lambda r: read_recording({}, columns={"torqe": "x"}), RecordingError, "did you mean torque"),
     (lambda r: identify(r, fixed={"stribeck": 1.0}), UserError, "the model has no parameter 'stribeck'"),
     (lambda r: diagnose(r, "tuesday.csv"), RecordingError, r"tuesday\.csv: there is no such file"),
-    (lambda r: add(MODEL, "spring", r, [r, 3]), TypeError, "is not a recording"),
+    (lambda r: add(MODEL, "spring", r, [3]), TypeError, "is not a recording"),
     (lambda r: identify(identify(r, schemes="energy")), TypeError, "is not a recording"),
     (lambda r: add(MODEL, Gravity, r), TypeError, "an effect is added by its id"),
     (lambda r: add(MODEL, "stribek", r), ValueError, "did you mean stribeck"),
@@ -86,8 +86,10 @@ WRONG = [
         ModelError,
         "the model has 'stribeck' already",
     ),
-    (lambda r: compare("model.json", r), TypeError, r"read a file with Model\.load"),
-    (lambda r: add("model.json", "spring", r), TypeError, r"read a file with Model\.load"),
+    (lambda r: compare("absent.json", r), ModelError, r"absent\.json: cannot be read"),
+    (lambda r: add(3, "spring", r), TypeError, "3 is not a model: give a model, the path of its file"),
+    (lambda r: diagnose(r, r), ValueError, "a recording is both fitted and held out"),
+    (lambda r: add(MODEL, "spring", [r], r), ValueError, "a recording is both fitted and held out"),
     (lambda r: compare(Model.build([Gravity()], [2.0]), r), ModelError, "lacks the term inertia"),
     (lambda r: identify(r, schemes="energy")["dynamic"], ValueError, "unknown scheme 'dynamic'; known: energy"),
 ]
@@ -103,6 +105,13 @@ def test_a_wrong_argument_is_one_sentence(swing, call, kind, says):
 def test_a_result_stands_for_its_model(swing):
     found = identify(swing, schemes="dynamic")["dynamic"]
     assert compare(found, swing).errors == compare(found.model, swing).errors
+
+
+def test_the_path_of_a_model_stands_for_it(swing, tmp_path):
+    found = identify(swing, schemes="dynamic")
+    found.model.save(tmp_path / "model.json")
+    assert compare(tmp_path / "model.json", swing).errors == compare(found.model, swing).errors
+    assert compare(str(tmp_path / "model.json"), swing).model.theta == pytest.approx(found.model.theta)
 
 
 def test_none_is_no_limit(swing):

@@ -144,7 +144,11 @@ def test_joints_share_one_clock_whatever_each_of_them_shows(tmp_path, is_late):
         ({"position_1": TIME, "torque_1": TIME}, {}, "none for shoulder, elbow"),
         (ARM | {"position_knee": TIME}, {}, "column 'position_knee' is of no joint"),
         (ARM, {"torque_elbo": "x"}, "unknown column of the arm 'torque_elbo': did you mean torque_elbow"),
-        (ARM | {"position_elbow": OFF, "torque_shoulder": ON}, {}, "only 0 rows have numbers of all joints: sample all"),
+        (
+            ARM | {"position_elbow": OFF, "torque_shoulder": ON},
+            {},
+            "only 0 rows have numbers of all joints",
+        ),
         (ARM, {"torque_elbow": "torque_elbow:A*?"}, "'elbow' has no torque constant: .*'torque_elbow=torque_elbow:A"),
         (ARM, {"torque_elbow": "torque_elbow:A"}, r"torque_elbow=torque_elbow:A\*0.1' with the .* gear ratio$"),
         (ARM | {"position_elbow": 0 * TIME}, {}, "joint 'elbow': position_elbow is 0 rad in every row, so nothing can"),
