@@ -18,6 +18,7 @@ from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_inertia
 from estimators.data.model_errors import compute_errors
+from estimators.data.preparation import WholeMotion, find_preparation
 from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData, drop_unstable_segments
 from estimators.data.settings import DATA
@@ -25,7 +26,6 @@ from estimators.data.split import CutSettings
 from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.checks import Subject, examine
-from estimators.in_loop.motion import LoopMotion, simulate_in_loop
 from estimators.results import Comparison, RecordingErrors
 from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
@@ -35,10 +35,10 @@ from pendulum_env.physics import Model, Samples, has_link
 from pendulum_env.recording import Recording
 
 
-def compute_recording_errors(name: str, data: RegressionData, model: Model, loop: LoopMotion) -> RecordingErrors:
+def compute_recording_errors(name: str, data: RegressionData, model: Model, motion: WholeMotion) -> RecordingErrors:
     """Compute the errors of a model with inertia on data, with those of its motion in the loop."""
     steady, unstable = drop_unstable_segments(data, model)
-    return RecordingErrors(name, loop.extend(compute_errors(steady, model)), data.floors, unstable)
+    return RecordingErrors(name, motion.extend(compute_errors(steady, model)), data.floors, unstable)
 
 
 @refuse_unknown_arguments
@@ -81,8 +81,8 @@ def compare(
     joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints, criterion.block)
     data = FitData(recordings, recordings, terms=joints, cut=CutSettings(horizon=horizon), criterion=criterion)
     data = data.with_parts((joined, joined))
-    loop = simulate_in_loop(model, recordings)
-    joint = compute_recording_errors("all", joined, model, loop)
+    motion = find_preparation(recordings).simulate(model, recordings)
+    joint = compute_recording_errors("all", joined, model, motion)
     residual = joined.residual(model.terms, model.theta)
     is_fitted = separate and not joint.errors.is_in_loop
     fits = fit_each_recording([joined.data], model.terms, criterion) if is_fitted else []
@@ -91,7 +91,7 @@ def compare(
     return Comparison(
         model,
         tuple(
-            compute_recording_errors(part.names[0], part, model, loop.select_recording(k))
+            compute_recording_errors(part.names[0], part, model, motion.select_recording(k))
             for k, part in enumerate(separate)
         ),
         joint,

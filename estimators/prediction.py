@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.data.fit_data import FitData
+from estimators.data.preparation import find_preparation
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.motion import simulate_in_loop
 from estimators.regression.least_squares import IdentificationError
 from estimators.simulation.free_running import Segments, simulate_errors
 from estimators.weak_form import links
@@ -88,7 +88,7 @@ def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, 
     if data is None:
         raise IdentificationError("the result has no data: compare its model with the recordings")
     predictions = [_make_empty_prediction(model, recording) for recording in data.all_recordings]
-    loop = simulate_in_loop(model, data.all_recordings)
+    loop = find_preparation(data.all_recordings).simulate(model, data.all_recordings)
     if data.is_comparison:
         predictions = [replace(prediction, is_held_out=None) for prediction in predictions]
     with suppress(*[IdentificationError] * bool(loop)):  # a servo may move too little for a regression of its torque

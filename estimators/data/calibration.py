@@ -4,18 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from estimators.checks.torque_constant import UnknownConstant, estimate_torque_constant, find_torque_unit
+from estimators.data.preparation import Recordings, find_preparation
 from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Quantity
 from estimators.free_swings import fit_inertia, scale_swing, scale_swings
-from estimators.in_loop import complete_drives, decide_conventions
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.recording import NEWTON_METRE, PER_INERTIA, Recording, TorqueConstant
-from pendulum_env.servo.torque import has_unknown_integral
 from pendulum_env.settings import Blank, format_setting
-
-Recordings = tuple[Recording, ...]
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ def calibrate(
     combined, count = (*recordings, *holdout), len(recordings)
     doubt: Finding | None = None
     driven = [recording for recording in combined if not recording.is_free]
-    if any(map(has_unknown_integral, combined)):
+    if any(r.actuator.has_integral and r.torque_unit != NEWTON_METRE for r in combined):
         doubt = UnknownConstant(combined[0].torque_unit, has_integral=True)
     elif len(driven) == len(combined):
         combined, doubt = _convert_by_constant(combined, count, constant, criterion)
@@ -136,8 +133,4 @@ def convert_to_model_unit(
                 f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: "
                 "record under known loads that differ, or identify the model with a torque constant"
             )
-    recordings = complete_drives(recordings, model.log_format)
-    try:
-        return decide_conventions(recordings, criterion=criterion).recordings
-    except IdentificationError:  # the joint moves too little for a decision
-        return complete_drives(recordings, {"goal": "held"})
+    return find_preparation(recordings).complete(recordings, model.log_format, criterion)

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate, make_constant_finding
+from estimators.data.preparation import find_preparation
 from estimators.data.regression_data import RegressionData
 from estimators.data.split import CutSettings, Parts, add_contacts, split_arm
 from estimators.data.timing import Timing, move_torque
@@ -19,7 +20,6 @@ from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding
 from estimators.free_swings import find_known_values
-from estimators.in_loop import decide_open_torque
 from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import Recording
@@ -85,7 +85,8 @@ class FitData:
         known = find_known_values(base) if known is None else known
         fitted, held_out, doubt = calibrate(recordings, holdout, None, known, criterion)
         treatments = () if (own := fitted[0].torque_constant) is None else (make_constant_finding(own),)
-        fitted, held_out, findings = decide_open_torque(fitted, held_out, base or BASE, criterion)
+        preparation = find_preparation((*fitted, *held_out))
+        fitted, held_out, findings = preparation.decide_torque(fitted, held_out, base or BASE, criterion)
         cut = CutSettings(inertia=known.get("inertia"))
         treatments = *treatments, *findings
         return cls(fitted, held_out, doubt, cut=cut, treatments=treatments, criterion=criterion)

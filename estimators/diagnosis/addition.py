@@ -15,6 +15,7 @@ from estimators.arguments import (
     select_visible_effects,
 )
 from estimators.data.fit_data import FitData
+from estimators.data.preparation import find_preparation
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import Decision
 from estimators.decisions.errors import Step
@@ -25,7 +26,6 @@ from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Addition
 from estimators.diagnosis.treatments import decide_treatment, scale_noise_by_model
 from estimators.free_swings import find_scaling_values
-from estimators.in_loop import complete_drives
 from estimators.progress import Progress, no_progress
 from estimators.regression.least_squares import IdentificationError
 from estimators.selection.candidates import (
@@ -82,7 +82,8 @@ def add(
     model = check_model(model)
     body = model.body
     recordings, holdout = select_parts(recordings, holdout, body, model.log_format)
-    every, count = complete_drives((*recordings, *holdout), model.log_format), len(recordings)
+    every, count = (*recordings, *holdout), len(recordings)
+    every = find_preparation(every).declare(every, model.log_format)
     recordings, holdout = every[:count], every[count:]
     model.refuse_present(id)
     kind = find_kind(id, body)

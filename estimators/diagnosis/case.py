@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.fit_data import FitData
 from estimators.data.fits import fit_within_laws
+from estimators.data.preparation import Preparation
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
@@ -28,11 +29,11 @@ from pendulum_env.recording import Recording
 Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None if it does not apply
 
 
-class Case(ABC):
+class Case(Preparation, ABC):
     """Kind of machine and recordings with its own data, search and conclusion.
 
-    A case defines the six abstract methods. The others have defaults: a search by the rows of the evidence, without
-    refit, treatments, checks and an experiment.
+    A case defines the six abstract methods. The others have defaults: recordings as they are, and a search by the rows
+    of the evidence, without refit, treatments, checks and an experiment.
 
     Attributes:
         name: name of the case.
@@ -51,6 +52,10 @@ class Case(ABC):
     @abstractmethod
     def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
         """Return whether a base model and recordings belong to the case."""
+
+    def prepares(self, recordings: Sequence[Recording]) -> bool:
+        """Return False: the recordings are as those of a pendulum."""
+        return False
 
     @abstractmethod
     def prepare(

@@ -2,31 +2,22 @@
 
 from collections.abc import Sequence
 
-from estimators.diagnosis.arm import ARM
+from estimators.data.preparation import list_preparations, register_preparation
 from estimators.diagnosis.case import Case
 from estimators.diagnosis.pendulum import PENDULUM
-from estimators.diagnosis.servo import SERVO
 from pendulum_env.physics import Term
-from pendulum_env.plugins import load_plugins
 from pendulum_env.recording import Recording
-
-ENTRY_POINTS = "pendulum_ident.cases"
-_registered: list[Case] = [SERVO, ARM]
 
 
 def register_case(case: Case) -> Case:
-    """Add a case to the cases of this process; it is asked before those that were registered earlier.
-
-    A case of the same name replaces the earlier one.
-    """
-    _registered[:] = [*(other for other in _registered if other.name != case.name), case]
+    """Add a case to the cases of this process; it is asked before those that were registered earlier."""
+    register_preparation(case)
     return case
 
 
 def list_cases() -> tuple[Case, ...]:
     """List all cases in the order in which they are asked; the pendulum, which accepts everything, is the last."""
-    installed = [case for case in load_plugins(ENTRY_POINTS) if isinstance(case, Case)]
-    return (*reversed(_registered), *installed, PENDULUM)
+    return (*(item for item in list_preparations() if isinstance(item, Case)), PENDULUM)
 
 
 def choose_case(base: Sequence[Term], recordings: Sequence[Recording]) -> Case:

@@ -22,7 +22,7 @@ from estimators.in_loop.conventions import ControllerConvention, GoalConvention
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.weak_form.point import Point
 from pendulum_env.recording import Recording
-from pendulum_env.servo.torque import replace_drive
+from pendulum_env.servo.torque import find_drive, replace_drive
 
 
 def decide_drives(data: FitData, options: Options) -> FitData:
@@ -55,7 +55,7 @@ def declare_goals(trial: Trial, goal: str) -> FitData:
         changes["reads"] = None
 
     def declare(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
-        return tuple(replace_drive(r, replace(r.drive, **changes)) for r in recordings if r.drive is not None)
+        return tuple(replace_drive(r, replace(find_drive(r), **changes)) for r in recordings)
 
     treated = {"recordings": declare(data.recordings), "holdout": declare(data.holdout)}
     data = data.with_treatment(GoalConvention(goal == "held"), **treated)

@@ -18,10 +18,13 @@ A diagnosis makes these calls, in this order:
     find_loop_regions, conclude servo_conclusion.py        find the residual of the motion and the findings
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from estimators.data.fit_data import FitData
+from estimators.data.preparation import Prepared, Recordings, WholeMotion
+from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.back_emf import add_back_emf, include_back_emf, present
 from estimators.diagnosis.case import Case, Trial
@@ -46,9 +49,12 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.servo_conclusion import conclude, find_loop_regions
 from estimators.diagnosis.servo_refit import make_data, refine, refit
 from estimators.findings import Finding
+from estimators.in_loop import complete_drives, decide_conventions, decide_open_torque
+from estimators.in_loop.motion import simulate_in_loop
 from estimators.in_loop.rollout_rows import RolloutRows
 from estimators.in_loop.rollouts import Rollouts
 from estimators.in_loop.servos import are_driven, choose_parts, make_base
+from estimators.regression.least_squares import IdentificationError
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
@@ -56,6 +62,7 @@ from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env.physics import Model, Term
 from pendulum_env.recording import Recording
+from pendulum_env.servo import ServoDrive
 
 
 class Servo(Case):
@@ -81,7 +88,38 @@ class Servo(Case):
 
     def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
         """Return whether a recording has a drive."""
-        return any(recording.drive is not None for recording in recordings)
+        return self.prepares(recordings)
+
+    def prepares(self, recordings: Sequence[Recording]) -> bool:
+        """Return whether a recording has a drive."""
+        return any(isinstance(recording.drive, ServoDrive) for recording in recordings)
+
+    def declare(self, recordings: Sequence[Recording], settings: Mapping[str, Any]) -> Recordings:
+        """Return the recordings with conventions of their drives from a log format."""
+        return complete_drives(recordings, settings)
+
+    def complete(
+        self, recordings: Sequence[Recording], settings: Mapping[str, Any], criterion: Criterion
+    ) -> Recordings:
+        """Return the recordings with all conventions: of the drives, of a log format, and decided ones.
+
+        If the joint moves too little for a decision, goals are held.
+        """
+        declared = complete_drives(recordings, settings)
+        try:
+            return decide_conventions(declared, criterion=criterion).recordings
+        except IdentificationError:
+            return complete_drives(declared, {"goal": "held"})
+
+    def decide_torque(
+        self, recordings: Recordings, holdout: Recordings, base: Sequence[Term], criterion: Criterion
+    ) -> Prepared:
+        """Decide conventions if the torque of a recording is that requested by its drive, and depends on them."""
+        return decide_open_torque(recordings, holdout, base, criterion)
+
+    def simulate(self, model: Model, recordings: Sequence[Recording]) -> WholeMotion:
+        """Simulate whole recordings with their controllers in the loop."""
+        return simulate_in_loop(model, recordings)
 
     def prepare(
         self, recordings: Sequence[Recording], holdout: Sequence[Recording], options: Options

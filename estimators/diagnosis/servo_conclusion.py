@@ -16,7 +16,7 @@ from estimators.findings import Finding, Quantity
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
-from pendulum_env.servo.torque import compute_commanded_torque
+from pendulum_env.servo.torque import compute_commanded_torque, list_drives
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def find_speed_rate(model: Model, recordings: Sequence[Recording], limits: LoopL
 
     The imitated inertia is half the speed gain over `slow_rate` [Hz]; it counts above one standard error.
     """
-    drives = [r.drive for r in recordings if r.drive is not None and r.drive.rate is None]
+    drives = [drive for drive in list_drives(recordings) if drive.rate is None]
     gains = [(drive.kp if drive.acts_on_speed else drive.kd) * (drive.gain or 1.0) for drive in drives]
     imitated_inertia = max(gains, default=0.0) / (2 * limits.slow_rate)
     if imitated_inertia <= model.estimates["inertia"].std:
@@ -82,7 +82,7 @@ def find_torque_scale(recordings: Sequence[Recording], limits: LoopLimits) -> Sc
     The factor is off by at least `torque_scale`. Drives with an integral part are not tested: the requested
     torque is that without it.
     """
-    logs = [r for r in recordings if r.drive and not r.drive.ki and r.torque_unit == r.drive.unit]
+    logs = [r for r in recordings if any(not drive.ki and r.torque_unit == drive.unit for drive in list_drives([r]))]
     recorded = [r for r in logs if r.has_logged_torque]
     if not recorded:
         return None

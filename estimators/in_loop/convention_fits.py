@@ -24,7 +24,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import find_declared_conventions
-from pendulum_env.servo.torque import replace_drive
+from pendulum_env.servo.torque import list_drives, replace_drive
 
 Settings = dict[str, str]  # conventions of a drive, by name
 
@@ -71,8 +71,9 @@ def group_by_loop(recordings: Sequence[Recording]) -> list[list[int]]:
 
     Recordings without a drive are another group.
     """
-    kinds = [None if r.drive is None else (r.drive.control, r.drive.encoder) for r in recordings]
-    return [[k for k, other in enumerate(kinds) if other == kind] for kind in dict.fromkeys(kinds)]
+    kinds = [[(drive.control, drive.encoder) for drive in list_drives([recording])] for recording in recordings]
+    distinct = [kind for k, kind in enumerate(kinds) if kind not in kinds[:k]]
+    return [[k for k, other in enumerate(kinds) if other == kind] for kind in distinct]
 
 
 def complete_drives(recordings: Sequence[Recording], settings: Mapping[str, Any]) -> tuple[Recording, ...]:
@@ -82,10 +83,9 @@ def complete_drives(recordings: Sequence[Recording], settings: Mapping[str, Any]
     """
     result = list(recordings)
     for numbers in group_by_loop(recordings):
-        declarations = find_declared_conventions([recordings[k].actuator for k in numbers])
+        declarations = find_declared_conventions(list_drives(recordings[k] for k in numbers))
         for k in numbers:
-            drive = recordings[k].drive
-            if drive is not None:
+            for drive in list_drives([recordings[k]]):
                 result[k] = replace_drive(recordings[k], drive.complete_conventions({**settings, **declarations}))
     return tuple(result)
 

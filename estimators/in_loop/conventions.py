@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
+from estimators.data.preparation import Prepared, Recordings
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Quantity
 from estimators.in_loop.convention_fits import Settings, choose_fit, complete_drives, fit_conventions, group_by_loop
@@ -32,7 +32,7 @@ from pendulum_env.physics import BASE, Term, effects, list_ids
 from pendulum_env.physics.terms import is_pure_delay
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import CONTROLLER, list_open_conventions
-from pendulum_env.servo.torque import depends_on_past
+from pendulum_env.servo.torque import depends_on_past, list_drives
 
 
 @dataclass(frozen=True)
@@ -79,17 +79,8 @@ class GoalConvention(Finding):
     recordings: tuple[str, ...] = ()
 
 
-Recordings = tuple[Recording, ...]
 Decision = ControllerConvention | GoalConvention | UnseenCounts
 Decided = tuple[Settings, list[Decision]]
-
-
-class Conventions(NamedTuple):
-    """Fitted and held-out recordings with all conventions decided, and findings on these decisions."""
-
-    recordings: Recordings
-    holdout: Recordings
-    findings: tuple[Finding, ...]
 
 
 def decide_conventions(
@@ -97,7 +88,7 @@ def decide_conventions(
     holdout: Sequence[Recording] = (),
     base: Sequence[Term] = BASE,
     criterion: Criterion = Criterion(),
-) -> Conventions:
+) -> Prepared:
     """Decide the undeclared conventions of all drives by fits of the base model to the fitted recordings.
 
     Recordings without a drive stay as they are. The kinds of drives, by controlled quantity and shaft of the encoder,
@@ -119,17 +110,17 @@ def decide_conventions(
             every[k] = recording
         names = () if deciding == list(range(count)) else tuple(every[k].name for k in deciding)
         findings += [replace(finding, recordings=names) for finding in own_findings]
-    return Conventions(tuple(every[:count]), tuple(every[count:]), tuple(findings))
+    return Prepared(tuple(every[:count]), tuple(every[count:]), tuple(findings))
 
 
 def decide_open_torque(
     recordings: Recordings, holdout: Recordings, base: Sequence[Term], criterion: Criterion
-) -> Conventions:
+) -> Prepared:
     """Decide conventions if the torque of a recording is that requested by its drive, and depends on them."""
-    drives = [r.actuator for r in (*recordings, *holdout) if not r.has_logged_torque]
+    drives = list_drives(r for r in (*recordings, *holdout) if not r.has_logged_torque)
     if any(depends_on_past(drive) or "derivative" in drive.open_conventions for drive in drives):
         return decide_conventions(recordings, holdout, base, criterion)
-    return Conventions(recordings, holdout, ())
+    return Prepared(recordings, holdout)
 
 
 def list_decisions(findings: Sequence[Finding]) -> list[Finding]:
@@ -159,7 +150,7 @@ def _decide_controller(recordings: Recordings, base: Terms, part: Part, criterio
     Findings have the gain over the likeliest fit under other settings [nat]. That on the goals has the effects of this
     fit with their sizes [s].
     """
-    drives = [r.actuator for r in recordings]
+    drives = list_drives(recordings)
     controllers, goals = list_open_conventions(drives, CONTROLLER), list_open_conventions(drives, ("goal",))
     if len(controllers) == len(goals) == 1:
         return {}, []
@@ -190,8 +181,8 @@ def _decide_counts(recordings: Recordings, base: Terms, part: Part, criterion: C
 
     Declared counts are a finding if the log shows no step of the encoder: then exact positions are simulated.
     """
-    choices = list_open_conventions([r.actuator for r in recordings], ("reads",))
-    readings = {r.actuator.reads for r in recordings}
+    drives = list_drives(recordings)
+    choices, readings = list_open_conventions(drives, ("reads",)), {drive.reads for drive in drives}
     if find_encoder_step(recordings) is None:
         return {}, [UnseenCounts()] if "counts" in readings else []
     if len(choices) == 1:

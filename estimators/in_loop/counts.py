@@ -18,7 +18,7 @@ import numpy as np
 from estimators.in_loop.settings import LOOP
 from pendulum_env._typing import Array
 from pendulum_env.recording import Recording
-from pendulum_env.servo.torque import get_bus_voltage
+from pendulum_env.servo.torque import find_drive, get_bus_voltage
 
 
 def find_least_change(recordings: Sequence[Recording]) -> float:
@@ -56,6 +56,6 @@ def compute_creep_torque(recordings: Sequence[Recording], resolution: float) -> 
     that of half a count: the standard deviation is X/sqrt(12). Its mean X/2 remains as a bias of dry friction.
     `resolution` is the standard deviation of the quantisation [rad].
     """
-    drives = [(recording.actuator, get_bus_voltage(recording)) for recording in recordings]
+    drives = [(find_drive(recording), get_bus_voltage(recording)) for recording in recordings]
     stiffness = [np.mean(drive.scale(bus)) * drive.kp for drive, bus in drives if drive.acts_on_position]
     return 0.5 * float(np.mean(stiffness)) * resolution if stiffness else 0.0

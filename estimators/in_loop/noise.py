@@ -12,6 +12,7 @@ from estimators.in_loop.settings import LOOP
 from estimators.signals.differentiation import estimate_encoder_noise
 from pendulum_env.recording import Recording
 from pendulum_env.servo.drive import LONGEST_DELAY
+from pendulum_env.servo.torque import find_drive
 
 Recordings = tuple[Recording, ...]
 
@@ -64,9 +65,9 @@ def mistime_recordings(recordings: Recordings) -> tuple[Recordings, Recordings]:
         return replace(recording, reference=np.interp(time - delay, time, recording.reference))
 
     def delay_drive(recording: Recording) -> Recording:
-        assert recording.drive is not None
-        now, delay = recording.drive.delay, LOOP.simulation.jitter / recording.rate
+        drive = find_drive(recording)
+        now, delay = drive.delay, LOOP.simulation.jitter / recording.rate
         later = now + delay if now + delay <= LONGEST_DELAY else now - delay
-        return replace(recording, drive=replace(recording.drive, delay=later))
+        return replace(recording, drive=replace(drive, delay=later))
 
     return tuple(map(delay_goal, recordings)), tuple(map(delay_drive, recordings))

@@ -18,6 +18,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import has_link
 from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import Servos, simulate_servos
+from pendulum_env.servo.torque import find_drive
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Rollouts:
 
     @property
     def _reads_counts(self) -> bool:
-        drives = [recording.actuator for recording in self.recordings]
+        drives = map(find_drive, self.recordings)
         return all(drive.acts_on_position and drive.reads == "counts" for drive in drives)
 
     @cached_property

@@ -12,7 +12,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, KnownLoad
 from pendulum_env.recording import Recording
 from pendulum_env.servo.loop import ControllerSamples, Servos
-from pendulum_env.servo.torque import get_bus_voltage
+from pendulum_env.servo.torque import find_drive, get_bus_voltage
 
 
 def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_step: float | None) -> Servos:
@@ -49,7 +49,8 @@ def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_ste
 
     def read_goal(series: Array, part: Recording) -> Array:
         """Return the goal that the controller uses in each step (N,), that of its last reading."""
-        is_ramp, rate = part.actuator.goal == "ramp", part.actuator.rate
+        drive = find_drive(part)
+        is_ramp, rate = drive.goal == "ramp", drive.rate
         if rate is None:
             return interpolate(series, part) if is_ramp else average_held(series, part)
         looks = ControllerSamples(rate, step, count)
@@ -68,7 +69,7 @@ def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_ste
         stack(interpolate, [load.torque for load in loads]),
     )
     return Servos(
-        tuple(part.actuator for part in parts),
+        tuple(map(find_drive, parts)),
         step,
         stack(read_goal, [part.reference for part in parts]),
         stack(hold, [get_bus_voltage(part) for part in parts]),

@@ -8,6 +8,7 @@ from pendulum_env.physics import BASE, Term, list_ids
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.servo.torque import find_drive, list_drives
 
 
 def choose_parts(holdout: Sequence[Recording]) -> tuple[Part, Part]:
@@ -21,13 +22,14 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
     Raises:
         RecordingError: if only some of them are, or they cannot be simulated together.
     """
-    first_drive = next((r.drive for r in recordings if r.drive is not None), None)
+    first_drive = next(iter(list_drives(recordings)), None)
     if first_drive is None:
         return False
     for recording in recordings:
-        name, drive = recording.name, recording.drive
-        if drive is None:
+        name = recording.name
+        if recording.drive is None:
             raise RecordingError(f"{name}: has no drive, but others have one: say its drive, or leave it out")
+        drive = find_drive(recording)
         if not recording.torque.any():
             raise RecordingError(
                 f"{name}: torque is 0 throughout, but a drive moves the joint: read_recording({{'time': ..., "
@@ -61,4 +63,4 @@ def has_unpowered_motor(recordings: Sequence[Recording]) -> bool:
 
 def select_voltage_drives(recordings: Sequence[Recording]) -> list[Recording]:
     """Return the recordings with a drive that gives the motor a voltage, not a torque."""
-    return [r for r in recordings if r.drive is not None and r.drive.output in ("duty", "voltage")]
+    return [r for r in recordings if any(drive.output in ("duty", "voltage") for drive in list_drives([r]))]

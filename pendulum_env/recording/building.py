@@ -7,9 +7,10 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from pendulum_env._typing import JSON, Array
-from pendulum_env.errors import ColumnError, RecordingError
+from pendulum_env.errors import ColumnError
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, jitter, sampling
+from pendulum_env.recording.actuator import MOTOR, Actuator, complete_torque
 from pendulum_env.recording.clock import find_date, find_unix_unit, unwrap_clock
 from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.joint_names import name_errors
@@ -17,9 +18,6 @@ from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NO_TORQUE, Recording
 from pendulum_env.recording.table import RawTable
-from pendulum_env.recording.vocabulary import OUTPUTS
-from pendulum_env.servo import MOTOR, ServoDrive
-from pendulum_env.servo.torque import complete_torque
 
 
 @dataclass
@@ -45,7 +43,7 @@ def build_recordings(
     name: str,
     tables: Mapping[str, RawTable],
     unwrap: bool,
-    drive: ServoDrive | None,
+    drive: Actuator | None,
     named_columns: Mapping[str, Mapping[str, str]],
     log_format: JSON,
 ) -> dict[str, Recording]:
@@ -88,19 +86,16 @@ def build_recordings(
 
 
 def _open_log(
-    joint: str, table: RawTable, unwrap: bool, actuator: ServoDrive, named_columns: Mapping[str, str]
+    joint: str, table: RawTable, unwrap: bool, actuator: Actuator, named_columns: Mapping[str, str]
 ) -> JointLog:
     """Convert a table to SI units, with notes on its columns; refuse implausible columns."""
     values = table.values
     columns, notes = _read_clock(table)
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))
     _convert_to_si(values, origin)
-    if actuator.output == "duty" and actuator.supply is None and "supply" not in values:
-        raise RecordingError(
-            "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
-        )
+    actuator.check_columns(values)
     unit = columns["torque"].result_unit if "torque" in columns else actuator.unit
-    is_output = unit == OUTPUTS.get(actuator.output)
+    is_output = unit == actuator.logged_unit
     noted_columns = [column for column in columns.values() if not (is_output and column.quantity == "torque")]
     if "torque" not in values:
         values["torque"] = np.zeros_like(values["position"])  # with a drive, computed below
@@ -111,7 +106,7 @@ def _open_log(
     return JointLog(joint, log, origin, unit, table.date)
 
 
-def _make_recording(item: JointLog, name: str, drive: ServoDrive | None, log_format: JSON) -> Recording:
+def _make_recording(item: JointLog, name: str, drive: Actuator | None, log_format: JSON) -> Recording:
     """Make the recording of a joint of its cleaned log; refuse implausible values."""
     log, origin, date = item.log, item.origin, item.date
     if "enabled" in log.values:
@@ -127,7 +122,7 @@ def _make_recording(item: JointLog, name: str, drive: ServoDrive | None, log_for
         log_format=log_format,
         start_date=find_date(log.start) or (date and date + timedelta(seconds=log.start)),
     )
-    recording = complete_torque(recording)
+    recording = complete_torque(recording.actuator, recording)
     checks.refuse_implausible(recording, origin)
     return recording
 

@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike
 from pendulum_env._typing import Array
 from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.notebook import Shown
+from pendulum_env.recording.actuator import MOTOR, Actuator
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
 from pendulum_env.recording.notes import Note, warn_of_notes
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.vocabulary import QUANTITIES
-from pendulum_env.servo import MOTOR, ServoDrive
 from pendulum_env.units import JointUnits
 
 ARRAYS = "{'time': time, 'position': position, 'torque': torque}"  # argument of `read_recording`, in messages
@@ -79,7 +79,7 @@ class Recording(Shown):
     torque_unit: str = NEWTON_METRE  # or the unit of a current with unknown gain, `A`
     torque_constant: TorqueConstant | None = None  # constant that converted a current to the torque
     known_inertia: float = 0.0  # [kg m^2], scale of a free swing; 1 if torque is per inertia, 0 if unknown
-    drive: ServoDrive | None = None  # controller that follows the reference
+    drive: Actuator | None = None  # controller that follows the reference
     moved: MovedTorque | None = None  # noise of a torque that was moved in time
     origin: Origin | None = None  # columns of the file
     start_date: datetime | None = None  # date of the file's first sample
@@ -237,7 +237,7 @@ class Recording(Shown):
         return self.load_torque is not None and bool(np.ptp(self.load_torque) > 0)
 
     @property
-    def actuator(self) -> ServoDrive:
+    def actuator(self) -> Actuator:
         """Return the drive of the joint, or a motor with logged torque."""
         return self.drive or MOTOR
 

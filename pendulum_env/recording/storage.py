@@ -15,6 +15,7 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import RecordingError
 from pendulum_env.files import replace_file
 from pendulum_env.lookup import refuse_unknown_arguments
+from pendulum_env.recording.actuator import Actuator
 from pendulum_env.recording.building import build_recordings
 from pendulum_env.recording.columns import NONE, check_columns_option, find_columns
 from pendulum_env.recording.formats import Readable, find_format, find_stem, get_label, read_table
@@ -22,7 +23,6 @@ from pendulum_env.recording.joint_names import name_errors
 from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.table import RawTable
-from pendulum_env.servo import ServoDrive
 
 
 @refuse_unknown_arguments
@@ -31,7 +31,7 @@ def read_recording(
     *,
     unwrap: bool = False,
     columns: Mapping[str, str | None] | None = None,
-    drive: ServoDrive | None = None,
+    drive: Actuator | None = None,
     name: str | None = None,
 ) -> Recording:
     """Read a file or table with the columns time, position and torque, and optional further quantities.
@@ -73,7 +73,7 @@ def read_rows(
     *,
     unwrap: bool,
     columns: Mapping[str, str | None] | None,
-    drive: ServoDrive | None = None,
+    drive: Actuator | None = None,
     name: str | None = None,
 ) -> Recording:
     """Read a recording as `read_recording`, without warnings."""
@@ -89,7 +89,7 @@ def read_joint_rows(
     log_format: JSON,
     *,
     unwrap: bool,
-    drive: ServoDrive | None = None,
+    drive: Actuator | None = None,
     name: str | None = None,
 ) -> dict[str, Recording]:
     """Read a recording of each joint of a file, with the same instants; `columns` are by joint and quantity.
@@ -100,9 +100,10 @@ def read_joint_rows(
     tables = dict[str, RawTable]()
     try:
         for joint, named_columns in columns.items():
-            output = getattr(drive, "output", None)
+            output = None if drive is None else drive.output_name
+            find = partial(find_columns, named_columns=named_columns, output=output)
             with name_errors(joint):
-                tables[joint] = read_table(source, partial(find_columns, named_columns=named_columns, output=output))
+                tables[joint] = read_table(source, find)
         return build_recordings(
             name or (find_stem(Path(label)) if is_file else label), tables, unwrap, drive, columns, log_format
         )
@@ -110,7 +111,7 @@ def read_joint_rows(
         raise type(error)(f"{label}: {error}") from error.__cause__
 
 
-def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: ServoDrive | None = None) -> JSON:
+def describe_reading(columns: Mapping[str, str], unwrap: bool = False, drive: Actuator | None = None) -> JSON:
     """Return the given arguments of `read_recording` as keys of a study."""
     options = {"columns": dict(columns), "unwrap": unwrap, "drive": drive and drive.get_settings()}
     return {key: value for key, value in options.items() if value}

@@ -6,7 +6,7 @@ joints = ["lift", "elbow"]       # moving joints of an arm; see `pendulum_env.ar
 position = "-motor_angle:deg/6"
 torque = "current:A*0.091"
 
-[drive]                          # controller that follows the goal, see `ServoDrive`
+[drive]                          # controller that follows the goal, of an installed package
 preset = "xl330"
 
 [[recording]]
@@ -33,12 +33,12 @@ from pendulum_env._typing import JSON
 from pendulum_env.errors import ColumnError, FileError, RecordingError
 from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, convert, format_toml, read_toml
+from pendulum_env.recording.actuator import Actuator, parse_actuator
 from pendulum_env.recording.channel import Load
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.storage import describe_reading, read_rows
-from pendulum_env.servo.drive import CONVENTIONS, ServoDrive
 from pendulum_env.settings import format_setting
 
 Role = Literal["fit", "holdout"]
@@ -105,7 +105,7 @@ class Source:
     unwrap: bool = False
     range: tuple[float, float] | None = None  # [s] from the first sample; None: all of it
     load: Load | None = None  # known load on the joint
-    drive: ServoDrive | None = None  # controller that follows the reference
+    drive: Actuator | None = None  # controller that follows the reference
     joints: tuple[str, ...] | None = None  # moving joints of an arm; None: all movable joints
     is_of_study: bool = field(default=False, compare=False)  # whether a study has all options
     format_source: str = ""  # model file that supplied missing options
@@ -159,20 +159,20 @@ def _read_pendulum(source: Source) -> Recording:
 def collect_log_format(recordings: Sequence[Recording]) -> JSON:
     """Return the common reading options of all recordings, for the next log of the same machine.
 
-    The result also has the fields of the drive in `CONVENTIONS`, such as `goal`, that were given or decided.
+    The result also has the `conventions` of the drive that were given or decided.
     """
     loads = ({} if recording.load is None else {"load": asdict(recording.load)} for recording in recordings)
     formats: list[JSON] = [{**recording.log_format, **load} for recording, load in zip(recordings, loads, strict=True)]
     shared_keys = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
-    drives = [recording.actuator for recording in recordings if recording.actuator.is_controller]
-    conventions = {name: {getattr(drive, name) for drive in drives} for name in CONVENTIONS}
-    decided = {name: values.pop() for name, values in conventions.items() if len(values) == 1 and None not in values}
+    drives = [recording.actuator.conventions for recording in recordings if recording.actuator.conventions]
+    first = drives[0] if drives else {}
+    decided = {name: value for name, value in first.items() if value and all(d.get(name) == value for d in drives)}
     return {key: formats[0][key] for key in shared_keys if key in formats[0]} | decided
 
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
     """Parse the log format of a model to a source without a file; raise a ValueError if it is invalid."""
-    options = {key: value for key, value in log_format.items() if key not in CONVENTIONS}  # without fields of the drive
+    options = {key: value for key, value in log_format.items() if key in FORMAT}  # without conventions of the drive
     return _build_source(Path(), convert({"file": "log", **options}, _Recording), _Study())
 
 
@@ -286,7 +286,7 @@ def _build_source(folder: Path, data: _Recording, study: _Study) -> Source:
     settings = {**study.drive, **data.drive}
     return Source(
         folder / data.file, data.role, {**study.columns, **_check_columns(data.columns)}, data.unwrap, data.range,
-        None if data.load is None else data.load.known, ServoDrive.from_settings(settings) if settings else None,
+        None if data.load is None else data.load.known, parse_actuator(settings),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ the gain is known, and otherwise in V or A, as are the parameters.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
@@ -17,9 +17,11 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.errors import UserError
+from pendulum_env.errors import RecordingError, UserError
 from pendulum_env.lookup import find
 from pendulum_env.reading import quote_value
+from pendulum_env.recording.actuator import Actuator
+from pendulum_env.recording.vocabulary import OUTPUTS
 
 Control = Literal["position", "velocity"]
 Output = Literal["duty", "voltage", "current", "torque"]
@@ -47,7 +49,7 @@ OUTPUT_UNITS = {"duty": "V", "voltage": "V", "current": "A", "torque": "N m"}
 
 
 @dataclass(frozen=True)
-class ServoDrive:
+class ServoDrive(Actuator):
     """Controller and motor of a servo.
 
     Attributes:
@@ -118,6 +120,33 @@ class ServoDrive:
         return "N m" if self.gain is not None else OUTPUT_UNITS[self.output]
 
     @property
+    def output_name(self) -> str:
+        """Return the name of a column with the output."""
+        return self.output
+
+    def check_columns(self, quantities: Collection[str]) -> None:
+        """Raise a RecordingError if a duty has no supply, neither here nor in the file."""
+        if self.output == "duty" and self.supply is None and "supply" not in quantities:
+            raise RecordingError(
+                "a duty is a share of the supply: name its column (supply=...), or give the drive a supply [V]"
+            )
+
+    @property
+    def logged_unit(self) -> str | None:
+        """Return the unit of a logged output: a duty, a current, or a voltage."""
+        return OUTPUTS.get(self.output)
+
+    @property
+    def has_integral(self) -> bool:
+        """Return whether the controller has an integral part."""
+        return self.ki > 0
+
+    @property
+    def conventions(self) -> dict[str, str | None]:
+        """Return the settings that a fit may decide, by name; None for an open one."""
+        return {name: getattr(self, name) for name in CONVENTIONS}
+
+    @property
     def max_output(self) -> float:
         """Return the largest output."""
         return min(self.limit, 1.0) if self.output == "duty" else self.limit
@@ -140,7 +169,7 @@ class ServoDrive:
         The order of the integral is relevant only with a `rate`.
         """
         is_relevant = {
-            "goal": self.is_controller,
+            "goal": True,
             "reads": self.acts_on_position,
             "windup": self.ki > 0 and math.isfinite(self.max_output),
             "integral": self.ki > 0 and self.rate is not None,
@@ -165,7 +194,7 @@ class ServoDrive:
     @property
     def acts_on_position(self) -> bool:
         """Return whether the drive controls the position."""
-        return self.is_controller and self.control == "position"
+        return self.control == "position"
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
@@ -188,17 +217,6 @@ class ServoDrive:
         default, values = vars(ServoDrive()), {name: getattr(self, name) for name in vars(ServoDrive())}
         settings = {name: value for name, value in values.items() if name == "kp" or value != default[name]}
         return {name: value if isinstance(value, str) else float(value) for name, value in settings.items()}
-
-
-@dataclass(frozen=True)
-class Motor(ServoDrive):
-    """Motor without a known controller, with logged or zero torque."""
-
-    output: Output = "torque"
-    is_controller: ClassVar[bool] = False
-
-
-MOTOR = Motor()
 
 
 class Preset(NamedTuple):

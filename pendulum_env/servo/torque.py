@@ -1,32 +1,38 @@
 """Torque of a servo in a recording, computed from its goal or from its logged output."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 import scipy
 
 from pendulum_env._typing import Array
-from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.recording.actuator import complete_torque
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.sampling import average_torque
-from pendulum_env.recording.vocabulary import OUTPUTS
 from pendulum_env.servo.drive import ServoDrive
 from pendulum_env.servo.loop import GAINS, compute_gains, compute_output
 
 FINE = 500.0  # [Hz], least rate of the simulation of a continuous controller
 
 
-def has_unknown_integral(recording: Recording) -> bool:
-    """Return whether the torque comes from a controller with an integral and an unknown torque constant."""
-    return recording.actuator.ki > 0 and recording.torque_unit != NEWTON_METRE
+def find_drive(recording: Recording) -> ServoDrive:
+    """Return the drive of a recording that has one."""
+    assert isinstance(recording.drive, ServoDrive)
+    return recording.drive
+
+
+def list_drives(recordings: Iterable[Recording]) -> list[ServoDrive]:
+    """List the drives of recordings, without those that have none."""
+    return [recording.drive for recording in recordings if isinstance(recording.drive, ServoDrive)]
 
 
 def get_bus_voltage(recording: Recording) -> Array:
     """Return the bus voltage (N,) [V]: recorded, else of the drive, else 1."""
     if recording.supply is not None:
         return recording.supply
-    return np.full(len(recording), recording.actuator.supply or 1.0)
+    return np.full(len(recording), next((drive.supply for drive in list_drives([recording])), None) or 1.0)
 
 
 def compute_commanded_torque(recording: Recording) -> Array:
@@ -40,12 +46,13 @@ def compute_commanded_torque(recording: Recording) -> Array:
         assert part.reference is not None  # recordings with a drive have one
         # logged velocity is the drive's own estimate
         velocity = np.gradient(part.position, part.time) if part.velocity is None else part.velocity
-        if depends_on_past(part.actuator):
+        drive = find_drive(part)
+        if depends_on_past(drive):
             output = part.powered * _follow_controller(part, part.reference)
-            parts.append(part.actuator.scale(get_bus_voltage(part)) * output)
+            parts.append(drive.scale(get_bus_voltage(part)) * output)
         else:
             motion = part.reference, part.position, velocity, get_bus_voltage(part), part.powered
-            parts.append(part.actuator.torque(*motion))
+            parts.append(drive.torque(*motion))
     return np.concatenate(parts)
 
 
@@ -59,7 +66,7 @@ def _follow_controller(part: Recording, goal: Array) -> Array:
 
     Without logged speed, the controller uses the difference of its last two positions, at first that of the next two.
     """
-    drive = part.actuator
+    drive = find_drive(part)
     rate = drive.rate or max(part.rate, FINE)
     gains = dict(zip(GAINS, compute_gains(drive, 1.0 / rate), strict=True))
     count, rows = int(len(part) * rate / part.rate) + 1, np.arange(len(part), dtype=np.float64)
@@ -95,12 +102,12 @@ def replace_drive(recording: Recording, drive: ServoDrive) -> Recording:
     return replace(result, torque=compute_commanded_torque(result)) if is_recomputed else result
 
 
-def complete_torque(recording: Recording) -> Recording:
+@complete_torque.register
+def _complete_torque(drive: ServoDrive, recording: Recording) -> Recording:
     """Return the recording with the torque from its drive or its logged output, and a note."""
-    drive = recording.actuator
     if not recording.has_logged_torque:
         torque, note = compute_commanded_torque(recording), Note(NoteKind.TORQUE_OF_DRIVE)
-    elif recording.torque_unit == OUTPUTS.get(drive.output):
+    elif recording.torque_unit == drive.logged_unit:
         torque = drive.scale(get_bus_voltage(recording)) * recording.torque
         note = Note(NoteKind.TORQUE_BY_OUTPUT, headers=(drive.unit,), text=str(drive.output))
     else:

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.data.preparation import find_preparation
 from estimators.decisions.errors import get_single
-from estimators.in_loop.motion import simulate_in_loop
 from estimators.simulation.free_running import HORIZON, Segments, simulate_errors
 from pendulum_env._typing import Array
 from pendulum_env.formatting import TextTable, capitalise, format_number
@@ -96,7 +96,8 @@ def plot_position(case: ReportData, id: str, segments_of_models: Sequence[Segmen
 
 def make_loop(case: ReportData, headline: str) -> Section:
     """Make the section on simulations in the loop: errors and motion, held-out recordings first."""
-    loops = [simulate_in_loop(step.model, case.data.all_recordings) for step in case.ends]
+    recordings = case.data.all_recordings
+    loops = [find_preparation(recordings).simulate(step.model, recordings) for step in case.ends]
     fitted, (factor, unit) = len(case.data.recordings), case.angle
     rows, figures = [], list[plots.Figure]()
     for k, recording in sorted(enumerate(case.data.all_recordings), key=lambda item: item[0] < fitted):
