@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators import diagnose
 from pendulum_env.recording import Load, Recording
-from pendulum_env.servo import ServoDrive
+from robots.servos import ServoDrive
 
 Draw = np.random.Generator
 CONSTANT = "torque constant"

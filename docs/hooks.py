@@ -94,7 +94,7 @@ REFERENCES = {
         "",
         ("pendulum_env.recording",),
         (
-            "pendulum_env.servo.drive.ServoDrive",
+            "robots.servos.drive.ServoDrive",
             "pendulum_env.excitation.excitation",
             "pendulum_env.excitation.Excitation",
             "pendulum_env.policy.OpenLoop",

@@ -18,7 +18,7 @@ from tools.refresh import update_output
 
 EXAMPLES = sorted(
     path
-    for package in ("pendulum_env", "estimators", "agents", "workbench")
+    for package in ("pendulum_env", "estimators", "agents", "robots", "workbench")
     for path in (ROOT / package).rglob("*.py")
     if ">>> " in path.read_text(encoding="utf-8")
 )

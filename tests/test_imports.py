@@ -10,7 +10,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-PACKAGES = ("pendulum_env", "estimators", "agents", "workbench")  # each may import those before it
+PACKAGES = ("pendulum_env", "estimators", "agents", "robots", "workbench")  # each may import those before it
 ROOT = Path(__file__).parents[1]
 
 

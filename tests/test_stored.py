@@ -13,7 +13,7 @@ from pendulum_env.physics import Model
 from pendulum_env.reading import read_toml
 from pendulum_env.recording.channel import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
-from pendulum_env.servo import ServoDrive
+from robots.servos import ServoDrive
 from tests.two_link import body
 from workbench.runs import read_suggestion
 

@@ -15,7 +15,7 @@ from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import MAX_NUMBER, quote_value
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import UNIT_NAMES
-from pendulum_env.servo import KEYS, TEXT_KEYS, ServoDrive
+from robots.servos import KEYS, TEXT_KEYS, ServoDrive
 from workbench.errors import InputError
 from workbench.terminal import parse_json_output
 

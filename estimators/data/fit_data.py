@@ -96,7 +96,7 @@ class FitData:
         return replace(self, treatments=(*self.treatments, treatment), **changes)
 
     @property
-    def actions(self) -> list[Action]:
+    def actions(self) -> list[str]:
         """Actions of the treatments, in order."""
         return [treatment.action for treatment in self.treatments if isinstance(treatment, Treatment)]
 
@@ -168,7 +168,7 @@ class FitData:
         if parts is self.parts:
             return self
         cut = replace(self.cut, contact_terms=tuple(terms))
-        return self.with_treatment(Treatment(Action.IMPACTS_INCLUDED), cut=cut).with_parts(parts)
+        return self.with_treatment(Treatment(Action.IMPACTS_INCLUDED, n_assumptions=1), cut=cut).with_parts(parts)
 
     def with_parts(self, parts: Parts) -> Self:
         """Set the cached `parts` of this object, and return it."""

@@ -21,26 +21,22 @@ from estimators.checks.homogeneity import (
     find_misfits,
 )
 from estimators.checks.remedies import WrongColumn, find_remedies, find_uneven_clocks
-from estimators.checks.signs import NegativeParameters, find_driving_friction
+from estimators.checks.signs import NegativeParameters
 from estimators.checks.torque_constant import find_gain_doubts
 from estimators.data.fit_data import FitData
 from estimators.data.regression_data import RegressionData
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.caveats import find_caveats
 from estimators.diagnosis.completeness import IdentifiedModel, Incomplete, find_incompleteness
-from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect
-from estimators.diagnosis.contacts import find_arm_contacts, find_contacts
+from estimators.diagnosis.conclusion import NoKnownEffect
+from estimators.diagnosis.contacts import find_contacts
 from estimators.diagnosis.ranking import Tie
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.servo_conclusion import find_speed_rate, find_torque_scale
 from estimators.diagnosis.small_effect import find_small_effect
-from estimators.diagnosis.treatments import CarriedPayload
 from estimators.diagnosis.unexplained import find_noise_not_logged
 from estimators.findings import Finding, withhold_everything
-from estimators.in_loop import list_decisions
 from estimators.schemes.fitting import Identified
 from estimators.selection.process_noise import UnloggedTorque
-from pendulum_env.arms.joints import Rotor
 from pendulum_env.physics import Model, Term
 
 Verb = Literal["identify", "compare", "add", "diagnose"]
@@ -102,6 +98,13 @@ class Subject:
 Check = Callable[[Subject], Iterable[Finding]]
 
 
+def find_missing_part(subject: Subject) -> Iterable[Finding]:
+    """Test whether an identified model explains the recordings."""
+    if subject.rows is None:
+        return ()
+    return find_incompleteness(IdentifiedModel(subject.schemes, subject.rows, subject.terms, subject.data.criterion))
+
+
 def examine(subject: Subject) -> tuple[Finding, ...]:
     """Return the findings of all checks of the case of a subject."""
     findings: tuple[Finding, ...] = ()
@@ -125,18 +128,6 @@ def applies_to(*verbs: Verb, needs_sign: bool = False) -> Callable[[Check], Chec
 
 
 @applies_to("identify", "diagnose")
-def check_conventions(subject: Subject) -> Iterable[Finding]:
-    """Report the decided conventions of drives."""
-    return list_decisions(subject.data.treatments)
-
-
-@applies_to("diagnose")
-def check_payloads(subject: Subject) -> Iterable[Finding]:
-    """Report payloads of an arm."""
-    return [treatment for treatment in subject.data.treatments if isinstance(treatment, CarriedPayload)]
-
-
-@applies_to("identify", "diagnose")
 def check_columns(subject: Subject) -> Iterable[Finding]:
     """Find a column with a wrong sign or zero, or friction that drives."""
     criterion = subject.data.criterion
@@ -145,12 +136,6 @@ def check_columns(subject: Subject) -> Iterable[Finding]:
     trial, known = subject.found
     recordings = trial.data.recordings  # without excluded ones, which may have another zero
     return find_remedies(subject.model, recordings, known.ambiguous, not known.unexplained, criterion)
-
-
-@applies_to("identify", "diagnose")
-def check_friction(subject: Subject) -> Iterable[Finding]:
-    """Find friction of an arm that drives."""
-    return find_driving_friction(subject.model)
 
 
 def check_torque_constant(subject: Subject) -> Iterable[Finding]:
@@ -206,15 +191,7 @@ def check_completeness(subject: Subject) -> Iterable[Finding]:
     """Test whether an identified model explains the recordings, unless an earlier finding explains the residual."""
     explanations = WrongColumn | NegativeParameters | TorqueTiming | Disagreement
     is_explained = any(isinstance(finding, explanations) for finding in subject.earlier)
-    return () if is_explained else check_completeness_of_arm(subject)
-
-
-@applies_to("identify")
-def check_completeness_of_arm(subject: Subject) -> Iterable[Finding]:
-    """Test whether an identified model explains the recordings."""
-    if subject.rows is None:
-        return ()
-    return find_incompleteness(IdentifiedModel(subject.schemes, subject.rows, subject.terms, subject.data.criterion))
+    return () if is_explained else find_missing_part(subject)
 
 
 @applies_to("identify", "diagnose")
@@ -239,27 +216,10 @@ def check_contacts(subject: Subject) -> Iterable[Finding]:
     return find_contacts(trial.final.evidence, trial.terms, trial.model)
 
 
-@applies_to("diagnose")
-def check_contacts_of_arm(subject: Subject) -> Iterable[Finding]:
-    """Find contacts of joints of an arm without another residual or a stop."""
-    trial, diagnosis = subject.found
-    explained = {*diagnosis.joint_residuals, *(term.at for term in trial.terms if term.has_impacts)}
-    joints = [joint for joint in diagnosis.model.body.joints if joint not in explained]
-    return find_arm_contacts(trial.evidence, diagnosis.model, joints)
-
-
 @applies_to("diagnose", needs_sign=True)
 def check_ties(subject: Subject) -> Iterable[Finding]:
     """Report effects that look the same."""
     return map(Tie, subject.found[1].ambiguous)
-
-
-@applies_to("diagnose")
-def check_rotors(subject: Subject) -> Iterable[Finding]:
-    """Find joints of an arm whose motor inertia the robot file lacks."""
-    selected = subject.found[1].selected
-    joints = tuple(term.at for term in subject.terms if isinstance(term, Rotor) and term.id in selected)
-    return [MissingRotors(joints)] if joints else []
 
 
 @applies_to("identify", "diagnose", needs_sign=True)
@@ -283,13 +243,6 @@ def check_range(subject: Subject) -> Iterable[Finding]:
     return find_caveats(trial.final.evidence, diagnosis.steps, trial.terms, diagnosis.detectable)
 
 
-@applies_to("diagnose")
-def check_drive(subject: Subject) -> Iterable[Finding]:
-    """Find an unknown rate of the speed of a drive, and a scale of the logged torque."""
-    recordings, limits, (_, diagnosis) = subject.data.recordings, subject.data.criterion.loop, subject.found
-    return filter(None, (find_speed_rate(diagnosis.model, recordings, limits), find_torque_scale(recordings, limits)))
-
-
 @applies_to("diagnose", needs_sign=True)
 def check_tables(subject: Subject) -> Iterable[Finding]:
     """Report tables that explain the residual, unless they are the next step."""
@@ -305,7 +258,6 @@ def check_small_effect(subject: Subject) -> Iterable[Finding]:
 
 
 CHECKS: tuple[Check, ...] = (
-    check_conventions,
     check_columns,
     check_torque_constant,
     check_gain,

@@ -1,18 +1,12 @@
-"""Conclusion of the diagnosis of a pendulum or an arm: the next step."""
+"""Conclusion of the diagnosis of a pendulum: the next step."""
 
 from dataclasses import dataclass, replace
 
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.experiment import UnreachableAims, suggest_experiment
 from estimators.diagnosis.questions import find_detectable_effects, list_questions
-from estimators.diagnosis.ranking import Tie
 from estimators.diagnosis.result import Diagnosis
-from estimators.diagnosis.unexplained import (
-    HeldOutResidual,
-    check_torque_sign,
-    find_holdout_structure,
-    find_joint_residuals,
-)
+from estimators.diagnosis.unexplained import check_torque_sign, find_holdout_structure
 from estimators.findings import Finding
 from estimators.selection.tables import find_explaining_law
 from pendulum_env.physics import TABLES, list_ids
@@ -28,13 +22,6 @@ class NoKnownEffect(Finding):
 @dataclass(frozen=True)
 class UnknownInertia(Finding):
     """Unknown inertia, without which no experiment can be predicted."""
-
-
-@dataclass(frozen=True)
-class MissingRotors(Finding):
-    """Joints whose motor inertia the robot file lacks."""
-
-    joints: tuple[str, ...]
 
 
 def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
@@ -74,18 +61,3 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         no_experiment=no_experiment,
         tables=tables,
     )
-
-
-def conclude_arm(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
-    """Return the diagnosis of an arm with the residual of each joint, tables that explain it, and the next step."""
-    evidence, terms = trial.evidence, trial.terms
-    residuals, regions = find_joint_residuals(evidence, terms)
-    joints = [region.at for region in regions if not region.held_out_recordings]
-    tables_at_joints = ([table for table in evidence.tables if table.at == joint] for joint in joints)
-    tables = tuple(id for kinds in tables_at_joints if (id := find_explaining_law(evidence, terms, kinds)) is not None)
-    no_experiment: Finding | None = NoKnownEffect(tables) if residuals else None
-    if residuals and not joints:
-        no_experiment = HeldOutResidual(evidence.holdout.names)
-    elif diagnosis.ambiguous:
-        no_experiment = Tie(diagnosis.ambiguous[0])
-    return replace(diagnosis, no_experiment=no_experiment, tables=tables, joint_residuals=residuals)

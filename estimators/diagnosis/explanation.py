@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from estimators.data.treatment import Action, Treatment
+from estimators.data.treatment import Action
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.checks import Subject, examine
 from estimators.diagnosis.contacts import mark_met_stops
@@ -15,7 +15,7 @@ from pendulum_env.recording.study import collect_log_format
 def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
     """Return the diagnosis of a trial: verdicts, refit to the horizon, residual, findings and the next step."""
     trial.options.progress("judging", 0.93)
-    has_contacts = Treatment(Action.IMPACTS_INCLUDED) in [tried.treatment for tried in treatments]
+    has_contacts = any(tried.action == Action.IMPACTS_INCLUDED for tried in treatments)
     candidates, groups = rank_effects(trial.final, trial.terms, trial.doubts, has_contacts)
     refit = trial.case.refit_to_horizon(trial)
     *others, last = trial.final.steps

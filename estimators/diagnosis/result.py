@@ -7,6 +7,7 @@ from functools import cached_property
 from estimators.checks.alignment import Alignment
 from estimators.checks.homogeneity import Disagreement
 from estimators.data.fit_data import FitData
+from estimators.data.treatment import Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms, encode_estimates
@@ -108,6 +109,11 @@ class TriedTreatment:
     decision: Decision
     assumptions: int
     before: int
+
+    @property
+    def action(self) -> str:
+        """Return the action of the treatment; empty for a finding of another family."""
+        return self.treatment.action if isinstance(self.treatment, Treatment) else ""
 
     @property
     def is_kept(self) -> bool:

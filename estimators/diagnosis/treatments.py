@@ -1,52 +1,26 @@
 """Candidate treatments of the recordings: functions from a trial to treated data, and the decision on each."""
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import replace
 
-from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
-from estimators.data.treatment import Action, Treatment
-from estimators.decisions.decision import Decision, decide
+from estimators.data.treatment import Action, DataChange, Treatment
+from estimators.decisions.decision import Decision, Policy, decide
 from estimators.decisions.gate import Gate
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import TriedTreatment
-from estimators.findings import Change, Finding, Quantity
-from estimators.in_loop.conventions import GoalConvention
+from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence, Hypothesis
 from estimators.selection.policies import ADD_STOP, FOLLOW, SWAP, TIE
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import find_links
-from pendulum_env.arms.recording import add_payload
 from pendulum_env.physics import BASE, Term, list_ids
-from pendulum_env.recording import NEWTON_METRE, Recording
 
 TIMES = {Action.TIMED_BESIDE, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
-PURPOSES = {Action.IMPACTS_INCLUDED: ADD_STOP, Action.NARROWER_WINDOWS: FOLLOW}  # windows in contact, near reversals
-
-
-@dataclass(frozen=True)
-class CarriedPayload(Finding):
-    """Payload of an arm that some recordings show.
-
-    Attributes:
-        joint: joint before the link that carries it.
-        mass: its mass.
-        center: its centre in the frame of the joint, by axis.
-        torque_rms: torque error of joints without and with it.
-        recordings: names of the recordings.
-    """
-
-    joint: str
-    mass: Quantity
-    center: Mapping[str, Quantity]
-    torque_rms: Mapping[str, Change]
-    recordings: tuple[str, ...]
-
-
-INPUTS = CarriedPayload | GoalConvention  # treatments of payloads or goals, with the same rows
+PURPOSES: Mapping[str, Policy[Hypothesis]] = {
+    Action.IMPACTS_INCLUDED: ADD_STOP,  # windows in contact
+    Action.NARROWER_WINDOWS: FOLLOW,  # near reversals
+}
 
 
 def choose_treatment(case: Case, data: FitData, options: Options) -> tuple[Trial, tuple[TriedTreatment, ...]]:
@@ -79,10 +53,10 @@ def decide_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     if not decision.passed:
         equal = decide(after, before, TIE).join(Decision((Gate("assumptions", *counts, counts[0] <= counts[1]),)))
         decision = equal if equal.passed else decision.join(equal)
-    action = treatment.action if isinstance(treatment, Treatment) else None
-    if decision.passed and action in PURPOSES:
-        decision = decision.join(decide(after, before, PURPOSES[action]))
-    return TriedTreatment(treatment, decision, *counts)
+    tried = TriedTreatment(treatment, decision, *counts)
+    if decision.passed and tried.action in PURPOSES:
+        tried = replace(tried, decision=decision.join(decide(after, before, PURPOSES[tried.action])))
+    return tried
 
 
 def find_treatment(trial: Trial, best: Trial) -> Finding:
@@ -93,10 +67,10 @@ def find_treatment(trial: Trial, best: Trial) -> Finding:
 def _make_hypotheses(trial: Trial, best: Trial, treatment: Finding) -> tuple[Hypothesis, Hypothesis]:
     """Return the models of a treated trial and of the best one, on data with the same rows.
 
-    The treated data serve both. If the treatment changes payloads or goals, each model has its own data. If it changes
+    The treated data serve both. If the treatment changes inputs, each model has its own data. If it changes
     the time of the torque, the windows are those of the torque as logged, and each model has its own torque in these.
     """
-    has_own_data = isinstance(treatment, INPUTS)
+    has_own_data = isinstance(treatment, DataChange) and treatment.changes_inputs
     of_trial, of_best = trial.evidence, best.evidence if has_own_data else trial.evidence
     if isinstance(treatment, Treatment) and treatment.action in TIMES:
         logged = trial.data.without_timing()
@@ -116,17 +90,15 @@ def _with_link(evidence: Evidence, trial: Trial) -> Evidence:
 
 
 def count_assumptions(trial: Trial) -> int:
-    """Return the number of effects, payloads, windows in contact, added base terms, and corrected timing.
+    """Return the number of effects and corrected timing, and the assumptions of the treatments.
 
-    Goals that run on count as one, since held goals are the default. Excluded recordings do not count, as a test
-    detected them.
+    A later decision on the same topic takes the place of an earlier one.
     """
-    data, counted = trial.data, (Action.IMPACTS_INCLUDED, Action.BACK_EMF_INCLUDED)
-    n_treatments = sum(action in counted for action in data.actions)
-    n_payloads = sum(isinstance(treatment, CarriedPayload) for treatment in data.treatments)
-    goals = [treatment for treatment in data.treatments if isinstance(treatment, GoalConvention)]
-    run_on = bool(goals) and not goals[-1].is_held
-    return len(trial.result.steps) - 1 + data.timing.has_moved + n_treatments + n_payloads + run_on
+    data = trial.data
+    changes = [treatment for treatment in data.treatments if isinstance(treatment, DataChange)]
+    last = {change.topic or str(k): change for k, change in enumerate(changes)}
+    n_assumptions = sum(change.n_assumptions for change in last.values())
+    return len(trial.result.steps) - 1 + data.timing.has_moved + n_assumptions
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
@@ -164,41 +136,6 @@ def exclude_outliers(trial: Trial) -> FitData | None:
     """Return data without recordings that disagree with the others; None if no more are excluded than before."""
     data = (trial.data.whole or trial.data).without_outliers(trial.outliers)
     return data if len(data.recordings) < len(trial.data.recordings) else None
-
-
-def include_payload(trial: Trial) -> FitData | None:
-    """Return data with payloads that only some recordings of an arm show; None without any, or if all is explained."""
-    data = trial.data
-    if not trial.unexplained or len(data.recordings) + len(data.holdout) < 2:
-        return None
-    parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
-    for payload, numbers in detect_payloads(parts, trial.result.terms):
-        names = tuple(data.all_recordings[k].name for k in numbers)
-        finding = make_payload_finding(payload, find_links(trial.options.base), names)
-        data = change_recordings(data, partial(add_payload, load=payload.load), numbers).with_treatment(finding)
-    return None if data is trial.data else data
-
-
-def change_recordings(data: FitData, change: Callable[[Recording], Recording], numbers: Collection[int]) -> FitData:
-    """Return data, also untimed, with some recordings changed, numbered from 0, fitted ones first."""
-    changed, logged = (
-        tuple(change(recording) if k in numbers else recording for k, recording in enumerate(recordings))
-        for recordings in (data.all_recordings, data.timing.logged)
-    )
-    count, timing = len(data.recordings), replace(data.timing, logged=logged)
-    return replace(data, recordings=changed[:count], holdout=changed[count:], timing=timing)
-
-
-def make_payload_finding(payload: Payload, body: Body, names: tuple[str, ...]) -> CarriedPayload:
-    """Return the finding on a payload in recordings: mass, centre, and torque RMS of joints without and with it."""
-    estimates = {"mass": payload.estimates["m"], **payload.center}
-    sizes = {name: Quantity(estimate.value, estimate.std, estimate.unit) for name, estimate in estimates.items()}
-    units = {at: body.units(at).unit(NEWTON_METRE) for at in payload.torque_rms}
-    errors = {
-        at: Change(Quantity(before, unit=units[at]), Quantity(after, unit=units[at]))
-        for at, (before, after) in payload.torque_rms.items()
-    }
-    return CarriedPayload(payload.joint, sizes.pop("mass"), sizes, errors, names)
 
 
 def align_with_effects(trial: Trial) -> FitData | None:

@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from estimators.checks.remedies import find_reversed_torque
 from estimators.data.fits import fit_within_laws
 from estimators.data.regions import find_failures, find_regions_at
-from estimators.decisions.criterion import is_noise
-from estimators.decisions.errors import Terms
 from estimators.diagnosis.contacts import is_misfit_between_contacts
 from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence
@@ -16,7 +14,6 @@ from estimators.selection.search import SearchResult
 from estimators.selection.tables import ExplainingTable
 from estimators.signals.motion import SLOWEST
 from estimators.signals.residual import Region, make_region_everywhere
-from estimators.weak_form.torque_windows import compute_negligible_residual
 from pendulum_env.physics import Term
 
 
@@ -89,26 +86,6 @@ def find_noise_not_logged(result: SearchResult) -> list[UnloggedTorque]:
         holdout, evidence.residuals.holdout_residual(model.terms)
     )
     return [] if noise is None else [noise.make_finding(model.units())]
-
-
-def find_joint_residuals(evidence: Evidence, terms: Terms) -> tuple[dict[str, float], list[Region]]:
-    """Return the residual of each joint that is not noise [N m], and one region for each, the most significant.
-
-    The residual is its correlated part if that is significant, else its RMS. Held-out data count at a joint if its
-    fitted data leave only noise.
-    """
-    sizes, regions, criterion = dict[str, float](), list[Region](), evidence.criterion
-    residuals = evidence.train.residual(terms), evidence.residuals.holdout_residual(terms)
-    parts = zip(evidence.fits.parts, residuals, ((), evidence.holdout.names), strict=True)
-    for (part, residual, names), structures in zip(parts, evidence.residuals.structures(terms), strict=True):
-        for joint, structure in structures.items():
-            floor = max(evidence.residuals.noise_floor(part, joint), compute_negligible_residual(part.data, joint))
-            if joint not in sizes and not is_noise(structure, floor, criterion):
-                sizes[joint] = structure.correlated_rms if structure.z_score > criterion.z_score else structure.rms
-                places = find_regions_at(part, residual, joint, most=1)
-                region = places[0] if places else make_region_everywhere(at=joint, units=part.units(joint))
-                regions.append(replace(region, held_out_recordings=names))
-    return sizes, regions
 
 
 def find_holdout_structure(evidence: Evidence, final: Sequence[Term]) -> HeldOutResidual | None:

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import singledispatch
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from pendulum_env.errors import UserError
 from pendulum_env.plugins import load_plugins
 from pendulum_env.recording.channel import NEWTON_METRE
-
-if TYPE_CHECKING:
-    from pendulum_env.recording.record import Recording
 
 ENTRY_POINTS = "pendulum_ident.actuators"  # functions from the settings of a study to an actuator
 
@@ -76,12 +72,6 @@ class Actuator:
 
 
 MOTOR = Actuator()
-
-
-@singledispatch
-def complete_torque(actuator: Actuator, recording: Recording) -> Recording:
-    """Return a recording of an actuator with its torque, by the function that is registered for its type."""
-    return recording
 
 
 def parse_actuator(settings: Mapping[str, Any]) -> Actuator | None:

@@ -10,13 +10,13 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import ColumnError
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, jitter, sampling
-from pendulum_env.recording.actuator import MOTOR, Actuator, complete_torque
+from pendulum_env.recording.actuator import MOTOR, Actuator
 from pendulum_env.recording.clock import find_date, find_unix_unit, unwrap_clock
 from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.joint_names import name_errors
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
-from pendulum_env.recording.record import NO_TORQUE, Recording
+from pendulum_env.recording.record import NO_TORQUE, Recording, complete_torque
 from pendulum_env.recording.table import RawTable
 
 

@@ -75,7 +75,7 @@ WARNED = frozenset(  # kinds that are warnings in Python: rows or columns that a
         NoteKind.IMPLAUSIBLE,
     }
 )
-PACKAGES = ("pendulum_env", "estimators", "agents", "workbench")  # whose frames a warning passes over
+PACKAGES = ("pendulum_env", "estimators", "agents", "robots", "workbench")  # whose frames a warning passes over
 
 
 class RecordingWarning(UserWarning):

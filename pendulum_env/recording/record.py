@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import singledispatch
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -288,3 +289,9 @@ class Recording(Shown):
                 "both parts need at least 2, choose a fraction between 0 and 1"
             )
         return self.slice(None, index), self.slice(index, None)
+
+
+@singledispatch
+def complete_torque(actuator: Actuator, recording: Recording) -> Recording:
+    """Return a recording of an actuator with its torque, by the function that is registered for its type."""
+    return recording

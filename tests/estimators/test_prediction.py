@@ -7,7 +7,7 @@ from benchmarks import six_joint
 from estimators import Prediction, compare, diagnose, identify
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import Model
-from tests.estimators.in_loop.test_in_loop import MODEL, recorded
+from tests.robots.servos.in_loop.test_in_loop import MODEL, recorded
 
 
 def rms(values) -> float:

@@ -8,8 +8,8 @@ import pytest
 from pendulum_env.physics import Estimate, KnownLoad, Model
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.plant import hide, paper_plant
-from pendulum_env.servo import ServoDrive
-from pendulum_env.servo.loop import Servos, simulate_servos
+from robots.servos import ServoDrive
+from robots.servos.loop import Servos, simulate_servos
 from tests.workbench.exported import compute_error, load_module, simulate_in_mujoco
 from workbench.export import ExportError, Request, export
 

@@ -14,7 +14,7 @@ from pendulum_env.arms import read_body
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
 from pendulum_env.recording import Recording
-from pendulum_env.servo import ServoDrive
+from robots.servos import ServoDrive
 from tests.cases import recording
 from tests.two_link import record_arm
 from tools.prose import ROOT

@@ -22,20 +22,17 @@ from estimators.decisions.errors import ErrorFall
 from estimators.decisions.gate import FailedGates, Gate
 from estimators.diagnosis.caveats import FewWindows, PartOfTurn, UnknownScale
 from estimators.diagnosis.completeness import Incomplete
-from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect, UnknownInertia
+from estimators.diagnosis.conclusion import NoKnownEffect, UnknownInertia
 from estimators.diagnosis.contacts import Contact
 from estimators.diagnosis.experiment import UnreachableAims
 from estimators.diagnosis.ranking import Imitation, Tie
 from estimators.diagnosis.result import Detectable
-from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
 from estimators.diagnosis.small_effect import SmallEffect
 from estimators.diagnosis.suggestion import Aim, Suggestion
-from estimators.diagnosis.treatments import CarriedPayload
 from estimators.diagnosis.unexplained import ErrorNearReversals, HeldOutResidual
 from estimators.diagnosis.untested import UntestedRange
 from estimators.findings import Change, Finding, Quantity
 from estimators.identification import CoarseEncoder, SlowedFilter
-from estimators.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.selection.process_noise import UnloggedTorque
 from estimators.selection.tables import ExplainingTable
@@ -46,6 +43,10 @@ from pendulum_env.physics.description import Symptom
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.table import TABLES, PowerOfSpeed
 from pendulum_env.units import JointUnits, show_angles
+from robots.arms.carried_payload import CarriedPayload
+from robots.arms.conclusion import MissingRotors
+from robots.servos.conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
+from robots.servos.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
 from workbench.narrator.effects import EFFECTS, find_description, find_look_alikes, name_effect
 from workbench.narrator.findings import describe

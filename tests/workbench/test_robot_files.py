@@ -13,7 +13,7 @@ from pendulum_env.arms.env import SpatialArm
 from pendulum_env.arms.robot import find_movable_joints
 from tests import robots
 from tests.pendulum_env.arms.test_body import written
-from tests.robots import ELBOW, PARALLEL, SHOULDER, urdf
+from tests.robot_files import ELBOW, PARALLEL, SHOULDER, urdf
 
 TWO = (SHOULDER, ELBOW)
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.data.regression_data import RegressionData
-from estimators.in_loop.rollouts import Rollouts
-from estimators.in_loop.servos import are_driven
-from estimators.in_loop.settings import LOOP
 from estimators.signals.motion import get_load_in_newton_metres
 from estimators.simulation.free_running import simulate_all
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
+from robots.servos.in_loop.rollouts import Rollouts
+from robots.servos.in_loop.servos import are_driven
+from robots.servos.in_loop.settings import LOOP
 from workbench.export.request import Exported, ExportError, Request
 from workbench.export.runs import simulate_segments, simulate_servos
 

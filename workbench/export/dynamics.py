@@ -15,8 +15,8 @@ from pendulum_env.physics.simulation import TorqueBalance, step, write_balance
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set_label, sort_symbols
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording.vocabulary import SI
-from pendulum_env.servo import OUTPUT_UNITS, ServoDrive
-from pendulum_env.servo.loop import (
+from robots.servos import OUTPUT_UNITS, ServoDrive
+from robots.servos.loop import (
     GAINS,
     Controller,
     ControllerState,

@@ -8,7 +8,7 @@ from typing import Literal
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP
-from pendulum_env.servo import ServoDrive
+from robots.servos import ServoDrive
 
 Language = Literal["python", "c"]
 

@@ -10,7 +10,7 @@ from estimators.simulation.free_running import Segments, start_memory
 from pendulum_env._typing import Array
 from pendulum_env.backends.constrained_body import import_mujoco
 from pendulum_env.physics import Model, find_link
-from pendulum_env.servo.loop import Servos
+from robots.servos.loop import Servos
 from workbench.export import mjcf
 from workbench.export.request import Exported, Request
 from workbench.export.servo import Servo, find_lag

@@ -10,7 +10,7 @@ import numpy as np
 from pendulum_env.physics import Model, Term, has_link
 from pendulum_env.physics.terms import is_pure_delay
 from pendulum_env.recording.channel import NEWTON_METRE
-from pendulum_env.servo import OUTPUT_UNITS, ServoDrive
+from robots.servos import OUTPUT_UNITS, ServoDrive
 from workbench.export.request import ExportError, Request
 
 OFFSETS = ("torque_offset", "coulomb_asymmetry")  # effects of constant torque

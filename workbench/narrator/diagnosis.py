@@ -10,7 +10,6 @@ from estimators.diagnosis.contacts import Contact
 from estimators.diagnosis.result import Addition, Detectable, Diagnosis, HorizonRefit, TriedTreatment
 from estimators.diagnosis.small_effect import SmallEffect
 from estimators.diagnosis.suggestion import Suggestion
-from estimators.diagnosis.treatments import CarriedPayload
 from estimators.findings import Finding, Quantity, withhold_everything
 from estimators.results import Comparison
 from estimators.signals.residual import SYMBOLS, Region
@@ -20,6 +19,7 @@ from pendulum_env.formatting import capitalise, format_percent, join_words
 from pendulum_env.physics.term import list_loads
 from pendulum_env.recording import NEWTON_METRE, NoteKind
 from pendulum_env.units import show_angles, to_shown_unit
+from robots.arms.carried_payload import CarriedPayload
 from workbench.narrator.effects import find_description, name_effect
 from workbench.narrator.findings import (
     ERRORS,

@@ -21,26 +21,28 @@ from estimators.decisions.errors import ErrorFall
 from estimators.decisions.gate import FailedGates
 from estimators.diagnosis.caveats import FewWindows, PartOfTurn, UnknownScale
 from estimators.diagnosis.completeness import Incomplete
-from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect, UnknownInertia
+from estimators.diagnosis.conclusion import NoKnownEffect, UnknownInertia
 from estimators.diagnosis.contacts import Contact
 from estimators.diagnosis.experiment import UnreachableAims
 from estimators.diagnosis.ranking import Imitation, Tie
 from estimators.diagnosis.result import Candidate
-from estimators.diagnosis.servo_conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
 from estimators.diagnosis.small_effect import SmallEffect
 from estimators.diagnosis.suggestion import Aim
-from estimators.diagnosis.treatments import CarriedPayload
 from estimators.diagnosis.unexplained import ErrorNearReversals, HeldOutResidual
 from estimators.diagnosis.untested import UntestedRange
 from estimators.findings import Finding, Quantity
 from estimators.identification import CoarseEncoder, SlowedFilter
-from estimators.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.selection.process_noise import UnloggedTorque
 from estimators.selection.tables import ExplainingTable
 from pendulum_env.formatting import capitalise, format_estimate, format_p_value, format_quantity, join_words
 from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import to_shown_unit
+from robots.arms.carried_payload import CarriedPayload
+from robots.arms.conclusion import MissingRotors
+from robots.servos.back_emf import BACK_EMF_INCLUDED
+from robots.servos.conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
+from robots.servos.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from workbench.narrator.effects import find_description, name_effect
 
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
@@ -534,7 +536,8 @@ GAPS: Mapping[Gap, str] = {
     Gap.NEVER_ACTS: "{parameters} never acts in these recordings. Record motion that reaches it.",
     Gap.ACT_ALIKE: "{parameters} cannot be told apart: they act alike in these recordings.",
 }
-TREATMENTS: Mapping[Action, str] = {
+TREATMENTS: Mapping[str, str] = {
+    BACK_EMF_INCLUDED: "The base model has back-EMF.",
     Action.TORQUE_CONSTANT: "The known loads give the torque constant.",
     Action.NARROWER_WINDOWS: "The windows have {share.value:g} of their length.",
     Action.WINDOWS_BY_INERTIA: (
@@ -544,7 +547,6 @@ TREATMENTS: Mapping[Action, str] = {
     Action.RECORDINGS_EXCLUDED: "Left out: {recordings}.",
     Action.TIMED_BESIDE: "Torque is timed beside {effects}.",
     Action.TIMED_AS_LOGGED: "Torque keeps its time of the log.",
-    Action.BACK_EMF_INCLUDED: "The base model has back-EMF.",
 }
 SENTENCES: Mapping[type[Finding], Text] = {
     Undetermined: _describe_undetermined,

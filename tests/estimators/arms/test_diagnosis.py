@@ -12,8 +12,7 @@ from benchmarks.six_joint import Hidden
 from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose
 from estimators.data.fit_data import FitData
-from estimators.diagnosis.conclusion import MissingRotors, NoKnownEffect
-from estimators.diagnosis.treatments import CarriedPayload
+from estimators.diagnosis.conclusion import NoKnownEffect
 from estimators.diagnosis.unexplained import HeldOutResidual
 from estimators.findings import Verdict
 from estimators.regression.least_squares import IdentificationError
@@ -23,6 +22,8 @@ from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck, TemperatureDependentFriction
 from pendulum_env.physics.potential import Cogging, Spring
+from robots.arms.carried_payload import CarriedPayload
+from robots.arms.conclusion import MissingRotors
 from tests.two_link import record_arm
 
 SOME = {"stribeck": Stribeck, "cogging": Cogging}

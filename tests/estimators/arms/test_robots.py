@@ -13,7 +13,7 @@ from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.potential import Cogging, Spring
-from tests.robots import ANGULAR, DRIVEN, PARALLEL, TORSO, simulate, urdf, write
+from tests.robot_files import ANGULAR, DRIVEN, PARALLEL, TORSO, simulate, urdf, write
 
 ROBOTS = {"parallel": (PARALLEL, 0.02), "angular": (ANGULAR, 0.3), "driven": (DRIVEN, 0.0), "torso": (TORSO, 0.01)}
 FEW = {"torque_offset": TorqueOffset, "spring": Spring, "cogging": Cogging}

@@ -18,9 +18,7 @@ from estimators.checks.homogeneity import find_disagreements, find_misfits, fit_
 from estimators.checks.remedies import find_wrong_columns
 from estimators.data.split import CutSettings, split_recordings
 from estimators.decisions.criterion import Criterion
-from estimators.diagnosis.servo_conclusion import find_speed_rate, find_torque_scale
 from estimators.diagnosis.treatments import narrow_windows
-from estimators.in_loop.convention_fits import ConventionFit, choose_fit
 from estimators.selection import policies
 from estimators.selection.evidence import Evidence
 from estimators.selection.moves import add_effect, propose_pairs
@@ -30,8 +28,10 @@ from estimators.selection.state import SearchState
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE, Model, effect
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import ServoDrive
-from pendulum_env.servo.torque import compute_commanded_torque
+from robots.servos.conclusion import find_speed_rate, find_torque_scale
+from robots.servos.drive import ServoDrive
+from robots.servos.in_loop.convention_fits import ConventionFit, choose_fit
+from robots.servos.torque import compute_commanded_torque
 from tests.cases import make_plain_model, recorded
 
 EXPERIMENT = Experiment(rate=200.0, seconds=12.0, seed=2)

@@ -16,7 +16,7 @@ from estimators.regression.fold_fits import solve_without
 from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE, Term
 from pendulum_env.recording import Recording
-from pendulum_env.servo.drive import ServoDrive
+from robots.servos.drive import ServoDrive
 from tests.cases import recording
 from tests.two_link import body, record_arm
 

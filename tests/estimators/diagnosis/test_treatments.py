@@ -32,7 +32,7 @@ def diagnosed_under_chirps(plant: Plant, *only: str, late: int = 0) -> Diagnosis
 def test_diagnosis_records_the_treatments_that_were_tried():
     found = diagnosed("bouncing")
     (tried,) = found.treatments
-    assert tried.treatment == Treatment(Action.IMPACTS_INCLUDED) and tried.is_kept
+    assert tried.action == Action.IMPACTS_INCLUDED and tried.is_kept
     assert [gate.name for gate in tried.decision.gates] == ["gain", "p_value", "stops"] and tried.decision.passed
     assert Action.IMPACTS_INCLUDED in found.data.actions
     (row,) = found.json()["treatments"]

@@ -18,7 +18,7 @@ from pendulum_env.arms.joints import (
 from pendulum_env.physics.table import Extent
 from tests import robots
 from tests.pendulum_env.arms.test_body import chain, written
-from tests.robots import ANGULAR, DRIVEN, PARALLEL, TORSO, urdf
+from tests.robot_files import ANGULAR, DRIVEN, PARALLEL, TORSO, urdf
 
 HELD = {"PARALLEL": (PARALLEL, 0.02), "ANGULAR": (ANGULAR, 0.3), "TORSO": (TORSO, 0.01)}
 

@@ -19,7 +19,7 @@ from pendulum_env.recording import (
     write_study,
 )
 from pendulum_env.recording.study import read_sources
-from pendulum_env.servo import ServoDrive
+from robots.servos import ServoDrive
 
 ANY = st.characters(exclude_categories=("Cs",), exclude_characters="\0")
 TEXT = st.text(ANY, min_size=1, max_size=15).filter(str.strip)

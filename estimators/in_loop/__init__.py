@@ -1,6 +1,0 @@
-"""Servos with their controller in the loop: fitted by simulating whole recordings from the goal."""
-
-from estimators.in_loop.convention_fits import complete_drives
-from estimators.in_loop.conventions import decide_conventions, decide_open_torque, list_decisions
-
-__all__ = ["complete_drives", "decide_conventions", "decide_open_torque", "list_decisions"]
