@@ -18,9 +18,8 @@ from estimators.arms.excitation import INFORMATION_PRIOR, MotionBatch, find_prob
 from estimators.arms.limits import DEFAULT_LIMITS, Limits, find_limits
 from estimators.arms.reference import KNOT_PERIOD, Reference
 from estimators.regression.least_squares import IdentificationError
-from estimators.wrappers.options import find_body
 from pendulum_env._typing import Array
-from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.body import Body, parse_body, read_body
 from pendulum_env.arms.env import PlanarArm
 from pendulum_env.errors import UserError
 from pendulum_env.excitation import DEFAULT_SPEED
@@ -95,7 +94,7 @@ class ArmExcitationDesignVector(TaskVector):
         """
         if seconds is not None and not KNOT_PERIOD <= seconds < np.inf:
             raise UserError(f"an episode of {seconds:g} s is too short: give {KNOT_PERIOD:g} s or more")
-        self.body = find_body(PlanarArm()) if robot is None else read_body(robot)
+        self.body = parse_body(PlanarArm().urdf) if robot is None else read_body(robot)
         torque = TORQUE if max_torque is None else max_torque
         self.body.refuse_impossible_links()
         self.limits = find_limits(self.body, max_angle, max_speed, torque, max_acceleration)

@@ -32,12 +32,11 @@ from estimators.arms.reference import TICK, compute_condition_number, make_torqu
 from estimators.online import OnlineEstimator, stream_recording
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
-from estimators.wrappers.options import find_body
 from pendulum_env._typing import Array
-from pendulum_env.arms.body import Body, read_body
+from pendulum_env.arms.body import Body, parse_body, read_body
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.planar import TWO_LINK, Link
+from pendulum_env.physics.joints import arm_base
 
 RATE = 1000.0  # [Hz]
 NOISE = 0.1  # of each torque sample [N m], some per cent as from currents
@@ -183,7 +182,7 @@ def draw_links(rng: np.random.Generator) -> tuple[Link, ...]:
 def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Generator) -> tuple[list[float], Array]:
     """Return the RMS relative error of all parameters at `MOMENTS`, and the largest angles and speeds (2, n)."""
     arm = PlanarArm(links, rate=RATE, torque_noise=NOISE, max_torque=TORQUE)
-    truth = find_body(arm)
+    truth = parse_body(arm.unwrapped.urdf)
     recording = follow(arm, motion, round(MOMENTS[-1] * RATE), TORQUE, rng=rng)
     smoothing = Smoothing.from_encoder(arm.counts, RATE)
     estimator = OnlineEstimator(RATE, arm_base(file), [scheme("filtered_dynamic")], smoothing=smoothing)
@@ -200,7 +199,7 @@ def errors(file: Body, links: tuple[Link, ...], motion: Any, rng: np.random.Gene
 
 def two_link(bodies: int, seed: int, limits: dict[str, float]) -> None:
     """Print the errors of every contender on the same bodies, also relative to the first contender."""
-    file, results = find_body(PlanarArm()), {}
+    file, results = parse_body(PlanarArm().urdf), {}
     print(f"{bodies} bodies within 30 %, noise {NOISE:g} N m, limits {limits}")
     for name, contender in CONTENDERS.items():
         made, most, own = [], [], []

@@ -28,7 +28,7 @@ from benchmarks.two_link import Multisine, TwoLink
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing, choose_smoothing
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import arm_base, find_kinds
+from pendulum_env.physics.joints import arm_base, find_kinds
 from pendulum_env.recording import read_recording
 from workbench.terminal import Terminal
 

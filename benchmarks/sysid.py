@@ -23,8 +23,8 @@ from estimators import identify
 from estimators.schemes.balance import stack_motion
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import measure_joints
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics.joints import arm_base
 
 TRUTH = {"armature": np.array(ROTORS), "damping": np.array(VISCOUS), "frictionloss": np.array(COULOMB)}
 PIECE = 0.5  # length of one simulation [s]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from estimators.arguments import Recordings, Terms, check_options, select_recordings, select_terms
 from estimators.data.timing import Timing
 from estimators.decisions.criterion import Criterion
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import find_body
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, list_ids
+from pendulum_env.physics.joints import find_mechanism
+from pendulum_env.physics.mechanism import LinkedMechanism
 
 
 @refuse_unknown_arguments
@@ -31,7 +31,7 @@ def align(recordings: Recordings, terms: Terms = BASE, *, criterion: Criterion =
     """
     check_options(criterion)
     terms = select_terms(terms)
-    body, known = find_body(terms), list_ids(BASE)
+    body, known = find_mechanism(terms), list_ids(BASE)
     logged = select_recordings(recordings, body=body)
-    effects = terms if isinstance(body, Body) else [term for term in terms if term.id not in known]
+    effects = terms if isinstance(body, LinkedMechanism) else [term for term in terms if term.id not in known]
     return Timing.from_recordings(logged, effects, criterion)

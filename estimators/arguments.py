@@ -14,15 +14,6 @@ from estimators.decisions.criterion import Criterion
 from estimators.free_swings import is_torque_needed
 from estimators.progress import no_progress
 from estimators.regression.least_squares import IdentificationError
-from pendulum_env.arms.joints import (
-    check_places,
-    find_body,
-    find_kinds,
-    list_effects,
-    place_effects,
-    place_term,
-)
-from pendulum_env.arms.reading import read_logged
 from pendulum_env.errors import ColumnError, UserError
 from pendulum_env.physics import (
     BASE,
@@ -36,11 +27,20 @@ from pendulum_env.physics import (
     find_term,
     list_nameable,
 )
+from pendulum_env.physics.joints import (
+    check_places,
+    find_kinds,
+    find_mechanism,
+    list_effects,
+    place_effects,
+    place_term,
+)
 from pendulum_env.physics.limits import check_names, collect_limits, limit_kind, limit_term, make_limits
 from pendulum_env.physics.model import NO_INERTIA
 from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.formats import Readable, is_data, is_readable
+from pendulum_env.recording.logged import read_logged
 from pendulum_env.recording.study import parse_log_format
 from pendulum_env.settings import format_setting
 
@@ -138,7 +138,7 @@ def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     if isinstance(given, Model):
         raise TypeError("a model is not a list of terms: pass model.terms")
     items = convert_to_tuple(given)
-    body = find_body(items)
+    body = find_mechanism(items)
     terms = tuple(_find_term(item, body) if isinstance(item, str) else item for item in items)
     for item in terms:
         if not isinstance(item, Term):
@@ -234,7 +234,7 @@ def apply_limits(
     limits = make_limits(fixed or {}, bounds or {})
     if not limits:
         return tuple(terms), dict(library)
-    if not find_body(terms).can_limit:
+    if not find_mechanism(terms).can_limit:
         raise UserError("values and bounds are known of pendulums alone: leave them out for an arm")
     check_names(limits, (*(type(item) for item in terms), *list_nameable().values(), *library.values()))
     limited = tuple(limit_term(item, limits) for item in terms)

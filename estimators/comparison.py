@@ -29,9 +29,9 @@ from estimators.diagnosis.checks import Subject, examine
 from estimators.results import Comparison, RecordingErrors
 from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
-from pendulum_env.arms.body import Body
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Model, Samples, has_link
+from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.recording import Recording
 
 
@@ -76,7 +76,7 @@ def compare(
     if recordings[0].units.is_prismatic:
         model = model.convert_units(recordings[0].units)
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
-    joints = model.terms if isinstance(model.body, Body) else ()
+    joints = model.terms if isinstance(model.body, LinkedMechanism) else ()
     separate = [] if joints else [_prepare_recording(each, model, horizon, criterion.block) for each in recordings]
     joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints, criterion.block)
     data = FitData(recordings, recordings, terms=joints, cut=CutSettings(horizon=horizon), criterion=criterion)

@@ -25,9 +25,9 @@ from estimators.schemes.identifiability import refuse_idle_joints, withhold_esti
 from estimators.schemes.result import Identification
 from estimators.schemes.six import LowPass, Regressor, Scheme, select_schemes
 from estimators.weak_form.preparation import prepare_windows
-from pendulum_env.arms.joints import find_body
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Bounds, Model, Term
+from pendulum_env.physics.joints import find_mechanism
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -78,7 +78,7 @@ def identify(
     """
     check_options(criterion)
     terms, chosen = select_terms(terms), select_schemes(schemes)
-    recordings = select_recordings(recordings, body=find_body(terms))
+    recordings = select_recordings(recordings, body=find_mechanism(terms))
     terms, _ = apply_limits(terms, {}, fixed, bounds)
     fit_data = FitData.from_recordings(recordings, terms=terms, criterion=criterion)
     swing_terms = make_swing_terms(terms, fit_data.recordings)

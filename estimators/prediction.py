@@ -19,8 +19,8 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.body import Body
 from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
@@ -148,7 +148,7 @@ def _make_windows_at_samples(
 ) -> TorqueWindows:
     """Make the equations of one recording about every sample that is clear of stick."""
     dense = [w.center_at_every_sample() for w in windows]
-    if isinstance(model.body, Body):
+    if isinstance(model.body, LinkedMechanism):
         return links.join_recording(dense, model.terms)
     return replace(join_windows(dense), link_states=link_states)
 

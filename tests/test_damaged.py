@@ -14,12 +14,12 @@ from agents.config import Config
 from agents.network import POLICY_FOLDER, Network
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms import read_body
-from pendulum_env.arms.joints import arm_base, place_effect
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.joints import arm_base, place_effect
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.table import TABLES, Extent
 from pendulum_env.reading import read_toml

@@ -12,11 +12,12 @@ from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.free_swings import find_known_values
-from pendulum_env.arms.joints import arm_base
-from pendulum_env.arms.model import ArmModel, ModelOptions, load_model
+from pendulum_env.arms.model import ArmModel, ModelOptions
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import PENDULUM, Mechanism, Model, ModelError
+from pendulum_env.physics.joints import list_base_terms
 from pendulum_env.physics.limits import collect_limits
+from pendulum_env.physics.model import load_model
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources
 from robots.servos.in_loop import list_decisions
@@ -100,7 +101,7 @@ def _print_note(note: str, terminal: Terminal) -> None:
 
 def read_model(path: str, body: Mechanism = PENDULUM) -> Model:
     """Read a model of a body; raises ModelError if the file has no model with inertia."""
-    model = load_model(path, body)
+    model = load_model(body, path)
     try:
         return check_model(model)
     except ModelError as error:
@@ -203,7 +204,7 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
     if robot is not requested:
         terminal.print("joints without columns of torque in the log are held; --joints names those that move")
     report_held(body, recordings, terminal)
-    model = ArmModel.load(path, body) if path else ArmModel(arm_base(body))
+    model = ArmModel.load(path, body) if path else ArmModel(list_base_terms(body))
     n_fitted = sum(source.role == "fit" for source in sources)
     return Inputs(model, [*recordings[:n_fitted]], [*recordings[n_fitted:]], robot.read)
 

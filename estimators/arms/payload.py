@@ -31,10 +31,10 @@ from estimators.weak_form.links import prepare_arm
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import JSON, Array, Index
-from pendulum_env.arms.body import STANDARD, Body, LinkLoad
-from pendulum_env.arms.joints import find_links
+from pendulum_env.arms.body import STANDARD, Body, find_links
 from pendulum_env.lookup import find
 from pendulum_env.physics import Estimate, Model, Term
+from pendulum_env.physics.mechanism import LinkLoad
 from pendulum_env.recording import Recording
 
 MAX_HIDDEN_SHARE = 1e-6  # largest share of a determined parameter in directions that no motion of the joints shows

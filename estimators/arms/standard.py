@@ -15,8 +15,7 @@ import numpy as np
 import scipy
 
 from pendulum_env._typing import JSON, Array
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import find_links
+from pendulum_env.arms.body import Body, find_links
 from pendulum_env.physics import Estimate, Model
 
 

@@ -20,9 +20,9 @@ from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows
 from estimators.weak_form.window_noise import scale_by_jumps
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import BASE, Column, Term
 from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.joints import find_mechanism, list_base_terms
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.recording import Recording
 
@@ -59,12 +59,12 @@ def make_channel_rows(
     Raises:
         IdentificationError: if too little of the motion is clear of stick.
     """
-    body, margin = find_body(terms), latest + 2.0 / min(recording.rate for recording in recordings)
+    body, margin = find_mechanism(terms), latest + 2.0 / min(recording.rate for recording in recordings)
     if body.can_simulate:
         data = prepare_windows(recordings, margin=margin, block=criterion.block)
     else:
         data = prepare_arm(recordings, terms[:1], margin)
-        weights = TorqueRows(data).fits.weights(arm_base(body))
+        weights = TorqueRows(data).fits.weights(list_base_terms(body))
         data = replace(data, weights=weights, block=criterion.block)
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
     parts = [(rows, part.columns([law])[0][0]) for rows, part in joints for law in _make_smooth_laws(part)]

@@ -20,8 +20,8 @@ from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding
 from estimators.free_swings import find_known_values
-from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import BASE, Term
+from pendulum_env.physics.joints import find_mechanism
 from pendulum_env.recording import Recording
 
 
@@ -79,7 +79,7 @@ class FitData:
             IdentificationError: if units differ; if the joint moves too little; or if
                 torque is applied in held-out recordings only and no parameter is known.
         """
-        if not find_body(terms).can_simulate:
+        if not find_mechanism(terms).can_simulate:
             return cls(tuple(recordings), tuple(holdout), terms=tuple(terms), criterion=criterion)
         base = [term for term in terms if isinstance(term, Term)]
         known = find_known_values(base) if known is None else known

@@ -5,8 +5,8 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.errors import Errors
 from estimators.simulation.free_running import compute_deviation, compute_position_rms
-from pendulum_env.arms.joints import find_body
 from pendulum_env.physics import Model
+from pendulum_env.physics.joints import find_mechanism
 
 
 def compute_errors(data: RegressionData, model: Model) -> Errors:
@@ -15,7 +15,7 @@ def compute_errors(data: RegressionData, model: Model) -> Errors:
     Rollouts have only the error in the loop. The torque of all joints is nan if some slide and others turn; the
     position is nan without segments or a known inertia.
     """
-    residual, body, layout = data.residual(model.terms, model.theta), find_body(data.base), data.layout
+    residual, body, layout = data.residual(model.terms, model.theta), find_mechanism(data.base), data.layout
     if layout.errors is not None:
         return layout.errors(residual)
     torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan

@@ -26,8 +26,8 @@ from estimators.weak_form.rows import RowLayout, RowMaker, Terms
 from estimators.weak_form.torque_rows import TorqueRows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import arm_base, find_body
 from pendulum_env.physics import BASE, Model, Samples, Term, find_link, has_link, list_loads
+from pendulum_env.physics.joints import find_mechanism, list_base_terms
 from pendulum_env.recording import Recording
 from pendulum_env.units import JointUnits
 
@@ -81,7 +81,7 @@ class RegressionData:
         cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term], block: float = BLOCK
     ) -> RegressionData:
         """Cut recordings of an arm into windows for some terms, the links first; raises errors of `prepare_arm`."""
-        return cls(prepare_arm(recordings, terms, block=block), base=arm_base(find_body(terms)))
+        return cls(prepare_arm(recordings, terms, block=block), base=list_base_terms(find_mechanism(terms)))
 
     @classmethod
     def join(cls, parts: Sequence[RegressionData]) -> RegressionData:
@@ -165,7 +165,7 @@ class RegressionData:
 
     def units(self, at: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
-        return find_body(self.base).units(at, self.recordings[0].units)
+        return find_mechanism(self.base).units(at, self.recordings[0].units)
 
     def with_link_states(self, model: Model) -> RegressionData:
         """Return the data with estimated states of the model's link; unchanged without a link, or with rollouts."""

@@ -40,9 +40,9 @@ from estimators.selection.path import find_model_path
 from estimators.selection.policies import BEAT_CHANCE, CONFIRM, SWAP
 from estimators.selection.search import SearchResult
 from estimators.selection.state import SearchState
-from pendulum_env.arms.joints import find_kind
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Bounds, Model, Term, is_dry, is_hidden
+from pendulum_env.physics.joints import find_kind
 from pendulum_env.recording.study import collect_log_format
 
 

@@ -25,10 +25,10 @@ from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.treatments import choose_treatment
 from estimators.progress import Progress, no_progress, report_forward
-from pendulum_env.arms.joints import find_body
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Bounds, Term
+from pendulum_env.physics.joints import find_mechanism
 
 
 @refuse_unknown_arguments
@@ -86,7 +86,7 @@ def diagnose(
     """
     check_options(criterion, progress)
     terms = select_terms(base)
-    body = find_body(terms)
+    body = find_mechanism(terms)
     terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
     fitted, held_out = select_parts(recordings, holdout, body)
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)

@@ -11,9 +11,9 @@ from estimators.schemes.balance import adapt_to_arms, apply_scheme, compute_bala
 from estimators.schemes.six import GUARD_TIME, Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.joints import Links, find_links
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import Term
+from pendulum_env.physics.joints import Links, find_linked_mechanism
+from pendulum_env.recording import Recording
 
 
 class ArmStream:
@@ -34,7 +34,7 @@ class ArmStream:
                     f"{scheme.id} needs the whole recording of an arm: set borrows=None, and give a window"
                 )
         self._terms, self._schemes, self._smoothing = tuple(terms), adapt_to_arms(schemes), smoothing
-        self.joints = find_links(terms).joints
+        self.joints = find_linked_mechanism(terms).joints
         self._clock = Clock(1.0 / period)
         # samples after the current one that decide whether it is clear of stick
         self._lookahead = smoothing.reach + max(smoothing.reach + 1, round(GUARD_TIME / period)) + 2
@@ -90,8 +90,9 @@ class ArmStream:
     def _convert_samples(self) -> Iterator[StreamEquations]:
         """Yield the equations of new samples, by sample and joint; the first `_transient` samples are not usable."""
         times, positions, torques = (np.array(values) for values in zip(*self._samples, strict=True))
-        recording = ArmRecording.from_arrays("online", self.joints, times, positions, torques)
-        m = tuple(measure(joint, self._smoothing) for joint in recording.joints)
+        series = zip(positions.T, torques.T, strict=True)
+        joints_of_chunk = (Recording(times, *each, name="online", is_checked=True) for each in series)
+        m = tuple(measure(joint, self._smoothing) for joint in joints_of_chunk)
         reach = self._smoothing.reach
         # the last `_lookahead - reach` measurements wait for samples that decide on stick
         end = len(m[0]) - (self._lookahead - reach)

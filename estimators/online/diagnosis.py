@@ -29,10 +29,10 @@ from estimators.online.settings import ONLINE
 from estimators.online.stream import check_rate
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.joints import Links
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Term, effects, list_loads
+from pendulum_env.physics.joints import Links
 from pendulum_env.physics.terms import is_pure_delay
 
 

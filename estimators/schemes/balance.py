@@ -4,8 +4,8 @@
     impulse  mean over a sample             (M q')' + dU/dq - dK/dq + f = tau, momentum by its increments
     energy   mean over a sample             (K + U)' + q' f = q' tau, stored energy by its increments
 
-An arm of n joints has n rows per sample in the views of torque and impulse, and one row in the view of energy. `Body`
-makes the columns of the links. The views of the pendulum make the columns of other terms, in the row of their joint.
+An arm of n joints has n rows per sample in the views of torque and impulse, and one row in the view of energy. `LinkedMechanism`
+has the columns of the links. The views of the pendulum make the columns of other terms, in the row of their joint.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from estimators.schemes import six
 from estimators.schemes.six import Regression, Regressor, Scheme, average_over_samples, compute_increments
 from estimators.signals.measurements import Measurements, add_states, measure_joints
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Links
 from pendulum_env.physics import Term, list_loads
+from pendulum_env.physics.joints import Links
+from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.physics.term import return_zero
 from pendulum_env.recording import Recording
 
@@ -68,7 +68,7 @@ def stack_motion(joints: Joints) -> tuple[Array, ...]:
     return stack_series(joints, "position", "velocity", "acceleration")
 
 
-def _compute_link_columns(joints: Joints, body: Body, view: str) -> Array:
+def _compute_link_columns(joints: Joints, body: LinkedMechanism, view: str) -> Array:
     """Compute the columns of the base parameters of the links in a view (N, n or 1, P)."""
     (q, v, a), period = stack_motion(joints), joints[0].period
     if view == "torque":

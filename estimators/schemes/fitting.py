@@ -24,9 +24,9 @@ from estimators.schemes.encoder_noise import copy_with_noise, correct_fit, measu
 from estimators.schemes.six import Regressor, Scheme
 from estimators.weak_form.columns import list_law_bounds
 from pendulum_env._typing import JSON, Array
-from pendulum_env.arms.model import make_arm_model
 from pendulum_env.notebook import Shown
 from pendulum_env.physics import Model, Term
+from pendulum_env.physics.model import complete_model
 from pendulum_env.recording import Recording, TorqueConstant
 from pendulum_env.units import JointUnits
 
@@ -201,7 +201,7 @@ def fit_equations(
     model = model.mark_biased() if correction is not None and correction.has_bias else model
     return Identified(
         scheme=scheme.id,
-        model=make_arm_model(model),
+        model=complete_model(model.body, model),
         convergence=_compute_convergence(equations, data, free, theta, std),
         residual_rms=fit.rms,
         unit=scheme.unit,

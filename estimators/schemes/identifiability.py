@@ -14,9 +14,9 @@ from estimators.schemes.fitting import Identified, join_names
 from estimators.schemes.six import GUARD_TIME, scheme
 from estimators.signals.measurements import Measurements, measure_segments
 from pendulum_env._typing import Array, Mask
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import DRAWS
 from pendulum_env.physics import BASE, SIGNIFICANT, Estimate, Model, Term
+from pendulum_env.physics.joints import DRAWS
+from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.columns import NONE
 from pendulum_env.settings import format_setting
@@ -169,7 +169,7 @@ def withhold_estimates(
     """
     measured = [joints for group in segments for joints in group]
     body = terms[0].mechanism
-    if isinstance(body, Body):
+    if isinstance(body, LinkedMechanism):
         doubts = _find_dependent_terms(segments, terms)
         motions = [stack_series(joints, "position", "velocity", "held") for joints in measured]
         series_of_joints = [np.concatenate(series) for series in zip(*motions, strict=True)]
@@ -195,12 +195,12 @@ def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, term
     """Raise an `IdentificationError` if a joint of an arm never moves, or torque never moves a pendulum."""
     measured = [joints for group in segments for joints in group]
     body = terms[0].mechanism
-    for k, joint in enumerate(body.joints if isinstance(body, Body) else ()):
+    for k, joint in enumerate(body.joints if isinstance(body, LinkedMechanism) else ()):
         if not any(joints[k].moving.any() for joints in measured):
             raise IdentificationError(
                 f"{join_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
             )
-    if isinstance(body, Body) or all(r.is_free for r in recordings):
+    if isinstance(body, LinkedMechanism) or all(r.is_free for r in recordings):
         return
     if not any(has_effective_torque(m) for (m,) in measured):
         column = "torque" if any(r.torque.any() for r in recordings) else "load_torque"
@@ -231,13 +231,13 @@ def find_undetermined_links(model: Model, position: Array, velocity: Array, torq
     for joint, most, fast in zip(model.body.joints, largest.tolist(), fastest.tolist(), strict=True):
         at = f"@{joint}" if joint else ""
         large |= {f"viscous{at}": most / max(fast, 1e-300), f"coulomb{at}": most}
-    if isinstance(model.body, Body):
+    if isinstance(model.body, LinkedMechanism):
         large |= _compute_error_limits(model, model.body, position, largest)
     limited = ((name, estimate) for name, estimate in model.estimates.items() if name in large)
     return [name for name, estimate in limited if not is_determined(estimate, large[name])]
 
 
-def _compute_error_limits(model: Model, body: Body, position: Array, largest: Array) -> dict[str, float]:
+def _compute_error_limits(model: Model, body: LinkedMechanism, position: Array, largest: Array) -> dict[str, float]:
     """Compute the limit of each base parameter's standard error by torque and inertia of the joints.
 
     `position` (N, n) [rad] is the recorded motion, and `largest` (n,) the largest torque of each joint [N m].

@@ -16,8 +16,8 @@ from estimators.decisions.gate import Gate
 from estimators.memoize import memoized
 from estimators.selection.motion_score import fit_to_motion
 from estimators.selection.physical import find_violations
-from pendulum_env.arms.model import make_arm_model
 from pendulum_env.physics import BASE, Model, has_link, has_transmission, list_ids, list_loads, release_term
+from pendulum_env.physics.model import complete_model
 
 
 @dataclass(eq=False, repr=False)
@@ -99,7 +99,9 @@ class Fits:
         The model gets the units of the recordings; an insignificant inertia is withheld.
         """
         parts = self.list_parts(model)
-        model = make_arm_model(model).convert_units(self.train.recordings[0].units).mark_unknown(self._unknown)
+        model = (
+            complete_model(model.body, model).convert_units(self.train.recordings[0].units).mark_unknown(self._unknown)
+        )
         errors = [compute_errors(part, model) for part in parts]
         return Step(added, model, dict(zip(("train", "holdout"), errors, strict=True)))
 

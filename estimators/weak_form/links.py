@@ -21,10 +21,9 @@ from estimators.weak_form.torque_windows import PayloadColumns, TermColumns, Tor
 from estimators.weak_form.window_columns import WindowColumns, WindowTorque
 from estimators.weak_form.windows import Windows, cut
 from pendulum_env._typing import Array
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import Coupling, Links, find_links
-from pendulum_env.arms.recording import get_payload
 from pendulum_env.physics import Term, list_loads
+from pendulum_env.physics.joints import Coupling, Links, find_linked_mechanism
+from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.recording import Recording
 
 
@@ -41,10 +40,10 @@ def prepare_arm(
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
     """
-    body = find_links(terms)
+    body = find_linked_mechanism(terms)
     entries = [
         [
-            replace(cut(joint, width, margin=margin), at=name, run=run, payload=get_payload(recording))
+            replace(cut(joint, width, margin=margin), at=name, run=run, payload=recording.link_load)
             for name, joint in zip(body.joints, recording.joints, strict=True)
         ]
         for run, recording in enumerate(recordings)
@@ -66,7 +65,7 @@ def prepare_arm(
 
 def join_recording(entries: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:
     """Join the windows of the joints of one recording of an arm, with the columns of its links and couplings."""
-    return _join_joints([entries], [_compute_link_columns(entries, find_links(terms))], terms)
+    return _join_joints([entries], [_compute_link_columns(entries, find_linked_mechanism(terms))], terms)
 
 
 def _join_joints(
@@ -76,7 +75,10 @@ def _join_joints(
 
     `entries` has per recording the windows of each joint, `parts` the links' columns of these.
     """
-    body, kinds = find_links(terms), dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms)
+    body, kinds = (
+        find_linked_mechanism(terms),
+        dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms),
+    )
     joints = range(len(body.joints))
     linear, rates = (
         np.concatenate([joints_of_run[k] for k in joints for joints_of_run in series])
@@ -96,7 +98,7 @@ def _join_joints(
     )
 
 
-def _make_payload_columns(data: TorqueWindows, linear: Array, body: Body) -> PayloadColumns | None:
+def _make_payload_columns(data: TorqueWindows, linear: Array, body: LinkedMechanism) -> PayloadColumns | None:
     """Return the columns of known payloads, for their errors' share in the standard errors; None without a payload.
 
     The ten columns of a `LinkLoad` are the links' columns `linear` (R, P) times the change of the P base parameters by
@@ -156,7 +158,7 @@ class _LinkColumns:
     masses: Array
 
 
-def _compute_link_columns(entries: Sequence[Windows], body: Body) -> _LinkColumns:
+def _compute_link_columns(entries: Sequence[Windows], body: LinkedMechanism) -> _LinkColumns:
     """Compute the links' columns from the windows of each joint of one recording."""
     q, v, a = _stack_motion(entries)
     smooth, inertial = body.torque(q, v, np.zeros_like(v)), body.momentum(q, a)  # (N, n, P)

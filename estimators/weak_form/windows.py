@@ -29,8 +29,8 @@ from estimators.weak_form.averages import WindowAverages
 from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.window_noise import WindowNoise, scale_by_jumps
 from pendulum_env._typing import Array, Index, Mask
-from pendulum_env.arms.body import LinkLoad
 from pendulum_env.physics import Samples
+from pendulum_env.physics.mechanism import LinkLoad
 from pendulum_env.physics.simulation import StepPrograms
 from pendulum_env.recording import Recording
 

@@ -16,8 +16,8 @@ from estimators.online.change import ParameterFit
 from estimators.online.diagnosis import Diagnoser, find_obstacle
 from estimators.wrappers.measuring import MeasurementVectorWrapper, MeasurementWrapper
 from estimators.wrappers.options import AnyEnv, Plant
-from pendulum_env.arms.model import load_model
 from pendulum_env.physics import Model, Term, describe_joints
+from pendulum_env.physics.model import load_model
 
 
 class DiagnoseOnline(MeasurementWrapper):
@@ -162,7 +162,7 @@ def make_diagnoser(
 def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], ParameterFit]:
     """Return terms and estimates of a model or its file; standard errors of unknown estimates are infinite."""
     if isinstance(model, str | Path):
-        model = load_model(model, plant.body)
+        model = load_model(plant.body, model)
     if model.body.joints != plant.body.joints:
         model_joints, env_joints = (describe_joints(body.joints) for body in (model.body, plant.body))
         raise ValueError(

@@ -14,11 +14,11 @@ from estimators.online.stream import check_rate
 from estimators.schemes.six import SCHEMES, Scheme, select_schemes
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.signals.measurements import Smoothing, choose_smoothing, compute_encoder_noise
-from pendulum_env.arms.body import Body, parse_body, read_body
-from pendulum_env.arms.joints import Coupling, arm_base, arrange_terms, find_kinds, list_effects
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import PENDULUM, Mechanism, Term
+from pendulum_env.physics.joints import Coupling, arrange_terms, find_kinds, list_base_terms, list_effects
+from pendulum_env.physics.mechanism import LinkedMechanism, find_link_reader
 from pendulum_env.recording import NEWTON_METRE, Recording
 
 Names = str | Sequence[str | Scheme | JointState]
@@ -59,10 +59,11 @@ def _get_attribute(env: AnyEnv, name: str) -> Any:
     return getattr(inner, name, None)
 
 
-def find_body(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
+def read_links(env: gym.Env[Any, Any], robot: str | None = None) -> LinkedMechanism:
     """Read the links of a file, or of an environment with the attribute `urdf`."""
+    reader = find_link_reader()
     if robot is not None:
-        body = read_body(robot)
+        body = reader.read(robot)
         joints = tuple(getattr(env.unwrapped, "joints", body.joints))
         if len(joints) != len(body.joints):
             raise ValueError(f"the environment has joints {', '.join(joints)}, and {robot} {', '.join(body.joints)}")
@@ -70,7 +71,7 @@ def find_body(env: gym.Env[Any, Any], robot: str | None = None) -> Body:
     text = getattr(env.unwrapped, "urdf", None)
     if text is None:
         raise ValueError("the environment has no attribute urdf: pass robot=, a URDF or MJCF file")
-    return parse_body(text)
+    return reader.parse(text)
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Plant:
         if robot is not None or _get_attribute(env, "joints") is not None:
             if not isinstance(env, gym.Env):
                 raise ValueError("a vector of arms has no online algorithm: wrap each arm environment by itself")
-            body = find_body(env, robot)
+            body = read_links(env, robot)
         recording, counts = _get_attribute(env, "recording"), _get_attribute(env, "counts")
         batch = getattr(env, "num_envs", 1)
         if isinstance(recording, Recording):
@@ -123,7 +124,7 @@ class Plant:
         Raises:
             ValueError: if a term or its joint is unknown.
         """
-        return arm_base(self.body) if terms is None else select_terms(arrange_terms(terms, self.body))
+        return list_base_terms(self.body) if terms is None else select_terms(arrange_terms(terms, self.body))
 
     def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
         """Return possible effects by id, by default all that need only the columns of `info`.

@@ -19,14 +19,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.arms.robot import BodyError, import_pinocchio, read_robot
 from pendulum_env.formatting import join_words
-from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.physics.joints import find_mechanism
+from pendulum_env.physics.mechanism import BaseParameter, LinkedMechanism, LinkReader
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link in its joint's frame
 UNITS = {"m": "kg", "mx": "kg m", "my": "kg m", "mz": "kg m"}  # others: kg m^2
@@ -38,42 +39,11 @@ ROUNDING = 1e-9  # relative rounding error of inertias in a file
 INDEPENDENT = 1e-8  # least relative length of a column's part that is independent of previous columns
 DRAWS = 60  # samples of random motion for the rank
 
-__all__ = ["BaseParameter", "Body", "BodyError", "LinkLoad", "parse_body", "read_body"]
-
-
-@dataclass(frozen=True)
-class BaseParameter:
-    """Identifiable combination of standard parameters."""
-
-    name: str  # name of the first part, `Izz@shoulder`
-    unit: str
-    parts: tuple[tuple[str, float], ...]  # standard parameters and factors; the first factor is 1
-
-    @property
-    def text(self) -> str:
-        """Return the combination as text: `Izz@shoulder + 0.2025 m@elbow`."""
-        words = self.name
-        for name, factor in self.parts[1:]:
-            size = "" if np.isclose(abs(factor), 1.0) else f"{abs(factor):.4g} "
-            words += f" {'-' if factor < 0 else '+'} {size}{name}"
-        return words
+__all__ = ["Body", "BodyError", "parse_body", "read_body"]
 
 
 @dataclass(frozen=True, eq=False)
-class LinkLoad:
-    """Body fixed to a link.
-
-    Attributes:
-        joint: joint that moves the link.
-        standard: parameters (10,) of the body in the joint's frame, ordered as `STANDARD`.
-    """
-
-    joint: str
-    standard: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Body(Mechanism):
+class Body(LinkedMechanism):
     """Links of an arm with n revolute or linear joints, in a tree on a fixed base; made by `read_body`.
 
     Regressors take N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m for linear joints), and have one
@@ -96,9 +66,6 @@ class Body(Mechanism):
     ratios: Array
     offsets: Array
     rotors: bool
-
-    can_simulate: ClassVar[bool] = False
-    can_limit: ClassVar[bool] = False
 
     def __repr__(self) -> str:
         return f"<Body {self.name!r}: {len(self.joints)} joints, {len(self.base)} base parameters>"
@@ -152,11 +119,6 @@ class Body(Mechanism):
         """Return the base parameters of the file (P,)."""
         return np.asarray(self.combine @ self.standard_values)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the base parameters."""
-        return tuple(parameter.name for parameter in self.base)
-
     @cached_property
     def base(self) -> tuple[BaseParameter, ...]:
         """Return the base parameters with their combinations."""
@@ -166,11 +128,6 @@ class Body(Mechanism):
             parts = [(self.standard[place], 1.0), *((self.standard[k], float(row[k])) for k in further)]
             parameters.append(BaseParameter(self.standard[place], self.get_unit(self.standard[place]), tuple(parts)))
         return tuple(parameters)
-
-    @property
-    def combined(self) -> dict[str, str]:
-        """Return the base parameters that combine several standard parameters."""
-        return {parameter.name: parameter.text for parameter in self.base if len(parameter.parts) > 1}
 
     @property
     def _independent(self) -> Index:
@@ -350,3 +307,13 @@ def parse_body(urdf: str) -> Body:
         path = Path(folder) / "arm.urdf"
         path.write_text(urdf, encoding="utf-8")
         return read_body(path)
+
+
+def find_links(terms: Sequence[object]) -> Body:
+    """Return the body of an arm's terms."""
+    body = find_mechanism(terms)
+    assert isinstance(body, Body)
+    return body
+
+
+READER = LinkReader(read_body, parse_body)

@@ -9,11 +9,11 @@ from typing import Any
 from msgspec import Struct, structs
 
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import FRICTION, Links, find_kind, find_links, joint_effects
+from pendulum_env.arms.body import Body, find_links
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model, ModelError
-from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.physics.joints import FRICTION, Links, find_kind, joint_effects
+from pendulum_env.physics.model import complete_model, load_model
 from pendulum_env.physics.model_file import ARM_SCHEMA, OLD_ARM_SCHEMA, ModelFile, build_terms
 from pendulum_env.physics.table import TABLES
 from pendulum_env.reading import Number, Text, convert, read_json
@@ -133,13 +133,13 @@ def _convert_old_terms(content: JSON) -> JSON:
     return content | {"terms": terms, "theta": values | file.theta, "tables": tables}
 
 
-def make_arm_model(model: Model) -> Model:
-    """Convert a model to an `ArmModel` if its first term is `Links`."""
-    if not isinstance(model.body, Body):
-        return model
+@complete_model.register
+def _complete_model(mechanism: Body, model: Model) -> Model:
+    """Return a model of an arm as an `ArmModel`."""
     return ArmModel(model.terms, model.estimates, correlation=model.correlation)
 
 
-def load_model(path: str | Path, body: Mechanism) -> Model:
-    """Read the model of a pendulum or of an arm; raises ModelError as `Model.load` and `ArmModel.load`."""
-    return ArmModel.load(path, body) if isinstance(body, Body) else Model.load(path)
+@load_model.register
+def _load_model(mechanism: Body, path: str | Path) -> Model:
+    """Read the model of an arm; raises as `ArmModel.load`."""
+    return ArmModel.load(path, mechanism)

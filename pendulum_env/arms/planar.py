@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.arms.joints import FRICTION, parse_effect
 from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.joints import FRICTION, parse_effect
 from pendulum_env.physics.simulation import CommandDelay, TorqueBalance, make_start_samples
 from pendulum_env.plant import PAPER, Effects, hide, list_effects
 from pendulum_env.recording.study import GRAVITY

@@ -1,7 +1,6 @@
 """Read recordings of an arm, joint by joint."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,13 +14,13 @@ from pendulum_env.arms.columns import (
 )
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.errors import ColumnError
-from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.physics.term import ROOM
-from pendulum_env.recording import Recording, RecordingError, read_recording
+from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.columns import NONE, check_columns_option, parse_column
 from pendulum_env.recording.formats import Readable, get_label
 from pendulum_env.recording.joint_names import OF_JOINTS, name_errors, note_joint
+from pendulum_env.recording.logged import read_logged
 from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.preview import Preview, read_preview
 from pendulum_env.recording.storage import describe_reading, read_joint_rows
@@ -101,10 +100,9 @@ def read_joints(
     )
 
 
-def read_logged(body: Mechanism, source: Readable, log_format: Source, name: str | None = None) -> Recording:
-    """Read a recording of a pendulum or an arm in a log format; raises as `read_recording` and `read_arm_recording`."""
-    if not isinstance(body, Body):
-        return replace(read_recording(source, name=name, **log_format.reading_options), load=log_format.load)
+@read_logged.register
+def _read_logged(body: Body, source: Readable, log_format: Source, name: str | None = None) -> Recording:
+    """Read a recording of an arm in a log format; raises as `read_arm_recording`."""
     held = [joint for joint in (*body.held, *body.links) if joint not in body.joints]
     columns = log_format.columns or None
     return read_arm_recording(source, body.joints, held=held, name=name, columns=columns, unwrap=log_format.unwrap)

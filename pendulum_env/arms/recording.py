@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.arms.body import LinkLoad
+from pendulum_env.physics.mechanism import LinkLoad
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.joint_names import OF_JOINTS
 
@@ -57,6 +57,11 @@ class ArmRecording(Recording):
         return tuple(Recording(self.time, **common | columns) for columns in each)
 
     @property
+    def link_load(self) -> LinkLoad | None:
+        """Return the known payload."""
+        return self.payload
+
+    @property
     def is_free(self) -> bool:
         """Return False: an arm has no free swings."""
         return False
@@ -78,14 +83,9 @@ class ArmRecording(Recording):
         return f"{super().summary}, {len(self.names)} joint{'s' * (len(self.names) > 1)}"
 
 
-def get_payload(recording: Recording) -> LinkLoad | None:
-    """Return the known payload of a recording, or None."""
-    return recording.payload if isinstance(recording, ArmRecording) else None
-
-
 def add_payload(recording: Recording, load: LinkLoad) -> Recording:
     """Return a recording of an arm with a known payload, added to a known one at the same link."""
-    known = get_payload(recording)
+    known = recording.link_load
     if known is not None:
         load = LinkLoad(load.joint, known.standard + load.standard)
     return replace(recording, payload=load)  # type: ignore[call-arg]

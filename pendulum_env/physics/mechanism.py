@@ -1,17 +1,26 @@
-"""Joints of a mechanism: a pendulum or an arm."""
+"""Mechanisms: the joint of a pendulum, or several joints with links."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from pathlib import Path
+from typing import ClassVar, NamedTuple
 
+import numpy as np
+
+from pendulum_env._typing import Array
+from pendulum_env.errors import UserError
+from pendulum_env.plugins import load_plugins
 from pendulum_env.units import TURNING, JointUnits
+
+READERS = "pendulum_ident.links"  # entry points of link readers
 
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Revolute or linear joints: an unnamed joint for a pendulum, and with links `pendulum_env.arms.Body`.
+    """Revolute or linear joints: an unnamed joint for a pendulum, and with links a `LinkedMechanism`.
 
     Attributes:
         joints: names of the n independent joints, from the base on.
@@ -37,6 +46,98 @@ class Mechanism:
     def units(self, joint: str, recorded: JointUnits = TURNING) -> JointUnits:
         """Return the units of quantities at a joint, given those of a recording."""
         return JointUnits(recorded.torque_unit, recorded.is_prismatic or joint in self.prismatic_joints)
+
+
+@dataclass(frozen=True)
+class BaseParameter:
+    """Identifiable combination of standard parameters of links."""
+
+    name: str  # name of the first part, `Izz@shoulder`
+    unit: str
+    parts: tuple[tuple[str, float], ...]  # standard parameters and factors; the first factor is 1
+
+    @property
+    def text(self) -> str:
+        """Return the combination as text: `Izz@shoulder + 0.2025 m@elbow`."""
+        words = self.name
+        for name, factor in self.parts[1:]:
+            size = "" if np.isclose(abs(factor), 1.0) else f"{abs(factor):.4g} "
+            words += f" {'-' if factor < 0 else '+'} {size}{name}"
+        return words
+
+
+class LinkedMechanism(Mechanism, ABC):
+    """Joints with rigid links, whose balance is linear in P base parameters.
+
+    Regressors take N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m for linear joints), and have one
+    column per base parameter (P).
+    """
+
+    can_simulate: ClassVar[bool] = False
+    can_limit: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def base(self) -> tuple[BaseParameter, ...]:
+        """Return the base parameters with their combinations."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the base parameters."""
+        return tuple(parameter.name for parameter in self.base)
+
+    @property
+    def combined(self) -> dict[str, str]:
+        """Return the base parameters that combine several standard parameters."""
+        return {parameter.name: parameter.text for parameter in self.base if len(parameter.parts) > 1}
+
+    @abstractmethod
+    def torque(self, q: Array, v: Array, a: Array) -> Array:
+        """Return the torque regressor Y(q, v, a) (N, n, P)."""
+
+    @abstractmethod
+    def momentum(self, q: Array, v: Array) -> Array:
+        """Return the regressor of M(q) v (N, n, P)."""
+
+    @abstractmethod
+    def exchange(self, q: Array, v: Array) -> Array:
+        """Return the regressor of dU/dq - dK/dq, the loss of momentum without friction (N, n, P)."""
+
+    @abstractmethod
+    def energy(self, q: Array, v: Array) -> Array:
+        """Return the regressor of the energy K + U, up to a constant (N, P)."""
+
+    @abstractmethod
+    def link_columns(self, joint: str) -> Array:
+        """Return the matrix (P, 10) from the standard parameters of a joint's link to the base parameters."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkLoad:
+    """Known body that is fixed to a link.
+
+    Attributes:
+        joint: joint that moves the link.
+        standard: mass, first moments and inertias (10,) of the body in the joint's frame.
+    """
+
+    joint: str
+    standard: Array
+
+
+class LinkReader(NamedTuple):
+    """Reader of links of an installed package: of a file, and of the text of a URDF file."""
+
+    read: Callable[[str | Path], LinkedMechanism]
+    parse: Callable[[str], LinkedMechanism]
+
+
+def find_link_reader() -> LinkReader:
+    """Return the reader of an installed package."""
+    readers = [reader for reader in load_plugins(READERS) if isinstance(reader, LinkReader)]
+    if not readers:
+        raise UserError("no installed package reads links: install pendulum-ident again to register its own")
+    return readers[0]
 
 
 def describe_joints(names: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import singledispatch
 from pathlib import Path
 from typing import Any, Self
 
@@ -338,3 +339,15 @@ class Model(Mapping[str, Estimate], Shown):
             return cls.from_json(content)
         except model_file.ModelError as error:
             raise model_file.ModelError(f"{path}: {error}") from None
+
+
+@singledispatch
+def complete_model(mechanism: Mechanism, model: Model) -> Model:
+    """Return a model of a mechanism in its own class, by the function that is registered for its type."""
+    return model
+
+
+@singledispatch
+def load_model(mechanism: Mechanism, path: str | Path) -> Model:
+    """Read a model of a mechanism, by the function that is registered for its type; raises as `Model.load`."""
+    return Model.load(path)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from pendulum_env._typing import Array
 from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.notebook import Shown
+from pendulum_env.physics.mechanism import LinkLoad
 from pendulum_env.recording.actuator import MOTOR, Actuator
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
@@ -204,6 +205,11 @@ class Recording(Shown):
     def joints(self) -> tuple["Recording", ...]:
         """Return the recording of each joint (n,)."""
         return (self,)
+
+    @property
+    def link_load(self) -> LinkLoad | None:
+        """Return the known body on a link; None for a joint without links."""
+        return None
 
     @property
     def columns(self) -> dict[str, Array]:

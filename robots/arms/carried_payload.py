@@ -9,8 +9,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.treatment import DataChange
 from estimators.diagnosis.case import Trial
 from estimators.findings import Change, Finding, Quantity
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import find_links
+from pendulum_env.arms.body import Body, find_links
 from pendulum_env.arms.recording import add_payload
 from pendulum_env.recording import NEWTON_METRE, Recording
 

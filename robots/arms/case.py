@@ -29,8 +29,9 @@ from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.averages import concatenate_samples
-from pendulum_env.arms.joints import Rotor, find_body, find_links, place_effects
+from pendulum_env.arms.body import find_links
 from pendulum_env.physics import TABLES, Term, list_ids
+from pendulum_env.physics.joints import Rotor, find_mechanism, place_effects
 from pendulum_env.recording import Recording
 from robots.arms.carried_payload import CarriedPayload, include_payload
 from robots.arms.conclusion import MissingRotors, conclude_arm, find_joint_residuals
@@ -90,7 +91,7 @@ class Arm(Case):
 
     def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
         """Return whether the first term has the links of an arm."""
-        return not find_body(base).can_simulate
+        return not find_mechanism(base).can_simulate
 
     def prepare(
         self, recordings: Sequence[Recording], holdout: Sequence[Recording], options: Options

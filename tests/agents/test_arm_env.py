@@ -14,7 +14,7 @@ from benchmarks.arm_excitation import deviation, random_fourier
 from estimators.arms.excitation import INFORMATION_PRIOR, design_excitation
 from estimators.arms.limits import find_limits
 from estimators.arms.reference import KNOT_PERIOD
-from estimators.wrappers.options import find_body
+from pendulum_env.arms.body import parse_body
 from pendulum_env.arms.env import PlanarArm
 from workbench.cli import main
 
@@ -45,7 +45,7 @@ def test_the_reward_is_the_fall_of_the_standard_errors_and_an_episode_ends():
 def test_a_training_ends_in_a_policy_that_plays_whole_motions(tmp_path):
     network = train(Config.from_settings(SMALL), folder=tmp_path)
     network.save(tmp_path / "arm.npz")
-    loaded, body = Network.load(tmp_path / "arm.npz"), find_body(PlanarArm())
+    loaded, body = Network.load(tmp_path / "arm.npz"), parse_body(PlanarArm().urdf)
     motions = [plan_motion(policy, body, find_limits(body, max_torque=TORQUE), 2.0) for policy in (network, loaded)]
     np.testing.assert_allclose(motions[0].speeds, motions[1].speeds, atol=1e-6)
     assert len(motions[0].speeds) >= 21 and not motions[0].speeds[-1].any()
@@ -65,7 +65,7 @@ def test_nothing_is_to_be_expected_after_the_end_of_a_motion():
 
 @pytest.mark.parametrize(("limits", "seconds"), [({}, 5.0), ({"max_angle": 1.5, "max_speed": 3.0}, 8.0)])
 def test_the_policy_that_ships_teaches_as_much_as_planning_and_more_than_series(limits, seconds):
-    body, limits = find_body(PlanarArm()), {"max_torque": TORQUE, **limits}
+    body, limits = parse_body(PlanarArm().urdf), {"max_torque": TORQUE, **limits}
     motion = plan_motion(load("arm"), body, find_limits(body, **limits), seconds)
     series = random_fourier(body, seconds, np.random.default_rng(0), **limits)
     assert deviation(motion, seconds) < 0.7 * deviation(series, seconds)
@@ -86,7 +86,7 @@ def are_kept(motion, limits):
     "asked", [(0.5, 0.5, 12.0, 40.0), (None, 2.0, 12.0, 150.0), (None, 4.0, 12.0, 500.0), (None, None, 6.0, None)]
 )
 def test_limits_are_kept_however_large_acceleration_and_small_torque_may_be(asked):
-    body = find_body(PlanarArm())
+    body = parse_body(PlanarArm().urdf)
     names = ("max_angle", "max_speed", "max_torque", "max_acceleration")
     asked = {name: own for name, own in zip(names, asked, strict=True) if own is not None}
     limits = find_limits(body, **asked)
@@ -95,7 +95,7 @@ def test_limits_are_kept_however_large_acceleration_and_small_torque_may_be(aske
 
 
 def test_a_motion_is_the_best_of_many_that_are_drawn_and_the_same_each_time():
-    policy, body = load("arm"), find_body(PlanarArm())
+    policy, body = load("arm"), parse_body(PlanarArm().urdf)
     first, again = (plan_motion(policy, body, find_limits(body), 2.0) for _ in range(2))
     np.testing.assert_array_equal(first.speeds, again.speeds)
 

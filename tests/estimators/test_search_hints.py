@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators.search_hints import SearchHints, count_variants, is_possible, make_grid, set_hints
-from pendulum_env.arms.joints import place_effect
 from pendulum_env.physics import Column, NonlinearParameter, Samples, Term, effect, effects
+from pendulum_env.physics.joints import place_effect
 from pendulum_env.physics.limits import limit_kind
 from tests.motions import recorded
 

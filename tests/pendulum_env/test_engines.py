@@ -8,13 +8,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from pendulum_env.arms.joints import is_possible_at_joint
 from pendulum_env.arms.planar import GRAVITY, Link, PlanarBodies
 from pendulum_env.backends import BACKENDS, Sensor, Setup, Simulator, Start
 from pendulum_env.backends.rigid_body import RigidBody, make_body
 from pendulum_env.backends.simulator import SteppedBody
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
+from pendulum_env.physics.joints import is_possible_at_joint
 from pendulum_env.physics.simulation import TorqueBalance
 from pendulum_env.plant import PAPER, hide, paper_plant
 from pendulum_env.registration import PENDULUM

@@ -11,8 +11,8 @@ from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose, identify
 from estimators.findings import Finding
 from pendulum_env.arms import read_body
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
+from pendulum_env.physics.joints import arm_base
 from pendulum_env.recording import Recording
 from robots.servos import ServoDrive
 from tests.cases import recording

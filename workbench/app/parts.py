@@ -7,8 +7,8 @@ from typing import Any
 from dash import Dash, dcc, html
 from dash.development.base_component import Component
 
-from pendulum_env.arms.joints import list_effects, place_effects
 from pendulum_env.formatting import capitalise
+from pendulum_env.physics.joints import list_effects, place_effects
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
 from workbench.app.session import Session, Sessions

@@ -9,8 +9,8 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from pendulum_env.arms.joints import Links
 from pendulum_env.errors import ColumnError
+from pendulum_env.physics.joints import Links
 from pendulum_env.recording import RecordingError, Source
 from workbench.app import uploads
 from workbench.app.card import ColumnCard

@@ -13,8 +13,8 @@ from estimators.data.regions import find_failures
 from estimators.decisions.errors import Step
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_parameters
-from pendulum_env.arms.joints import arm_base, arrange_terms, find_body
 from pendulum_env.physics import BASE, PENDULUM, Mechanism, Model, Term
+from pendulum_env.physics.joints import arrange_terms, find_mechanism, list_base_terms
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import find_duplicate
 from workbench.app.fits import BaseFit, fit_arm, fit_pendulum
@@ -54,7 +54,7 @@ class SearchChoices:
 
     def check(self, terms: Sequence[Term]) -> None:
         """Raise ValueError if an effect or parameter does not exist for a model with these terms."""
-        select_effects(None, **self.effects, body=find_body(terms))
+        select_effects(None, **self.effects, body=find_mechanism(terms))
         apply_limits(terms, {}, **self.limits)
 
     def write_options(self, *fields: str) -> list[str]:
@@ -149,7 +149,7 @@ class State:
     @property
     def base_terms(self) -> tuple[Term, ...]:
         """Return the terms of the base model."""
-        return arrange_terms(self.terms, self.body) if self.terms else arm_base(self.body)
+        return arrange_terms(self.terms, self.body) if self.terms else list_base_terms(self.body)
 
     def restart(self, **choices: Any) -> Self:
         """Return the state with changed choices and without fits and diagnosis."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from estimators import IdentificationError, compare
 from estimators.arms.payload import Payload, find_payload
 from estimators.simulation.free_running import HORIZON
-from pendulum_env.arms.joints import find_links
+from pendulum_env.arms.body import find_links
 from pendulum_env.recording import Recording
 from workbench import options
 from workbench.errors import InputError

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from estimators.arguments import apply_limits, select_effects
-from pendulum_env.arms.joints import arm_base
+from pendulum_env.physics.joints import list_base_terms
 from workbench import options
 from workbench.errors import InputError, Interrupted
 from workbench.inputs import make_body, read_model
@@ -92,6 +92,6 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 def _check_options(arguments: argparse.Namespace) -> None:
     """Raise an error for options that would fail for every recording."""
     body = make_body(arguments)
-    base = read_model(arguments.model, body).terms if arguments.model else arm_base(body)
+    base = read_model(arguments.model, body).terms if arguments.model else list_base_terms(body)
     effects = select_effects(None, arguments.only, arguments.without, body)
     apply_limits(base, effects, arguments.fixed, arguments.bounds)

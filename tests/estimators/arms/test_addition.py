@@ -9,8 +9,8 @@ from scipy.signal import butter, lfilter
 from benchmarks.two_link import TwoLink
 from estimators import IdentificationError, add, compare, diagnose, identify
 from estimators.diagnosis.completeness import Incomplete
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import ModelError
+from pendulum_env.physics.joints import arm_base
 from tests.two_link import record_arm
 from workbench.narrator.diagnosis import describe_addition
 

@@ -16,11 +16,11 @@ from estimators.diagnosis.conclusion import NoKnownEffect
 from estimators.diagnosis.unexplained import HeldOutResidual
 from estimators.findings import Verdict
 from estimators.regression.least_squares import IdentificationError
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck, TemperatureDependentFriction
+from pendulum_env.physics.joints import arm_base
 from pendulum_env.physics.potential import Cogging, Spring
 from robots.arms.carried_payload import CarriedPayload
 from robots.arms.conclusion import MissingRotors

@@ -22,8 +22,8 @@ from estimators.arms.reference import KNOT_PERIOD, TICK, make_torque_rows
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.arms.body import read_body
 from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.plane import find_planar_links
+from pendulum_env.physics.joints import arm_base
 from pendulum_env.plant import PAPER
 
 

@@ -12,10 +12,10 @@ from estimators.schemes.identifiability import Gap, Undetermined, find_undetermi
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.signals.measurements import measure_segments
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import Links, arm_base, friction
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE, Model, ModelError
+from pendulum_env.physics.joints import Links, arm_base, friction
 from pendulum_env.recording import Recording
 from tests.pendulum_env.arms.test_body import chain, written
 from tests.two_link import record_arm

@@ -22,10 +22,10 @@ from estimators.wrappers import (
 )
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import arm_base, place_effect
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.arms.planar import TWO_LINK
 from pendulum_env.physics import BASE, Model, effects
+from pendulum_env.physics.joints import arm_base, place_effect
 from tests.two_link import JOINTS, record_arm
 
 RATE, COUNTS, CHANGE = 500.0, 65_536, 7.0

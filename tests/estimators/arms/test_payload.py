@@ -10,8 +10,8 @@ from estimators.arms.payload import detect_payloads, find_payload
 from estimators.arms.standard import find_nearest_link, make_pseudo_inertia
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.links import prepare_arm
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.recording import ArmRecording
+from pendulum_env.physics.joints import arm_base
 from tests.two_link import record_arm
 
 EMPTY = TwoLink()

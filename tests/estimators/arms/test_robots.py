@@ -9,9 +9,9 @@ from estimators.arms.limits import DEFAULT_LIMITS
 from estimators.diagnosis.completeness import Incomplete
 from pendulum_env.arms import read_arm_recording
 from pendulum_env.arms.body import read_body
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck
+from pendulum_env.physics.joints import arm_base
 from pendulum_env.physics.potential import Cogging, Spring
 from tests.robot_files import ANGULAR, DRIVEN, PARALLEL, TORSO, simulate, urdf, write
 

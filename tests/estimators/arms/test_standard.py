@@ -3,8 +3,8 @@ import pytest
 
 from benchmarks import six_joint
 from estimators.arms.standard import make_pseudo_inertia, nearest_body, standard_parameters
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.arms.model import ArmModel
+from pendulum_env.physics.joints import arm_base
 
 
 def model(body, standard, noise=0.0):

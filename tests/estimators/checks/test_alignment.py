@@ -14,8 +14,8 @@ from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
 from estimators.signals.channel import Channel
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE
+from pendulum_env.physics.joints import arm_base
 from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording, read_recording
 from tests import slow

@@ -13,8 +13,8 @@ from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.options import Options
 from estimators.online.gains import Gains
 from estimators.regression.fold_fits import solve_without
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE, Term
+from pendulum_env.physics.joints import arm_base
 from pendulum_env.recording import Recording
 from robots.servos.drive import ServoDrive
 from tests.cases import recording

@@ -21,10 +21,10 @@ from estimators.online.diagnosis import EffectMonitor
 from estimators.online.settings import ONLINE
 from estimators.signals.measurements import Smoothing
 from estimators.wrappers import DiagnoseOnline, DiagnoseOnlineVector, EstimateParameters
-from pendulum_env.arms.joints import FRICTION, get_coupling, place_effect, place_term
 from pendulum_env.physics import BASE, Model, effects
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueOffset
 from pendulum_env.physics.friction import QuadraticDrag, Stribeck
+from pendulum_env.physics.joints import FRICTION, get_coupling, place_effect, place_term
 from pendulum_env.physics.library import effect
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.plant import PAPER

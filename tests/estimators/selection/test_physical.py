@@ -13,9 +13,9 @@ from estimators.decisions.gate import explain_rejection
 from estimators.regression.least_squares import Equations, Fit, solve
 from estimators.selection.gates import compare_base, compare_errors, compute_coefficient_chance
 from estimators.selection.physical import find_violations
-from pendulum_env.arms.joints import get_coupling, place_term
 from pendulum_env.physics import BASE, Column, Model, Samples, Term, effect, list_ids
 from pendulum_env.physics.actuation import ActuatorLag
+from pendulum_env.physics.joints import get_coupling, place_term
 from pendulum_env.physics.limits import limit_term
 from pendulum_env.physics.term import UNLOADED, KnownLoad, derive_kind
 from pendulum_env.physics.time_varying import PayloadChange

@@ -7,8 +7,8 @@ from benchmarks import six_joint
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.selection.residuals import Residuals, set_grid
-from pendulum_env.arms.joints import arm_base
 from pendulum_env.physics import BASE, Samples
+from pendulum_env.physics.joints import arm_base
 from pendulum_env.physics.table import Extent, TorqueByAngle
 
 

@@ -6,9 +6,9 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-from pendulum_env.arms.joints import arm_base, choose_coupling, place_effect
 from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics import ModelError, effect
+from pendulum_env.physics.joints import arm_base, choose_coupling, place_effect
 from pendulum_env.physics.limits import collect_limits, limit_term
 from tests import two_link
 

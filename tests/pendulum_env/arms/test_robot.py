@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.two_link import TwoLink
 from pendulum_env.arms.body import BodyError, read_body
-from pendulum_env.arms.joints import (
+from pendulum_env.physics.joints import (
     Links,
     find_kind,
     friction,

@@ -8,7 +8,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators import Addition, Identification
-from pendulum_env.arms.joints import find_kind
+from pendulum_env.physics.joints import find_kind
 from workbench.app.fits import fit_effect
 from workbench.app.panels import show_suggestions
 from workbench.app.parts import Stage, label_control, list_choices, make_button, make_panel, show_content, show_section

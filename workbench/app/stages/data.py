@@ -6,8 +6,7 @@ import numpy as np
 from dash import html
 from dash.development.base_component import Component
 
-from pendulum_env.arms.body import Body
-from pendulum_env.arms.joints import find_links
+from pendulum_env.arms.body import Body, find_links
 from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording

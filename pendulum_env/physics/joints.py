@@ -1,6 +1,6 @@
-"""Effects at the joints of an arm, as functions of q_i, q'_i and tau_i of joint i.
+"""Effects at the joints of a mechanism, as functions of q_i, q'_i and tau_i of joint i.
 
-Friction of an arm is decentralised, f_i(q'_i, tau_i) (equation (1) of the paper); other effects are treated likewise. A
+Friction is decentralised, f_i(q'_i, tau_i) (equation (1) of the paper); other effects are treated likewise. A
 term at a joint is the term of the pendulum with another id, `stribeck@elbow`, evaluated on the samples of this joint.
 """
 
@@ -14,13 +14,12 @@ from typing import ClassVar, TypeVar, cast
 
 import numpy as np
 
-from pendulum_env.arms.body import Body
 from pendulum_env.errors import UserError
 from pendulum_env.lookup import find
 from pendulum_env.physics import Column, Term, list_nameable
 from pendulum_env.physics.base import BASE, Coulomb, Viscous
 from pendulum_env.physics.library import MEASURED, find_addition
-from pendulum_env.physics.mechanism import PENDULUM, Mechanism
+from pendulum_env.physics.mechanism import PENDULUM, LinkedMechanism, Mechanism
 from pendulum_env.physics.table import TABLES
 from pendulum_env.physics.term import derive_kind, list_loads, return_one
 from pendulum_env.units import JointUnits
@@ -119,19 +118,19 @@ def get_coupling(at: str, is_heavy: bool) -> type[Coupling]:
     return _make_coupling(Coupling, at, is_heavy)
 
 
-def list_couplings(body: Body) -> tuple[type[Coupling], ...]:
+def list_couplings(body: LinkedMechanism) -> tuple[type[Coupling], ...]:
     """List the couplings of adjacent revolute joints, with both signs."""
     can_couple = [is_possible_at_joint(Coupling, is_linear) for is_linear in body.is_prismatic]
     pairs = [pair for pair, flags in zip(pairwise(body.joints), pairwise(can_couple), strict=True) if all(flags)]
     return tuple(choose_coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
 
 
-def choose_coupling(at: str, body: Body) -> type[Coupling]:
+def choose_coupling(at: str, body: LinkedMechanism) -> type[Coupling]:
     """Return the coupling of two joints, without motor inertia if link parameters explain it."""
     return get_coupling(at, has_separate_rotor(at, body))
 
 
-def has_separate_rotor(at: str, body: Body) -> bool:
+def has_separate_rotor(at: str, body: LinkedMechanism) -> bool:
     """Return whether no link parameters explain the inertia of a motor at one joint, or at two coupled ones."""
     factors = np.array([list_loads(at).get(joint, 0.0) for joint in body.joints])
     q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
@@ -161,31 +160,31 @@ def friction(body: Mechanism) -> tuple[Term, ...]:
     return tuple(place_term(term, joint, is_prismatic) for joint, is_prismatic in joints for term in FRICTION)
 
 
-def arm_base(body: Mechanism) -> tuple[Term, ...]:
+def list_base_terms(body: Mechanism) -> tuple[Term, ...]:
     """Return the base terms: links of an arm, or inertia and gravity, with viscous and Coulomb friction."""
-    return arrange_terms(friction(body), body) if isinstance(body, Body) else BASE
+    return arrange_terms(friction(body), body) if isinstance(body, LinkedMechanism) else BASE
 
 
 def arrange_terms(terms: Sequence[T], body: Mechanism) -> tuple[T | Links, ...]:
     """Return the terms of a model; for an arm, with its links in front."""
-    return (Links(body), *terms) if isinstance(body, Body) else tuple(terms)
+    return (Links(body), *terms) if isinstance(body, LinkedMechanism) else tuple(terms)
 
 
-def find_body(terms: Sequence[object]) -> Mechanism:
+def find_mechanism(terms: Sequence[object]) -> Mechanism:
     """Return the mechanism of a model from its first term; links have a body, other terms a pendulum."""
     return terms[0].mechanism if terms and isinstance(terms[0], Term) else PENDULUM
 
 
-def find_links(terms: Sequence[object]) -> Body:
+def find_linked_mechanism(terms: Sequence[object]) -> LinkedMechanism:
     """Return the body of an arm's terms."""
-    body = find_body(terms)
-    assert isinstance(body, Body)
+    body = find_mechanism(terms)
+    assert isinstance(body, LinkedMechanism)
     return body
 
 
 def list_effects(body: Mechanism) -> dict[str, type[Term]]:
     """Return the effects that a body's joints can have, by id."""
-    return joint_effects() if isinstance(body, Body) else list_nameable()
+    return joint_effects() if isinstance(body, LinkedMechanism) else list_nameable()
 
 
 def joint_effects() -> dict[str, type[Term]]:
@@ -202,7 +201,7 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
     Effects that are already at a joint are kept.
     """
     kinds = list(kinds)
-    if not isinstance(body, Body):
+    if not isinstance(body, LinkedMechanism):
         return kinds
     joints = zip(body.joints, body.is_prismatic, strict=True)
     single = [kind for kind in kinds if kind is not Coupling and not kind.at]
@@ -223,7 +222,7 @@ def find_kind(text: str, body: Mechanism, library: Mapping[str, type[Term]] | No
     Raises:
         ValueError: if effect or joint is unknown; the message names the nearest.
     """
-    if not isinstance(body, Body):
+    if not isinstance(body, LinkedMechanism):
         return find_addition(text)
     joints, (id, _, at) = body.joints, text.partition("@")
     if id != Coupling.id:
@@ -247,7 +246,7 @@ def find_kinds(
     `library` holds the allowed effects by id, by default those of the library.
     """
     names, library = list(names), list_effects(body) if library is None else library
-    label = "effect of joints" if isinstance(body, Body) else "effect"
+    label = "effect of joints" if isinstance(body, LinkedMechanism) else "effect"
     everywhere = [find(label, name, library) for name in names if "@" not in name]
     return [*place_effects(everywhere, body), *(find_kind(name, body) for name in names if "@" in name)]
 
@@ -283,7 +282,7 @@ def _refuse_prismatic(kind: type[Term], joints: Iterable[str], prismatic_joints:
 class Links(Term):
     """Rigid body of an arm as a term: one column per base parameter, which depends on the motion of all joints."""
 
-    body: Body
+    body: LinkedMechanism
 
     id = "links"
     law = "M(q) q'' + C(q, q') q' + g(q)"
@@ -291,11 +290,11 @@ class Links(Term):
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:
-        """Return one column per base parameter; `Body` has the regressors."""
+        """Return one column per base parameter; `LinkedMechanism` has the regressors."""
         return tuple(Column(parameter.name, parameter.unit) for parameter in self.body.base)
 
     @property
-    def mechanism(self) -> Body:
+    def mechanism(self) -> LinkedMechanism:
         """Return the body."""
         return self.body
 
