@@ -12,13 +12,13 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
-from agents.arm_env import ArmExcitationDesignVector
 from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.network import Network
 from agents.observer import ARM, mirror_observation
 from agents.vec_env import BatchedVecEnv
 from estimators.progress import Progress
+from pendulum_env import ARM_DESIGN
 from pendulum_env.errors import UserError
 
 CHECKPOINT = "training.zip"  # model of stable-baselines3, in the folder of a training
@@ -136,7 +136,9 @@ def make_task(config: Config) -> DiscreteActions:
     """Make the environment of a training."""
     options: dict[str, Any] = {"num_envs": config.pendulums, "autoreset_mode": "SameStep"}
     if config.constraint == ARM:
-        return DiscreteActions(ArmExcitationDesignVector(robot=config.robot or None, draw=True, **options), config)
+        mode = gym.VectorizeMode.VECTOR_ENTRY_POINT
+        arms = gym.make_vec(ARM_DESIGN, vectorization_mode=mode, robot=config.robot or None, draw=True, **options)
+        return DiscreteActions(arms, config)
     return TrainingTask(ExcitationDesignVector(constraint=config.constraint, **options), config)
 
 

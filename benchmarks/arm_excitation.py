@@ -18,25 +18,25 @@ from typing import Any
 import numpy as np
 
 from agents import load
-from agents.arm_env import TORQUE, plan_motion
 from agents.comparison import compute_bootstrap_interval, compute_gain
-from estimators.arms.excitation import (
+from estimators.online import OnlineEstimator, stream_recording
+from estimators.schemes.six import scheme
+from estimators.signals.measurements import Smoothing
+from pendulum_env._typing import Array
+from pendulum_env.physics.joints import arm_base
+from robots.arms.body import Body, parse_body, read_body
+from robots.arms.design_env import TORQUE, plan_motion
+from robots.arms.env import PlanarArm
+from robots.arms.excitation import (
     INFORMATION_PRIOR,
     compute_parameter_scales,
     design_excitation,
     make_information_rows,
 )
-from estimators.arms.following import follow
-from estimators.arms.limits import find_limits
-from estimators.arms.reference import TICK, compute_condition_number, make_torque_rows
-from estimators.online import OnlineEstimator, stream_recording
-from estimators.schemes.six import scheme
-from estimators.signals.measurements import Smoothing
-from pendulum_env._typing import Array
-from pendulum_env.arms.body import Body, parse_body, read_body
-from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.planar import TWO_LINK, Link
-from pendulum_env.physics.joints import arm_base
+from robots.arms.following import follow
+from robots.arms.limits import find_limits
+from robots.arms.planar import TWO_LINK, Link
+from robots.arms.reference import TICK, compute_condition_number, make_torque_rows
 
 RATE = 1000.0  # [Hz]
 NOISE = 0.1  # of each torque sample [N m], some per cent as from currents

@@ -27,9 +27,9 @@ from benchmarks.parallel import each
 from benchmarks.two_link import Multisine, TwoLink
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing, choose_smoothing
-from pendulum_env.arms.body import read_body
 from pendulum_env.physics.joints import arm_base, find_kinds
 from pendulum_env.recording import read_recording
+from robots.arms.body import read_body
 from workbench.terminal import Terminal
 
 CHANGE, AFTER = 10.0, 10.0  # time of the change, and time after it [s]

@@ -21,9 +21,9 @@ import numpy as np
 
 from estimators import compare, diagnose, identify
 from estimators.schemes.six import scheme
-from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.joints import arm_base
+from robots.arms.body import Body, read_body
+from robots.arms.recording import ArmRecording
 
 SEVEN = ("base", "shoulder", "elbow", "roll", "pitch", "flange", "tool")
 JOINTS = SEVEN[:6]

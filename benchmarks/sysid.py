@@ -23,8 +23,8 @@ from estimators import identify
 from estimators.schemes.balance import stack_motion
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import measure_joints
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics.joints import arm_base
+from robots.arms.recording import ArmRecording
 
 TRUTH = {"armature": np.array(ROTORS), "damping": np.array(VISCOUS), "frictionloss": np.array(COULOMB)}
 PIECE = 0.5  # length of one simulation [s]
@@ -94,7 +94,7 @@ def _set(spec: Any, parameter: Any) -> None:
 
 def main(arguments: Sequence[str] = ()) -> int:
     recording = simulate(1, seconds=float(arguments[0]) if arguments else 10.0)
-    for name, method in (("estimators.arms", fit_base_parameters), ("mujoco.sysid", fit_simulation)):
+    for name, method in (("robots.arms", fit_base_parameters), ("mujoco.sysid", fit_simulation)):
         began = time.process_time()
         found = method(recording)
         print(f"{name}: {time.process_time() - began:.1f} s, error by joint")

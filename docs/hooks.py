@@ -108,7 +108,7 @@ REFERENCES = {
         (
             "pendulum_env.env.DirectDrivePendulum",
             "pendulum_env.vector_env.DirectDrivePendulumVector",
-            "pendulum_env.arms.env.PlanarArm",
+            "robots.arms.env.PlanarArm",
             "pendulum_env.backends.hardware.drive.Drive",
             "pendulum_env.backends.hardware.drive.Reading",
             "pendulum_env.backends.hardware.drive.Sent",
@@ -123,9 +123,9 @@ REFERENCES = {
             "agents.evaluation.Outcome",
             "agents.design_env.ExcitationDesign",
             "agents.design_env.ExcitationDesignVector",
-            "agents.arm_env.ArmExcitationDesign",
-            "agents.arm_env.ArmExcitationDesignVector",
-            "agents.arm_env.plan_motion",
+            "robots.arms.design_env.ArmExcitationDesign",
+            "robots.arms.design_env.ArmExcitationDesignVector",
+            "robots.arms.design_env.plan_motion",
             "agents.config.Config",
             "agents.baselines.make_baseline",
             "agents.vec_env.BatchedVecEnv",
@@ -134,7 +134,7 @@ REFERENCES = {
     "arms": Reference(
         "Arms",
         "`identify`, `compare`, `diagnose` and `add` are [those of a pendulum](estimators.md).",
-        ("pendulum_env.arms", "estimators.arms"),
+        ("robots.arms",),
     ),
 }
 

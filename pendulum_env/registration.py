@@ -14,9 +14,9 @@ ARM_DESIGN = "pendulum_env/ArmExcitationDesign-v0"
 
 ENTRY_POINTS = {  # environment and batch, imported by Gymnasium at the first use
     PENDULUM: ("pendulum_env.env:DirectDrivePendulum", "pendulum_env.vector_env:DirectDrivePendulumVector"),
-    ARM: ("pendulum_env.arms.env:PlanarArm", None),
+    ARM: ("robots.arms.env:PlanarArm", None),
     DESIGN: ("agents.design_env:ExcitationDesign", "agents.design_env:ExcitationDesignVector"),
-    ARM_DESIGN: ("agents.arm_env:ArmExcitationDesign", "agents.arm_env:ArmExcitationDesignVector"),
+    ARM_DESIGN: ("robots.arms.design_env:ArmExcitationDesign", "robots.arms.design_env:ArmExcitationDesignVector"),
 }
 REGISTRY = "gymnasium.envs.registration"
 

@@ -13,8 +13,6 @@ from scipy.io import savemat
 from agents.config import Config
 from agents.network import POLICY_FOLDER, Network
 from benchmarks.two_link import TwoLink
-from pendulum_env.arms import read_body
-from pendulum_env.arms.model import ArmModel
 from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model
@@ -25,6 +23,8 @@ from pendulum_env.physics.table import TABLES, Extent
 from pendulum_env.reading import read_toml
 from pendulum_env.recording import Recording, read_recording, write_recording
 from pendulum_env.recording.study import read_sources
+from robots.arms import read_body
+from robots.arms.model import ArmModel
 from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
 from tests.two_link import body
 from workbench.errors import format_mistake

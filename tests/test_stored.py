@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from agents.config import Config
-from pendulum_env.arms.model import ArmModel, ModelOptions
 from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.excitation import Multisine
 from pendulum_env.physics import Model
 from pendulum_env.reading import read_toml
 from pendulum_env.recording.channel import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
+from robots.arms.model import ArmModel, ModelOptions
 from robots.servos import ServoDrive
 from tests.two_link import body
 from workbench.runs import read_suggestion

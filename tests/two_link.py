@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.two_link import Multisine, TwoLink
-from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.recording import ArmRecording
+from robots.arms.body import Body, read_body
+from robots.arms.recording import ArmRecording
 from tests.once import once
 
 JOINTS = ("shoulder", "elbow")

@@ -4,17 +4,16 @@ import argparse
 
 import numpy as np
 
-from agents.arm_env import plan_motion
 from agents.network import load
 from agents.observer import ARM
-from estimators.arms import design_excitation, follow
-from estimators.arms.limits import find_limits
-from pendulum_env.arms import Body, BodyError, find_planar_links
-from pendulum_env.arms.env import PlanarArm, SimulatedArm, SpatialArm
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import LARGEST_TORQUE
 from pendulum_env.reading import MAX_NUMBER
 from pendulum_env.recording import write_recording
+from robots.arms import Body, BodyError, design_excitation, find_planar_links, follow
+from robots.arms.design_env import plan_motion
+from robots.arms.env import PlanarArm, SimulatedArm, SpatialArm
+from robots.arms.limits import find_limits
 from workbench.errors import InputError
 from workbench.outputs import report_files
 from workbench.robot import make_robot, report_held

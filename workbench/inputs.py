@@ -12,7 +12,6 @@ from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.free_swings import find_known_values
-from pendulum_env.arms.model import ArmModel, ModelOptions
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import PENDULUM, Mechanism, Model, ModelError
 from pendulum_env.physics.joints import list_base_terms
@@ -20,6 +19,7 @@ from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.model import load_model
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources
+from robots.arms.model import ArmModel, ModelOptions
 from robots.servos.in_loop import list_decisions
 from workbench.errors import InputError
 from workbench.narrator import describe

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pendulum_env.arms.body import Body, read_body
-from pendulum_env.arms.model import ModelOptions
-from pendulum_env.arms.reading import HELD_RANGE, find_logged_joints, read_arm_source
-from pendulum_env.arms.recording import ArmRecording
-from pendulum_env.arms.robot import find_movable_joints, import_pinocchio
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording, Source
+from robots.arms.body import Body, read_body
+from robots.arms.model import ModelOptions
+from robots.arms.reading import HELD_RANGE, find_logged_joints, read_arm_source
+from robots.arms.recording import ArmRecording
+from robots.arms.robot import find_movable_joints, import_pinocchio
 from workbench.errors import InputError
 from workbench.terminal import Terminal
 

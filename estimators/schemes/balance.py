@@ -1,11 +1,12 @@
-"""Balances of recordings, stacked; for an arm in the three views of the six schemes.
+"""Balances of recordings, stacked; of several joints in the three views of the six schemes.
 
     torque   at an instant                  Y(q, q', q'') theta + f = tau
     impulse  mean over a sample             (M q')' + dU/dq - dK/dq + f = tau, momentum by its increments
     energy   mean over a sample             (K + U)' + q' f = q' tau, stored energy by its increments
 
-An arm of n joints has n rows per sample in the views of torque and impulse, and one row in the view of energy. `LinkedMechanism`
-has the columns of the links. The views of the pendulum make the columns of other terms, in the row of their joint.
+A mechanism of n joints has n rows per sample in the views of torque and impulse, and one row in the view of energy.
+`LinkedMechanism` has the columns of the links. The views of the pendulum make the columns of other terms, in the row of
+their joint.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Read and write studies: files `study.toml` with the reading options and the role of each recording.
 
-joints = ["lift", "elbow"]       # moving joints of an arm; see `pendulum_env.arms.read_body`
+joints = ["lift", "elbow"]       # moving joints of an arm; see `robots.arms.read_body`
 
 [columns]                        # columns of all recordings, as in `expression.py`
 position = "-motor_angle:deg/6"

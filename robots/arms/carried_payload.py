@@ -4,14 +4,14 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from estimators.arms.payload import Payload, detect_payloads
 from estimators.data.fit_data import FitData
 from estimators.data.treatment import DataChange
 from estimators.diagnosis.case import Trial
 from estimators.findings import Change, Finding, Quantity
-from pendulum_env.arms.body import Body, find_links
-from pendulum_env.arms.recording import add_payload
 from pendulum_env.recording import NEWTON_METRE, Recording
+from robots.arms.body import Body, find_links
+from robots.arms.payload import Payload, detect_payloads
+from robots.arms.recording import add_payload
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,10 @@ from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.averages import concatenate_samples
-from pendulum_env.arms.body import find_links
 from pendulum_env.physics import TABLES, Term, list_ids
 from pendulum_env.physics.joints import Rotor, find_mechanism, place_effects
 from pendulum_env.recording import Recording
+from robots.arms.body import find_links
 from robots.arms.carried_payload import CarriedPayload, include_payload
 from robots.arms.conclusion import MissingRotors, conclude_arm, find_joint_residuals
 

@@ -10,8 +10,8 @@ from agents.config import Config
 from agents.design_env import ExcitationDesignVector
 from agents.observer import CONSTRAINTS
 from agents.training import TrainingTask, export_network, make_model, train
-from pendulum_env.arms.env import PlanarArm
 from pendulum_env.errors import UserError
+from robots.arms.env import PlanarArm
 from workbench.cli import main
 
 SMALL = {"steps": 288, "pendulums": 8, "rollout": 12, "batch": 48, "epochs": 2, "checkpoint": 96}

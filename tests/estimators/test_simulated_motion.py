@@ -5,14 +5,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from estimators import compare, identify, simulate
-from pendulum_env.arms.body import parse_body
-from pendulum_env.arms.env import PlanarArm
-from pendulum_env.arms.model import ArmModel
 from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError, Viscous
 from pendulum_env.physics.joints import arm_base
 from pendulum_env.plant import PAPER, hide, paper_plant
 from pendulum_env.units import JointUnits
+from robots.arms.body import parse_body
+from robots.arms.env import PlanarArm
+from robots.arms.model import ArmModel
 from tests.runge_kutta import simulate_stick_slip
 
 INERTIA, GRAVITY, VISCOUS = 0.0895, 2.01, 0.3638

@@ -8,7 +8,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from pendulum_env.arms.planar import GRAVITY, Link, PlanarBodies
 from pendulum_env.backends import BACKENDS, Sensor, Setup, Simulator, Start
 from pendulum_env.backends.rigid_body import RigidBody, make_body
 from pendulum_env.backends.simulator import SteppedBody
@@ -18,6 +17,7 @@ from pendulum_env.physics.joints import is_possible_at_joint
 from pendulum_env.physics.simulation import TorqueBalance
 from pendulum_env.plant import PAPER, hide, paper_plant
 from pendulum_env.registration import PENDULUM
+from robots.arms.planar import GRAVITY, Link, PlanarBodies
 from tests.terms import Clipped, Table
 
 with_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
-from pendulum_env.arms import read_arm_recording
 from pendulum_env.recording import write_recording
+from robots.arms import read_arm_recording
 from tests import robots, slow
 from tests.two_link import record_arm
 from tests.workbench.pages import Page

@@ -5,15 +5,15 @@ import re
 import numpy as np
 import pytest
 
-from agents.arm_env import ArmExcitationDesignVector
-from estimators.arms.excitation import design_excitation
-from pendulum_env.arms import find_logged_joints, find_planar_links, read_arm_recording, read_body
-from pendulum_env.arms.body import BodyError
-from pendulum_env.arms.env import SpatialArm
-from pendulum_env.arms.robot import find_movable_joints
+from robots.arms import find_logged_joints, find_planar_links, read_arm_recording, read_body
+from robots.arms.body import BodyError
+from robots.arms.design_env import ArmExcitationDesignVector
+from robots.arms.env import SpatialArm
+from robots.arms.excitation import design_excitation
+from robots.arms.robot import find_movable_joints
 from tests import robots
-from tests.pendulum_env.arms.test_body import written
 from tests.robot_files import ELBOW, PARALLEL, SHOULDER, urdf
+from tests.robots.arms.test_body import written
 
 TWO = (SHOULDER, ELBOW)
 

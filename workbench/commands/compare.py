@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators import IdentificationError, compare
-from estimators.arms.payload import Payload, find_payload
 from estimators.simulation.free_running import HORIZON
-from pendulum_env.arms.body import find_links
 from pendulum_env.recording import Recording
+from robots.arms.body import find_links
+from robots.arms.payload import Payload, find_payload
 from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import Inputs, list_sources, open_sources

@@ -4,9 +4,9 @@ import argparse
 from collections.abc import Sequence
 
 from estimators import SCHEMES, Identification, identify, scheme
-from estimators.arms.standard import nearest_body
 from estimators.schemes.six import PAPER, Scheme
 from pendulum_env.physics import Model
+from robots.arms.standard import nearest_body
 from workbench import options
 from workbench.inputs import list_sources, open_sources
 from workbench.narrator.findings import describe_nearest_body

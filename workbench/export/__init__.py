@@ -4,9 +4,9 @@
 and lists the parts of the model that it lacks.
 """
 
-from pendulum_env.arms.model import ArmModel
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
+from robots.arms.model import ArmModel
 from workbench.errors import InputError
 from workbench.export import joints, mjcf, program, servo
 from workbench.export.request import Exported, ExportError, Request

@@ -6,12 +6,12 @@ the robot file. Shapes and meshes are left out.
 
 import numpy as np
 
-from estimators.arms.standard import nearest_body
-from pendulum_env.arms.model import ArmModel
-from pendulum_env.arms.world import build_specification
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
 from pendulum_env.physics import Model, Table, find_term, list_loads
 from pendulum_env.physics.joints import Coupling, Rotor
+from robots.arms.model import ArmModel
+from robots.arms.standard import nearest_body
+from robots.arms.world import build_specification
 from workbench.export.mjcf import Friction, get_value, is_spring_linear
 from workbench.export.request import Exported, Request, escape_comment, escape_text, note_missing
 from workbench.narrator.findings import describe_nearest_body

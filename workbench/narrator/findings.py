@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from estimators.arms.standard import Nearest
 from estimators.checks.alignment import TorqueTiming
 from estimators.checks.closed_loop import Feedback
 from estimators.checks.homogeneity import Difference, Disagreement
@@ -40,6 +39,7 @@ from pendulum_env.settings import Blank, format_setting
 from pendulum_env.units import to_shown_unit
 from robots.arms.carried_payload import CarriedPayload
 from robots.arms.conclusion import MissingRotors
+from robots.arms.standard import Nearest
 from robots.servos.back_emf import BACK_EMF_INCLUDED
 from robots.servos.conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
 from robots.servos.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts

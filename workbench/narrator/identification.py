@@ -8,9 +8,9 @@ from estimators.diagnosis.completeness import Incomplete
 from estimators.findings import Finding
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
-from pendulum_env.arms.body import Body
 from pendulum_env.formatting import TextTable
 from pendulum_env.units import show_angles
+from robots.arms.body import Body
 from workbench.narrator.findings import describe
 
 TIMES = "relative error"  # row with the median ratio of standard errors to the smallest ones

@@ -13,11 +13,11 @@ from estimators.data.standard_errors import StiffStop
 from estimators.diagnosis.contacts import Contact
 from estimators.diagnosis.untested import UntestedRange
 from estimators.weak_form.contacts import count_contacts
-from pendulum_env.arms.body import read_body
-from pendulum_env.arms.recording import ArmRecording
 from pendulum_env.physics import BASE
 from pendulum_env.physics.joints import arm_base
 from pendulum_env.recording import Recording
+from robots.arms.body import read_body
+from robots.arms.recording import ArmRecording
 from tests.cases import diagnosed, recorded
 from tests.two_link import JOINTS
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pendulum_env.arms import read_arm_recording
 from pendulum_env.recording import Recording, RecordingError, read_recording
 from pendulum_env.recording.notes import NoteKind
+from robots.arms import read_arm_recording
 
 START = 1_700_000_000.25  # [s] since 1970
 CLOCKS: dict[str, Callable] = {

@@ -7,8 +7,8 @@ import pyarrow as pa
 import pytest
 import scipy.integrate
 
-from pendulum_env.arms import ArmRecording, read_arm_recording
 from pendulum_env.recording import RecordingError, read_recording
+from robots.arms import ArmRecording, read_arm_recording
 from tests.notes import list_notes
 
 TIME = np.arange(600) / 100

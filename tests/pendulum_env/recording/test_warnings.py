@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from estimators import add, compare, diagnose, identify
-from pendulum_env.arms.reading import read_arm_recording
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.recording import Recording, RecordingWarning, Source, read_recording, read_study
+from robots.arms.reading import read_arm_recording
 from tests.pendulum_env.recording.test_files import driven
 
 LOST = [100, 300, 301]

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from benchmarks.two_link import TwoLink
-from pendulum_env.arms import place_effect
-from pendulum_env.arms.model import ArmModel
 from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.joints import arm_base
 from pendulum_env.recording import write_recording
+from robots.arms import place_effect
+from robots.arms.model import ArmModel
 from tests.two_link import record_arm
 from tests.workbench.app.plants import drop, reload_session, upload
 from workbench.app.card import ColumnChoice

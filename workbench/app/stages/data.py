@@ -6,10 +6,10 @@ import numpy as np
 from dash import html
 from dash.development.base_component import Component
 
-from pendulum_env.arms.body import Body, find_links
 from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
+from robots.arms.body import Body, find_links
 from workbench.app import card_form, demo
 from workbench.app.panels import show_findings, show_timing
 from workbench.app.parts import (

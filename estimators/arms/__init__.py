@@ -1,5 +1,0 @@
-"""Excitation, payload and standard parameters of arms."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

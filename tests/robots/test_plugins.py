@@ -1,0 +1,102 @@
+"""Robots extend the pendulum by entry points alone."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators import add, compare, diagnose, identify
+from estimators.data import preparation
+from estimators.diagnosis.cases import choose_case, list_cases, register_case
+from estimators.diagnosis.pendulum import PENDULUM, Pendulum
+from pendulum_env import plugins
+from pendulum_env.physics import BASE
+from pendulum_env.physics.mechanism import find_link_reader
+from pendulum_env.recording.actuator import parse_actuator
+from robots.servos import ServoDrive
+from tests.cases import CASES, recording
+
+WITHOUT_ROBOTS = """
+import sys, warnings
+sys.modules["robots"] = None  # every import of it fails
+warnings.simplefilter("ignore")
+import gymnasium as gym
+import numpy as np
+import pendulum_env
+from estimators import add, compare, diagnose, identify, simulate
+from estimators.wrappers import EstimateParameters
+from pendulum_env.physics import BASE, Model
+
+env = EstimateParameters(gym.make(pendulum_env.PENDULUM), schemes="dynamic")
+env.reset(seed=0)
+for _ in range(50):
+    env.step(env.action_space.sample())
+truth = Model.build(BASE, [0.09, 2.0, 0.3, 0.2])
+time = np.arange(6000) / 500
+run = simulate(truth, 4 * np.sin(9 * time) + 3 * np.sin(2.3 * time), 500.0)
+found = identify(run)
+assert abs(found.model["gravity"].value - 2.0) < 0.01, found.model
+assert compare(found, run).errors.torque_rms < 0.05
+assert diagnose(run, only=["stribeck", "cogging"]).selected == ()
+assert add(found, "cogging", run).objection is not None
+assert not [name for name in sys.modules if name.startswith("robots.")]
+"""
+
+
+def test_the_core_works_without_robots():
+    done = subprocess.run([sys.executable, "-c", WITHOUT_ROBOTS], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_robots_of_this_distribution_register_themselves(recwarn):
+    names = [case.name for case in list_cases()]
+    assert set(names) == {"arm", "servo", "pendulum"} and names[-1] == "pendulum"
+    assert isinstance(parse_actuator({"kp": 2.0, "output": "torque"}), ServoDrive) and parse_actuator({}) is None
+    assert find_link_reader().read.__name__ == "read_body"
+    assert not recwarn.list
+
+
+class Heavy(Pendulum):
+    """Pendulum with a doubled torque, as a kind of machine of its own."""
+
+    name = "heavy"
+
+    def accepts(self, base, recordings):
+        return all(recording.name.startswith("heavy") for recording in recordings)
+
+    def prepare(self, recordings, holdout, options):
+        doubled = [[replace(one, torque=2 * one.torque) for one in part] for part in (recordings, holdout)]
+        return super().prepare(*doubled, options)
+
+
+@pytest.fixture
+def heavy(monkeypatch):
+    monkeypatch.setattr(preparation, "_registered", [])
+    return register_case(Heavy())
+
+
+def test_a_registered_case_takes_its_recordings(heavy):
+    run = recording("stribeck")
+    named = replace(run, name="heavy")
+    assert choose_case(BASE, [run]) is PENDULUM and choose_case(BASE, [named]) is heavy
+    light, found = (diagnose(one, only=["stribeck"]) for one in (run, named))
+    assert found.selected == light.selected == tuple(CASES["stribeck"].hidden)
+    for name, estimate in light.model.estimates.items():
+        factor = 1.0 if name.endswith(("velocity", "exponent")) else 2.0
+        assert found.model.estimates[name].value == pytest.approx(factor * estimate.value, rel=0.02)
+    assert [subject.model.theta.size for subject in (identify(named), compare(light.model, named))] == [4, 6]
+    assert np.isfinite(add(light.steps[0].model, "stribeck", named).after.errors["holdout"].torque_rms)
+
+
+def test_a_package_that_fails_is_a_warning_and_no_error(monkeypatch):
+    class Broken:
+        value = "package.case"
+
+        def load(self):
+            raise SystemExit("no")
+
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [Broken()])
+    with pytest.warns(UserWarning, match="'package.case' of .* cannot be loaded"):
+        assert plugins.load_plugins.__wrapped__("pendulum_ident.cases") == ()
