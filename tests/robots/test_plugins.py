@@ -86,7 +86,7 @@ def test_a_registered_case_takes_its_recordings(heavy):
     for name, estimate in light.model.estimates.items():
         factor = 1.0 if name.endswith(("velocity", "exponent")) else 2.0
         assert found.model.estimates[name].value == pytest.approx(factor * estimate.value, rel=0.02)
-    assert [subject.model.theta.size for subject in (identify(named), compare(light.model, named))] == [4, 6]
+    assert compare(light.model, named).model is light.model and set(identify(named)) == set(identify(run))
     assert np.isfinite(add(light.steps[0].model, "stribeck", named).after.errors["holdout"].torque_rms)
 
 
