@@ -31,7 +31,7 @@ def align(recordings: Recordings, terms: Terms = BASE, *, criterion: Criterion =
     """
     check_options(criterion)
     terms = select_terms(terms)
-    body, known = find_mechanism(terms), list_ids(BASE)
-    logged = select_recordings(recordings, body=body)
-    effects = terms if isinstance(body, LinkedMechanism) else [term for term in terms if term.id not in known]
+    mechanism, known = find_mechanism(terms), list_ids(BASE)
+    logged = select_recordings(recordings, mechanism=mechanism)
+    effects = terms if isinstance(mechanism, LinkedMechanism) else [term for term in terms if term.id not in known]
     return Timing.from_recordings(logged, effects, criterion)

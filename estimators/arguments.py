@@ -49,14 +49,18 @@ Terms = str | Sequence[str | Term]
 
 
 def select_recordings(
-    given: Recordings, *, empty: bool = False, body: Mechanism = PENDULUM, log_format: Mapping[str, Any] | None = None
+    given: Recordings,
+    *,
+    empty: bool = False,
+    mechanism: Mechanism = PENDULUM,
+    log_format: Mapping[str, Any] | None = None,
 ) -> tuple[Recording, ...]:
     """Return recordings as a tuple; time counts from the start of each, since logs often have Unix time.
 
     Args:
         given: one or several recordings, paths, data frames or mappings of arrays, see `read_recording`.
         empty: whether no recording is allowed.
-        body: mechanism of the recordings.
+        mechanism: mechanism of the recordings.
         log_format: log format of a model, for reading files and tables; `Recording` objects are unchanged.
 
     Raises:
@@ -65,10 +69,12 @@ def select_recordings(
     """
     is_single, sources = isinstance(given, Recording) or is_readable(given), _list_sources(given)
     format = parse_log_format(log_format or {})
-    recordings = [_read_input(item, "" if is_single else f" {k + 1}", body, format) for k, item in enumerate(sources)]
+    recordings = [
+        _read_input(item, "" if is_single else f" {k + 1}", mechanism, format) for k, item in enumerate(sources)
+    ]
     for item in recordings:
-        if item.names != body.joints:
-            read_joints, term_joints = describe_joints(item.names), describe_joints(body.joints)
+        if item.names != mechanism.joints:
+            read_joints, term_joints = describe_joints(item.names), describe_joints(mechanism.joints)
             raise TypeError(
                 f"{item.name}: is of {read_joints}, and the terms are of {term_joints}: give BASE, or arm_base(body)"
             )
@@ -82,7 +88,7 @@ def select_recordings(
 def select_parts(
     given: Recordings,
     holdout: Recordings,
-    body: Mechanism = PENDULUM,
+    mechanism: Mechanism = PENDULUM,
     log_format: Mapping[str, Any] | None = None,
 ) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Return fitted and held-out recordings, see `select_recordings`; `holdout` may be empty.
@@ -92,8 +98,8 @@ def select_parts(
     """
     if _identify_sources(given) & _identify_sources(holdout):
         raise ValueError("a recording is both fitted and held out: hold out another, or none for the last 30 % of each")
-    fitted = select_recordings(given, body=body, log_format=log_format)
-    return fitted, select_recordings(holdout, empty=True, body=body, log_format=log_format)
+    fitted = select_recordings(given, mechanism=mechanism, log_format=log_format)
+    return fitted, select_recordings(holdout, empty=True, mechanism=mechanism, log_format=log_format)
 
 
 def _list_sources(given: Recordings) -> tuple[Any, ...]:
@@ -107,7 +113,7 @@ def _identify_sources(given: Recordings) -> set[int | str]:
     return {id(x) if isinstance(x, Recording) or is_data(x) else str(x) for x in _list_sources(given)}
 
 
-def _read_input(given: Any, number: str, body: Mechanism, format: Source) -> Recording:
+def _read_input(given: Any, number: str, mechanism: Mechanism, format: Source) -> Recording:
     """Return a recording, or read it from a file or table; tables in memory are numbered."""
     if isinstance(given, Recording):
         return given
@@ -118,7 +124,7 @@ def _read_input(given: Any, number: str, body: Mechanism, format: Source) -> Rec
         )
     name = f"recording{number}" if is_data(given) else None
     try:
-        return read_logged(body, given, format, name)
+        return read_logged(mechanism, given, format, name)
     except ColumnError as error:
         if not format.columns:
             raise
@@ -138,37 +144,37 @@ def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     if isinstance(given, Model):
         raise TypeError("a model is not a list of terms: pass model.terms")
     items = convert_to_tuple(given)
-    body = find_mechanism(items)
-    terms = tuple(_find_term(item, body) if isinstance(item, str) else item for item in items)
+    mechanism = find_mechanism(items)
+    terms = tuple(_find_term(item, mechanism) if isinstance(item, str) else item for item in items)
     for item in terms:
         if not isinstance(item, Term):
             raise TypeError(f"{quote_value(item)} is not a term: give its id, such as 'stribeck', or Stribeck()")
     if not terms:
         raise ValueError("a model needs at least one term: leave the terms out for the paper's four")
-    check_places(terms, body.joints)
+    check_places(terms, mechanism.joints)
     return terms
 
 
-def _find_term(text: str, body: Mechanism) -> Term:
+def _find_term(text: str, mechanism: Mechanism) -> Term:
     """Return a term by its id, or by `id@joint`, with default nonlinear parameters."""
     id, _, joint = text.partition("@")
-    return place_term(find_term(id)(), joint, joint in body.prismatic_joints)
+    return place_term(find_term(id)(), joint, joint in mechanism.prismatic_joints)
 
 
 def select_effects(
     library: Mapping[str, type[Term]] | None,
     only: Iterable[str] | None,
     without: Iterable[str],
-    body: Mechanism = PENDULUM,
+    mechanism: Mechanism = PENDULUM,
 ) -> dict[str, type[Term]]:
     """Select effects from a library, by default all known effects: `only` some, or all `without` some.
 
     For an arm, `stribeck` selects this effect at each possible joint, `stribeck@elbow` at one joint.
     """
-    kinds = list_effects(body) if library is None else library
-    known = {kind.id: kind for kind in place_effects(kinds.values(), body)}
+    kinds = list_effects(mechanism) if library is None else library
+    known = {kind.id: kind for kind in place_effects(kinds.values(), mechanism)}
     excluded, allowed = (
-        {kind.id: kind for kind in find_kinds(_list_ids(ids), body, kinds)} for ids in (without, only or ())
+        {kind.id: kind for kind in find_kinds(_list_ids(ids), mechanism, kinds)} for ids in (without, only or ())
     )
     chosen = {id: kind for id, kind in (known if only is None else allowed).items() if id not in excluded}
     if not chosen and known:

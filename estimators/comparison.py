@@ -70,13 +70,13 @@ def compare(
     """
     check_options(criterion)
     model = check_model(model)
-    check_horizon(horizon, model.body.can_simulate)
-    recordings = select_recordings(recordings, body=model.body, log_format=model.log_format)
+    check_horizon(horizon, model.mechanism.can_simulate)
+    recordings = select_recordings(recordings, mechanism=model.mechanism, log_format=model.log_format)
     recordings = convert_to_model_unit(model, recordings, criterion)
     if recordings[0].units.is_prismatic:
         model = model.convert_units(recordings[0].units)
     select_visible_effects({term.id: type(term) for term in model.terms if term.needs}, recordings)
-    joints = model.terms if isinstance(model.body, LinkedMechanism) else ()
+    joints = model.terms if isinstance(model.mechanism, LinkedMechanism) else ()
     separate = [] if joints else [_prepare_recording(each, model, horizon, criterion.block) for each in recordings]
     joined = RegressionData.join(separate) if separate else RegressionData.from_arm(recordings, joints, criterion.block)
     data = FitData(recordings, recordings, terms=joints, cut=CutSettings(horizon=horizon), criterion=criterion)

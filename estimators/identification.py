@@ -78,7 +78,7 @@ def identify(
     """
     check_options(criterion)
     terms, chosen = select_terms(terms), select_schemes(schemes)
-    recordings = select_recordings(recordings, body=find_mechanism(terms))
+    recordings = select_recordings(recordings, mechanism=find_mechanism(terms))
     terms, _ = apply_limits(terms, {}, fixed, bounds)
     fit_data = FitData.from_recordings(recordings, terms=terms, criterion=criterion)
     swing_terms = make_swing_terms(terms, fit_data.recordings)
@@ -104,7 +104,7 @@ def identify(
         tuple(np.cumsum([sum(len(m) * m.period for m, *_ in group) for group in segments]).tolist()),
         first.torque_unit,
         first.torque_constant,
-        None if subject.rows is None or not first_model.body.can_simulate else subject.rows.data,
+        None if subject.rows is None or not first_model.mechanism.can_simulate else subject.rows.data,
     )
 
 
@@ -115,7 +115,7 @@ def _make_subject(first: Model, results: Sequence[Identified], data: FitData, te
     """
     recordings, criterion = data.recordings, data.criterion
     case = choose_case(terms, recordings)
-    if not first.body.can_simulate:
+    if not first.mechanism.can_simulate:
         subject = Subject("identify", case, data, results[0].model, schemes=results)
         with suppress(IdentificationError):
             return replace(subject, rows=RegressionData.from_arm(recordings, terms))

@@ -106,7 +106,7 @@ def _make_empty_prediction(model: Model, recording: Recording) -> Prediction:
     """Make a prediction with NaN for torques and simulated positions; no sample is counted or held out."""
     shape = recording.position.shape
     torque, predicted, simulated = (np.full(shape, np.nan) for _ in range(3))
-    units = {at: model.body.units(at, recording.units) for at in recording.names}
+    units = {at: model.mechanism.units(at, recording.units) for at in recording.names}
     counted, held_out = np.zeros(shape, dtype=bool), np.zeros(len(recording.time), dtype=bool)
     time, position = recording.time, recording.position
     return Prediction(recording.name, time, position, torque, predicted, simulated, counted, held_out, units)
@@ -148,7 +148,7 @@ def _make_windows_at_samples(
 ) -> TorqueWindows:
     """Make the equations of one recording about every sample that is clear of stick."""
     dense = [w.center_at_every_sample() for w in windows]
-    if isinstance(model.body, LinkedMechanism):
+    if isinstance(model.mechanism, LinkedMechanism):
         return links.join_recording(dense, model.terms)
     return replace(join_windows(dense), link_states=link_states)
 

@@ -136,7 +136,7 @@ def make_result_json(model: Model, constant: TorqueConstant | None, regions: Seq
 
 def make_model_json(model: Model) -> JSON:
     """Return a model and its units as a dictionary for JSON."""
-    joint_units = {at: model.units(at) for at in model.body.joints}
+    joint_units = {at: model.units(at) for at in model.mechanism.joints}
     return {
         "torque_unit": model.torque_unit,
         "units": {

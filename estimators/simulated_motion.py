@@ -51,7 +51,7 @@ def simulate(
         ValueError: if the model is of an arm, a number is not finite or out of its range, or the duration is missing.
     """
     model = check_model(model)
-    if not model.body.can_simulate:
+    if not model.mechanism.can_simulate:
         raise UserError("an arm has no motion to simulate here: give the model of one joint")
     rate = _check_number("rate", rate, is_positive=True)
     start = _check_number("position", position), _check_number("velocity", velocity)

@@ -120,7 +120,7 @@ class Inputs:
     @property
     def body(self) -> Mechanism:
         """Return the links of an arm, or the pendulum."""
-        return self.model.body
+        return self.model.mechanism
 
     def read_more(self, names: Sequence[str], arguments: argparse.Namespace, terminal: Terminal) -> list[Recording]:
         """Read further recordings or studies in the log format of the model."""

@@ -59,12 +59,12 @@ def make_channel_rows(
     Raises:
         IdentificationError: if too little of the motion is clear of stick.
     """
-    body, margin = find_mechanism(terms), latest + 2.0 / min(recording.rate for recording in recordings)
-    if body.can_simulate:
+    mechanism, margin = find_mechanism(terms), latest + 2.0 / min(recording.rate for recording in recordings)
+    if mechanism.can_simulate:
         data = prepare_windows(recordings, margin=margin, block=criterion.block)
     else:
         data = prepare_arm(recordings, terms[:1], margin)
-        weights = TorqueRows(data).fits.weights(list_base_terms(body))
+        weights = TorqueRows(data).fits.weights(list_base_terms(mechanism))
         data = replace(data, weights=weights, block=criterion.block)
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
     parts = [(rows, part.columns([law])[0][0]) for rows, part in joints for law in _make_smooth_laws(part)]
@@ -75,7 +75,7 @@ def make_channel_rows(
             of_torque += [(rows, column) for column in term.columns]
         else:
             parts.append((rows, data.columns([term])[0][0]))
-    for friction in (OWN_FRICTION, *list_load_friction(data, criterion.columns)) if body.can_simulate else ():
+    for friction in (OWN_FRICTION, *list_load_friction(data, criterion.columns)) if mechanism.can_simulate else ():
         averages = data.window_columns.averages
         parts.append((slice(None), averages.column(friction, averages.samples)[:, None]))
     return TorqueRows(data), place_columns(len(data.weights), parts), of_torque

@@ -15,11 +15,11 @@ def compute_errors(data: RegressionData, model: Model) -> Errors:
     Rollouts have only the error in the loop. The torque of all joints is nan if some slide and others turn; the
     position is nan without segments or a known inertia.
     """
-    residual, body, layout = data.residual(model.terms, model.theta), find_mechanism(data.base), data.layout
+    residual, mechanism, layout = data.residual(model.terms, model.theta), find_mechanism(data.base), data.layout
     if layout.errors is not None:
         return layout.errors(residual)
     torque, position, fit = float(np.sqrt(np.mean(residual**2))), np.nan, np.nan
-    torque = torque if len({*body.is_prismatic}) == 1 else np.nan
+    torque = torque if len({*mechanism.is_prismatic}) == 1 else np.nan
     joints, sizes = layout.compute_joint_errors(residual), layout.compute_joint_errors(data.data.torque.recorded)
     shares = {at: error / sizes[at] if sizes[at] else None for at, error in joints.items()}
     if data.segments and model.has_known_inertia:

@@ -80,13 +80,13 @@ def add(
     if not isinstance(id, str):
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     model = check_model(model)
-    body = model.body
-    recordings, holdout = select_parts(recordings, holdout, body, model.log_format)
+    mechanism = model.mechanism
+    recordings, holdout = select_parts(recordings, holdout, mechanism, model.log_format)
     every, count = (*recordings, *holdout), len(recordings)
     every = find_preparation(every).declare(every, model.log_format)
     recordings, holdout = every[:count], every[count:]
     model.refuse_present(id)
-    kind = find_kind(id, body)
+    kind = find_kind(id, mechanism)
     model.add(kind())  # raises if a term of the model contains it
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that no recording has
     if all(recording.is_free for recording in recordings):

@@ -86,9 +86,9 @@ def diagnose(
     """
     check_options(criterion, progress)
     terms = select_terms(base)
-    body = find_mechanism(terms)
-    terms, effects = apply_limits(terms, select_effects(library, only, without, body), fixed, bounds)
-    fitted, held_out = select_parts(recordings, holdout, body)
+    mechanism = find_mechanism(terms)
+    terms, effects = apply_limits(terms, select_effects(library, only, without, mechanism), fixed, bounds)
+    fitted, held_out = select_parts(recordings, holdout, mechanism)
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
     rng, progress = np.random.default_rng(0 if rng is None else rng), report_forward(progress)
     options = Options(terms, effects, criterion, rng, progress, limits, horizon)

@@ -69,14 +69,14 @@ def stack_motion(joints: Joints) -> tuple[Array, ...]:
     return stack_series(joints, "position", "velocity", "acceleration")
 
 
-def _compute_link_columns(joints: Joints, body: LinkedMechanism, view: str) -> Array:
+def _compute_link_columns(joints: Joints, mechanism: LinkedMechanism, view: str) -> Array:
     """Compute the columns of the base parameters of the links in a view (N, n or 1, P)."""
     (q, v, a), period = stack_motion(joints), joints[0].period
     if view == "torque":
-        return body.torque(q, v, a)
+        return mechanism.torque(q, v, a)
     if view == "impulse":
-        return compute_increments(body.momentum(q, v)) / period + average_over_samples(body.exchange(q, v))
-    return compute_increments(body.energy(q, v))[:, None] / period
+        return compute_increments(mechanism.momentum(q, v)) / period + average_over_samples(mechanism.exchange(q, v))
+    return compute_increments(mechanism.energy(q, v))[:, None] / period
 
 
 def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
@@ -101,10 +101,10 @@ def compute_balances(joints: Joints, terms: Sequence[Term], view: str) -> list[E
     """
     links, *others = terms
     assert isinstance(links, Links)
-    names = links.body.joints
+    names = links.mechanism.joints
     joints = add_joint_states(joints, terms)
     view_column, supplied = six.VIEWS[view]
-    link_columns = _compute_link_columns(joints, links.body, view)  # (N, n or 1, P)
+    link_columns = _compute_link_columns(joints, links.mechanism, view)  # (N, n or 1, P)
     column_index = link_columns.shape[2]
     phi = np.zeros((*link_columns.shape[:2], column_index + sum(len(term.columns) for term in others)))
     phi[:, :, :column_index] = link_columns
@@ -233,7 +233,7 @@ def find_momentum_columns(terms: Sequence[Term]) -> list[int]:
     """Find the indices of the columns of the momentum, which have mass."""
     has_momentum = [column.mass is not return_zero for term in terms for column in term.columns]
     if isinstance(terms[0], Links):
-        body = terms[0].body
-        q, v = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, 20, len(body.joints)))
-        has_momentum[: len(body.base)] = np.abs(body.momentum(q, v)).max(axis=(0, 1)) > 1e-9
+        mechanism = terms[0].mechanism
+        q, v = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, 20, len(mechanism.joints)))
+        has_momentum[: len(mechanism.base)] = np.abs(mechanism.momentum(q, v)).max(axis=(0, 1)) > 1e-9
     return np.flatnonzero(has_momentum).tolist()

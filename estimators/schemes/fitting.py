@@ -109,7 +109,7 @@ class Identified(Shown):
 
     def json(self) -> JSON:
         """Return a dictionary for JSON; withheld estimates are null."""
-        names = self.model.body.joints if len(self.units) > 1 else ("",)  # energies of joints add up
+        names = self.model.mechanism.joints if len(self.units) > 1 else ("",)  # energies of joints add up
         rows = zip(names, self.residuals, self.units, strict=True)
         joints = {name: {"rms": rms, "unit": unit} for name, rms, unit in rows}
         total = joints[""] if "" in joints else {"rms": None, "unit": None}
@@ -201,7 +201,7 @@ def fit_equations(
     model = model.mark_biased() if correction is not None and correction.has_bias else model
     return Identified(
         scheme=scheme.id,
-        model=complete_model(model.body, model),
+        model=complete_model(model.mechanism, model),
         convergence=_compute_convergence(equations, data, free, theta, std),
         residual_rms=fit.rms,
         unit=scheme.unit,
@@ -214,9 +214,9 @@ def fit_equations(
 
 def _list_units(scheme: Regressor, terms: Sequence[Term]) -> tuple[str, ...]:
     """List the units of the residuals of the joints, or of their summed balance."""
-    body = terms[0].mechanism
+    mechanism = terms[0].mechanism
     is_sum = isinstance(scheme, Scheme) and scheme.adds_up
-    return (scheme.unit,) if is_sum else tuple(body.units(at).unit(scheme.unit) for at in body.joints)
+    return (scheme.unit,) if is_sum else tuple(mechanism.units(at).unit(scheme.unit) for at in mechanism.joints)
 
 
 def _compute_random_walk_covariance(equations: Equations, data: Stack, theta: Array) -> Array:

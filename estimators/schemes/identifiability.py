@@ -168,8 +168,8 @@ def withhold_estimates(
         Results by id of the scheme, and findings on parameters that no scheme determines.
     """
     measured = [joints for group in segments for joints in group]
-    body = terms[0].mechanism
-    if isinstance(body, LinkedMechanism):
+    mechanism = terms[0].mechanism
+    if isinstance(mechanism, LinkedMechanism):
         doubts = _find_dependent_terms(segments, terms)
         motions = [stack_series(joints, "position", "velocity", "held") for joints in measured]
         series_of_joints = [np.concatenate(series) for series in zip(*motions, strict=True)]
@@ -194,13 +194,13 @@ def withhold_estimates(
 def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, terms: Sequence[Term]) -> None:
     """Raise an `IdentificationError` if a joint of an arm never moves, or torque never moves a pendulum."""
     measured = [joints for group in segments for joints in group]
-    body = terms[0].mechanism
-    for k, joint in enumerate(body.joints if isinstance(body, LinkedMechanism) else ()):
+    mechanism = terms[0].mechanism
+    for k, joint in enumerate(mechanism.joints if isinstance(mechanism, LinkedMechanism) else ()):
         if not any(joints[k].moving.any() for joints in measured):
             raise IdentificationError(
                 f"{join_names(recordings)}: joint '{joint}' never moves: record with all joints moving"
             )
-    if isinstance(body, LinkedMechanism) or all(r.is_free for r in recordings):
+    if isinstance(mechanism, LinkedMechanism) or all(r.is_free for r in recordings):
         return
     if not any(has_effective_torque(m) for (m,) in measured):
         column = "torque" if any(r.torque.any() for r in recordings) else "load_torque"
@@ -228,31 +228,33 @@ def find_undetermined_links(model: Model, position: Array, velocity: Array, torq
     largest, fastest = np.abs(torque).max(axis=0), np.abs(velocity).max(axis=0)
     largest = np.where(largest > 0, largest, largest.max())  # a joint without a motor has no torque
     large = {"inertia": 0.0, "gravity": float(largest[0])}  # of a pendulum
-    for joint, most, fast in zip(model.body.joints, largest.tolist(), fastest.tolist(), strict=True):
+    for joint, most, fast in zip(model.mechanism.joints, largest.tolist(), fastest.tolist(), strict=True):
         at = f"@{joint}" if joint else ""
         large |= {f"viscous{at}": most / max(fast, 1e-300), f"coulomb{at}": most}
-    if isinstance(model.body, LinkedMechanism):
-        large |= _compute_error_limits(model, model.body, position, largest)
+    if isinstance(model.mechanism, LinkedMechanism):
+        large |= _compute_error_limits(model, model.mechanism, position, largest)
     limited = ((name, estimate) for name, estimate in model.estimates.items() if name in large)
     return [name for name, estimate in limited if not is_determined(estimate, large[name])]
 
 
-def _compute_error_limits(model: Model, body: LinkedMechanism, position: Array, largest: Array) -> dict[str, float]:
+def _compute_error_limits(
+    model: Model, mechanism: LinkedMechanism, position: Array, largest: Array
+) -> dict[str, float]:
     """Compute the limit of each base parameter's standard error by torque and inertia of the joints.
 
     `position` (N, n) [rad] is the recorded motion, and `largest` (n,) the largest torque of each joint [N m].
     """
     places = position[:: max(1, len(position) // N_POSITIONS)]
-    units = np.eye(len(body.joints))
-    masses = [body.momentum(places, np.broadcast_to(unit, places.shape))[:, k] for k, unit in enumerate(units)]
+    units = np.eye(len(mechanism.joints))
+    masses = [mechanism.momentum(places, np.broadcast_to(unit, places.shape))[:, k] for k, unit in enumerate(units)]
     mean = np.mean(masses, axis=1)  # (n, P)
     felt = np.sqrt(np.mean(np.square(masses), axis=1))  # RMS inertia of a unit of each parameter (n, P)
-    anywhere = np.random.default_rng(0).uniform(-np.pi, np.pi, (DRAWS, len(body.joints)))
-    weight = np.abs(body.torque(anywhere, 0 * anywhere, 0 * anywhere)).max(axis=0)  # (n, P)
-    inertia = np.abs(mean @ model.theta[: len(body.base)])  # of each joint (n,)
+    anywhere = np.random.default_rng(0).uniform(-np.pi, np.pi, (DRAWS, len(mechanism.joints)))
+    weight = np.abs(mechanism.torque(anywhere, 0 * anywhere, 0 * anywhere)).max(axis=0)  # (n, P)
+    inertia = np.abs(mean @ model.theta[: len(mechanism.base)])  # of each joint (n,)
     with np.errstate(divide="ignore"):
         links = np.minimum(inertia[:, None] / SIGNIFICANT / felt, largest[:, None] / weight).min(axis=0)
-    return dict(zip(body.names, links.tolist(), strict=True))
+    return dict(zip(mechanism.names, links.tolist(), strict=True))
 
 
 def is_determined(estimate: Estimate, large: float) -> bool:

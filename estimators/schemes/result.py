@@ -49,9 +49,9 @@ class Identification(Mapping[str, Identified], Shown):
     data: TorqueWindows | None = field(default=None, repr=False)
 
     @property
-    def body(self) -> Mechanism:
+    def mechanism(self) -> Mechanism:
         """Return the joints of the model."""
-        return next(iter(self.schemes.values())).model.body
+        return next(iter(self.schemes.values())).model.mechanism
 
     @property
     def primary(self) -> Identified:
@@ -77,7 +77,7 @@ class Identification(Mapping[str, Identified], Shown):
     @property
     def is_of_scheme(self) -> bool:
         """Return whether `model` is that of a scheme: of an arm, or with one scheme."""
-        return len(self.schemes) == 1 or not self.body.can_simulate
+        return len(self.schemes) == 1 or not self.mechanism.can_simulate
 
     @cached_property
     def least_squares(self) -> Model:

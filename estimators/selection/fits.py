@@ -100,7 +100,9 @@ class Fits:
         """
         parts = self.list_parts(model)
         model = (
-            complete_model(model.body, model).convert_units(self.train.recordings[0].units).mark_unknown(self._unknown)
+            complete_model(model.mechanism, model)
+            .convert_units(self.train.recordings[0].units)
+            .mark_unknown(self._unknown)
         )
         errors = [compute_errors(part, model) for part in parts]
         return Step(added, model, dict(zip(("train", "holdout"), errors, strict=True)))

@@ -40,22 +40,22 @@ def prepare_arm(
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
     """
-    body = find_linked_mechanism(terms)
+    mechanism = find_linked_mechanism(terms)
     entries = [
         [
             replace(cut(joint, width, margin=margin), at=name, run=run, payload=recording.link_load)
-            for name, joint in zip(body.joints, recording.joints, strict=True)
+            for name, joint in zip(mechanism.joints, recording.joints, strict=True)
         ]
         for run, recording in enumerate(recordings)
         for width in [max(choose_half_width(joint) for joint in recording.joints)]
     ]
-    for k, name in enumerate(body.joints):
+    for k, name in enumerate(mechanism.joints):
         if sum(len(joints[k].centers) for joints in entries) < RESOLUTION.fewest_of_joint:
             names = ", ".join(recording.name for recording in recordings)
             raise IdentificationError(
                 f"{names}: joint '{name}' is rarely clear of stick and reversals: record longer, faster or wider motion"
             )
-    parts = [_compute_link_columns(joints, body) for joints in entries]
+    parts = [_compute_link_columns(joints, mechanism) for joints in entries]
     calibrated = [
         [_calibrate_windows(joints, k, part) for k in range(len(joints))]
         for joints, part in zip(entries, parts, strict=True)
@@ -75,11 +75,11 @@ def _join_joints(
 
     `entries` has per recording the windows of each joint, `parts` the links' columns of these.
     """
-    body, kinds = (
+    mechanism, kinds = (
         find_linked_mechanism(terms),
         dict.fromkeys(term if isinstance(term, type) else type(term) for term in terms),
     )
-    joints = range(len(body.joints))
+    joints = range(len(mechanism.joints))
     linear, rates = (
         np.concatenate([joints_of_run[k] for k in joints for joints_of_run in series])
         for series in zip(*((part.linear, part.rates) for part in parts), strict=True)
@@ -94,11 +94,11 @@ def _join_joints(
             **data.shared_columns,
             **{kind.id: _compute_coupling_columns(entries, kind) for kind in kinds if issubclass(kind, Coupling)},
         },
-        payload=_make_payload_columns(data, linear, body),
+        payload=_make_payload_columns(data, linear, mechanism),
     )
 
 
-def _make_payload_columns(data: TorqueWindows, linear: Array, body: LinkedMechanism) -> PayloadColumns | None:
+def _make_payload_columns(data: TorqueWindows, linear: Array, mechanism: LinkedMechanism) -> PayloadColumns | None:
     """Return the columns of known payloads, for their errors' share in the standard errors; None without a payload.
 
     The ten columns of a `LinkLoad` are the links' columns `linear` (R, P) times the change of the P base parameters by
@@ -109,7 +109,9 @@ def _make_payload_columns(data: TorqueWindows, linear: Array, body: LinkedMechan
     if not payloads:
         return None
     owner = np.array([-1 if load is None else payloads.index(load) for load in loads])[data.recording_of_window]
-    columns = [linear @ body.link_columns(payload.joint) * (owner == k)[:, None] for k, payload in enumerate(payloads)]
+    columns = [
+        linear @ mechanism.link_columns(payload.joint) * (owner == k)[:, None] for k, payload in enumerate(payloads)
+    ]
     torque = sum(payload_columns @ payload.standard for payload_columns, payload in zip(columns, payloads, strict=True))
     return PayloadColumns(np.asarray(torque), np.column_stack(columns))
 
@@ -158,16 +160,16 @@ class _LinkColumns:
     masses: Array
 
 
-def _compute_link_columns(entries: Sequence[Windows], body: LinkedMechanism) -> _LinkColumns:
+def _compute_link_columns(entries: Sequence[Windows], mechanism: LinkedMechanism) -> _LinkColumns:
     """Compute the links' columns from the windows of each joint of one recording."""
     q, v, a = _stack_motion(entries)
-    smooth, inertial = body.torque(q, v, np.zeros_like(v)), body.momentum(q, a)  # (N, n, P)
+    smooth, inertial = mechanism.torque(q, v, np.zeros_like(v)), mechanism.momentum(q, a)  # (N, n, P)
 
     def average(rows: WindowAverages, k: int) -> Array:
         return np.asarray(rows.wider @ smooth[:, k] + rows.narrow @ inertial[:, k])
 
     places = q[:: max(1, len(q) // RESOLUTION.places)]
-    masses = [body.momentum(places, np.broadcast_to(unit, places.shape)) for unit in np.eye(len(entries))]
+    masses = [mechanism.momentum(places, np.broadcast_to(unit, places.shape)) for unit in np.eye(len(entries))]
     return _LinkColumns(
         [average(w.averages, k) for k, w in enumerate(entries)],
         [average(w.rates, k) for k, w in enumerate(entries)],

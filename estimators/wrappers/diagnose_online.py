@@ -162,9 +162,11 @@ def make_diagnoser(
 def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], ParameterFit]:
     """Return terms and estimates of a model or its file; standard errors of unknown estimates are infinite."""
     if isinstance(model, str | Path):
-        model = load_model(plant.body, model)
-    if model.body.joints != plant.body.joints:
-        model_joints, env_joints = (describe_joints(body.joints) for body in (model.body, plant.body))
+        model = load_model(plant.mechanism, model)
+    if model.mechanism.joints != plant.mechanism.joints:
+        model_joints, env_joints = (
+            describe_joints(mechanism.joints) for mechanism in (model.mechanism, plant.mechanism)
+        )
         raise ValueError(
             f"the model has {model_joints}, the environment has {env_joints}: give a model of the environment"
         )

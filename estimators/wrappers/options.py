@@ -63,11 +63,13 @@ def read_links(env: gym.Env[Any, Any], robot: str | None = None) -> LinkedMechan
     """Read the links of a file, or of an environment with the attribute `urdf`."""
     reader = find_link_reader()
     if robot is not None:
-        body = reader.read(robot)
-        joints = tuple(getattr(env.unwrapped, "joints", body.joints))
-        if len(joints) != len(body.joints):
-            raise ValueError(f"the environment has joints {', '.join(joints)}, and {robot} {', '.join(body.joints)}")
-        return body
+        mechanism = reader.read(robot)
+        joints = tuple(getattr(env.unwrapped, "joints", mechanism.joints))
+        if len(joints) != len(mechanism.joints):
+            raise ValueError(
+                f"the environment has joints {', '.join(joints)}, and {robot} {', '.join(mechanism.joints)}"
+            )
+        return mechanism
     text = getattr(env.unwrapped, "urdf", None)
     if text is None:
         raise ValueError("the environment has no attribute urdf: pass robot=, a URDF or MJCF file")
@@ -83,7 +85,7 @@ class Plant:
         position_noise: standard deviation of the measured position [rad]; None for an unknown encoder.
         smoothing: smoothing for this noise, or for the recording that is played; by default for the paper's encoder.
         batch: number of environments.
-        body: joint of a pendulum, or links of an arm.
+        mechanism: joint of a pendulum, or several joints with links.
         torque_unit: unit of the recording that the environment plays, or N m.
     """
 
@@ -91,7 +93,7 @@ class Plant:
     position_noise: float | None
     smoothing: Smoothing
     batch: int
-    body: Mechanism
+    mechanism: Mechanism
     torque_unit: str
 
     @classmethod
@@ -101,22 +103,22 @@ class Plant:
         Raises:
             ValueError: if the rate or the links of an arm are unknown, or the environment is a vector of arms.
         """
-        own_rate, body = _get_attribute(env, "rate") if rate is None else rate, PENDULUM
+        own_rate, mechanism = _get_attribute(env, "rate") if rate is None else rate, PENDULUM
         if own_rate is None:
             raise ValueError("the environment has no attribute rate: pass rate=... in Hz")
         rate = check_rate(float(own_rate))
         if robot is not None or _get_attribute(env, "joints") is not None:
             if not isinstance(env, gym.Env):
                 raise ValueError("a vector of arms has no online algorithm: wrap each arm environment by itself")
-            body = read_links(env, robot)
+            mechanism = read_links(env, robot)
         recording, counts = _get_attribute(env, "recording"), _get_attribute(env, "counts")
         batch = getattr(env, "num_envs", 1)
         if isinstance(recording, Recording):
             known_noise, smoothing = estimate_encoder_noise(recording.position), choose_smoothing(recording)
-            return cls(rate, known_noise, smoothing, batch, body, recording.torque_unit)
+            return cls(rate, known_noise, smoothing, batch, mechanism, recording.torque_unit)
         noise = None if counts is None else compute_encoder_noise(counts)
         smoothing = Smoothing.from_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)
-        return cls(rate, noise, smoothing, batch, body, NEWTON_METRE)
+        return cls(rate, noise, smoothing, batch, mechanism, NEWTON_METRE)
 
     def terms(self, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
         """Return the terms of the model of a pendulum or an arm, with viscous and Coulomb friction by default.
@@ -124,7 +126,7 @@ class Plant:
         Raises:
             ValueError: if a term or its joint is unknown.
         """
-        return list_base_terms(self.body) if terms is None else select_terms(arrange_terms(terms, self.body))
+        return list_base_terms(self.mechanism) if terms is None else select_terms(arrange_terms(terms, self.mechanism))
 
     def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
         """Return possible effects by id, by default all that need only the columns of `info`.
@@ -135,8 +137,8 @@ class Plant:
             ValueError: if an effect or joint is unknown.
         """
         if names is None:
-            names = [id for id, kind in list_effects(self.body).items() if id != Coupling.id and not kind.needs]
-        return {kind.id: kind for kind in find_kinds(names, self.body)}
+            names = [id for id, kind in list_effects(self.mechanism).items() if id != Coupling.id and not kind.needs]
+        return {kind.id: kind for kind in find_kinds(names, self.mechanism)}
 
 
 def make_estimator(

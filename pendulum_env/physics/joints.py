@@ -7,7 +7,7 @@ term at a joint is the term of the pendulum with another id, `stribeck@elbow`, e
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from itertools import pairwise
 from typing import ClassVar, TypeVar, cast
@@ -118,23 +118,23 @@ def get_coupling(at: str, is_heavy: bool) -> type[Coupling]:
     return _make_coupling(Coupling, at, is_heavy)
 
 
-def list_couplings(body: LinkedMechanism) -> tuple[type[Coupling], ...]:
+def list_couplings(mechanism: LinkedMechanism) -> tuple[type[Coupling], ...]:
     """List the couplings of adjacent revolute joints, with both signs."""
-    can_couple = [is_possible_at_joint(Coupling, is_linear) for is_linear in body.is_prismatic]
-    pairs = [pair for pair, flags in zip(pairwise(body.joints), pairwise(can_couple), strict=True) if all(flags)]
-    return tuple(choose_coupling(f"{first},{sign}{second}", body) for first, second in pairs for sign in ("", "-"))
+    can_couple = [is_possible_at_joint(Coupling, is_linear) for is_linear in mechanism.is_prismatic]
+    pairs = [pair for pair, flags in zip(pairwise(mechanism.joints), pairwise(can_couple), strict=True) if all(flags)]
+    return tuple(choose_coupling(f"{first},{sign}{second}", mechanism) for first, second in pairs for sign in ("", "-"))
 
 
-def choose_coupling(at: str, body: LinkedMechanism) -> type[Coupling]:
+def choose_coupling(at: str, mechanism: LinkedMechanism) -> type[Coupling]:
     """Return the coupling of two joints, without motor inertia if link parameters explain it."""
-    return get_coupling(at, has_separate_rotor(at, body))
+    return get_coupling(at, has_separate_rotor(at, mechanism))
 
 
-def has_separate_rotor(at: str, body: LinkedMechanism) -> bool:
+def has_separate_rotor(at: str, mechanism: LinkedMechanism) -> bool:
     """Return whether no link parameters explain the inertia of a motor at one joint, or at two coupled ones."""
-    factors = np.array([list_loads(at).get(joint, 0.0) for joint in body.joints])
-    q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(body.joints)))
-    motor_torque, links = np.outer(a @ factors, factors).ravel(), body.torque(q, v, a).reshape(a.size, -1)
+    factors = np.array([list_loads(at).get(joint, 0.0) for joint in mechanism.joints])
+    q, v, a = np.random.default_rng(0).uniform(-np.pi, np.pi, (3, DRAWS, len(mechanism.joints)))
+    motor_torque, links = np.outer(a @ factors, factors).ravel(), mechanism.torque(q, v, a).reshape(a.size, -1)
     residual = motor_torque - links @ np.linalg.lstsq(links, motor_torque, rcond=None)[0]
     return bool(np.linalg.norm(residual) > NEGLIGIBLE * np.linalg.norm(motor_torque))
 
@@ -154,20 +154,20 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
             raise UserError(f"{term.id} is at none of the joints {', '.join(joints)}: {remedy}")
 
 
-def friction(body: Mechanism) -> tuple[Term, ...]:
+def friction(mechanism: Mechanism) -> tuple[Term, ...]:
     """Return viscous and Coulomb friction at each joint."""
-    joints = zip(body.joints, body.is_prismatic, strict=True)
+    joints = zip(mechanism.joints, mechanism.is_prismatic, strict=True)
     return tuple(place_term(term, joint, is_prismatic) for joint, is_prismatic in joints for term in FRICTION)
 
 
-def list_base_terms(body: Mechanism) -> tuple[Term, ...]:
+def list_base_terms(mechanism: Mechanism) -> tuple[Term, ...]:
     """Return the base terms: links of an arm, or inertia and gravity, with viscous and Coulomb friction."""
-    return arrange_terms(friction(body), body) if isinstance(body, LinkedMechanism) else BASE
+    return arrange_terms(friction(mechanism), mechanism) if isinstance(mechanism, LinkedMechanism) else BASE
 
 
-def arrange_terms(terms: Sequence[T], body: Mechanism) -> tuple[T | Links, ...]:
+def arrange_terms(terms: Sequence[T], mechanism: Mechanism) -> tuple[T | Links, ...]:
     """Return the terms of a model; for an arm, with its links in front."""
-    return (Links(body), *terms) if isinstance(body, LinkedMechanism) else tuple(terms)
+    return (Links(mechanism), *terms) if isinstance(mechanism, LinkedMechanism) else tuple(terms)
 
 
 def find_mechanism(terms: Sequence[object]) -> Mechanism:
@@ -177,14 +177,14 @@ def find_mechanism(terms: Sequence[object]) -> Mechanism:
 
 def find_linked_mechanism(terms: Sequence[object]) -> LinkedMechanism:
     """Return the body of an arm's terms."""
-    body = find_mechanism(terms)
-    assert isinstance(body, LinkedMechanism)
-    return body
+    mechanism = find_mechanism(terms)
+    assert isinstance(mechanism, LinkedMechanism)
+    return mechanism
 
 
-def list_effects(body: Mechanism) -> dict[str, type[Term]]:
+def list_effects(mechanism: Mechanism) -> dict[str, type[Term]]:
     """Return the effects that a body's joints can have, by id."""
-    return joint_effects() if isinstance(body, LinkedMechanism) else list_nameable()
+    return joint_effects() if isinstance(mechanism, LinkedMechanism) else list_nameable()
 
 
 def joint_effects() -> dict[str, type[Term]]:
@@ -193,7 +193,7 @@ def joint_effects() -> dict[str, type[Term]]:
     return effects | {kind.id: kind for kind in (Rotor, Coupling)}
 
 
-def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Term]]:
+def place_effects(kinds: Iterable[type[Term]], mechanism: Mechanism) -> list[type[Term]]:
     """Place effects at each joint where they are possible, and couplings at each pair of adjacent joints.
 
     A rotor is possible where link parameters do not explain its inertia.
@@ -201,20 +201,20 @@ def place_effects(kinds: Iterable[type[Term]], body: Mechanism) -> list[type[Ter
     Effects that are already at a joint are kept.
     """
     kinds = list(kinds)
-    if not isinstance(body, LinkedMechanism):
+    if not isinstance(mechanism, LinkedMechanism):
         return kinds
-    joints = zip(body.joints, body.is_prismatic, strict=True)
+    joints = zip(mechanism.joints, mechanism.is_prismatic, strict=True)
     single = [kind for kind in kinds if kind is not Coupling and not kind.at]
     effects = [
         place_effect(kind, joint, is_prismatic)
         for joint, is_prismatic in joints
         for kind in single
-        if is_possible_at_joint(kind, is_prismatic) and (kind is not Rotor or has_separate_rotor(joint, body))
+        if is_possible_at_joint(kind, is_prismatic) and (kind is not Rotor or has_separate_rotor(joint, mechanism))
     ]
-    return [*effects, *(list_couplings(body) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
+    return [*effects, *(list_couplings(mechanism) if Coupling in kinds else ()), *(kind for kind in kinds if kind.at)]
 
 
-def find_kind(text: str, body: Mechanism, library: Mapping[str, type[Term]] | None = None) -> type[Term]:
+def find_kind(text: str, mechanism: Mechanism, library: Mapping[str, type[Term]] | None = None) -> type[Term]:
     """Find an effect or table by name: `stribeck`, of an arm `stribeck@elbow` or `coupling@elbow,-wrist`.
 
     `library` holds the allowed effects at joints by id, by default all effects and tables.
@@ -222,33 +222,33 @@ def find_kind(text: str, body: Mechanism, library: Mapping[str, type[Term]] | No
     Raises:
         ValueError: if effect or joint is unknown; the message names the nearest.
     """
-    if not isinstance(body, LinkedMechanism):
+    if not isinstance(mechanism, LinkedMechanism):
         return find_addition(text)
-    joints, (id, _, at) = body.joints, text.partition("@")
+    joints, (id, _, at) = mechanism.joints, text.partition("@")
     if id != Coupling.id:
-        kind, joint = parse_effect(text, joints, library or joint_effects() | TABLES, body.prismatic_joints)
-        if kind is Rotor and not has_separate_rotor(joint, body):
+        kind, joint = parse_effect(text, joints, library or joint_effects() | TABLES, mechanism.prismatic_joints)
+        if kind is Rotor and not has_separate_rotor(joint, mechanism):
             raise UserError(f"{id} at '{joint}' is part of the link parameters: leave it out")
-        return place_effect(kind, joint, body.is_prismatic[joints.index(joint)])
+        return place_effect(kind, joint, mechanism.is_prismatic[joints.index(joint)])
     pair = [find("joint", joint, {name: name for name in joints}) for joint in list_loads(at)]
-    _refuse_prismatic(Coupling, pair, body.prismatic_joints)
+    _refuse_prismatic(Coupling, pair, mechanism.prismatic_joints)
     if len(pair) != 2 or at.startswith("-"):
         example = f"{id}@{joints[0]},{joints[-1]}"
         raise UserError(f"'{text}' should name two joints, such as {example}, with - for the second")
-    return choose_coupling(at, body)
+    return choose_coupling(at, mechanism)
 
 
 def find_kinds(
-    names: Iterable[str], body: Mechanism, library: Mapping[str, type[Term]] | None = None
+    names: Iterable[str], mechanism: Mechanism, library: Mapping[str, type[Term]] | None = None
 ) -> list[type[Term]]:
     """Find effects by name: `stribeck` at each joint where it is possible, `stribeck@elbow` at this joint.
 
     `library` holds the allowed effects by id, by default those of the library.
     """
-    names, library = list(names), list_effects(body) if library is None else library
-    label = "effect of joints" if isinstance(body, LinkedMechanism) else "effect"
+    names, library = list(names), list_effects(mechanism) if library is None else library
+    label = "effect of joints" if isinstance(mechanism, LinkedMechanism) else "effect"
     everywhere = [find(label, name, library) for name in names if "@" not in name]
-    return [*place_effects(everywhere, body), *(find_kind(name, body) for name in names if "@" in name)]
+    return [*place_effects(everywhere, mechanism), *(find_kind(name, mechanism) for name in names if "@" in name)]
 
 
 def parse_effect(
@@ -282,7 +282,7 @@ def _refuse_prismatic(kind: type[Term], joints: Iterable[str], prismatic_joints:
 class Links(Term):
     """Rigid body of an arm as a term: one column per base parameter, which depends on the motion of all joints."""
 
-    body: LinkedMechanism
+    mechanism: LinkedMechanism = field()  # type: ignore[misc]  # in the place of a class variable
 
     id = "links"
     law = "M(q) q'' + C(q, q') q' + g(q)"
@@ -291,12 +291,7 @@ class Links(Term):
     @cached_property
     def columns(self) -> tuple[Column, ...]:
         """Return one column per base parameter; `LinkedMechanism` has the regressors."""
-        return tuple(Column(parameter.name, parameter.unit) for parameter in self.body.base)
-
-    @property
-    def mechanism(self) -> LinkedMechanism:
-        """Return the body."""
-        return self.body
+        return tuple(Column(parameter.name, parameter.unit) for parameter in self.mechanism.base)
 
     @property
     def nonlinear_values(self) -> dict[str, float]:
@@ -305,13 +300,13 @@ class Links(Term):
 
     def list_angle_functions(self, at: str) -> tuple[str, ...]:
         """Return the angle functions of a joint's gravity, if it is independent of the other joints."""
-        joint = self.body.joints.index(at)
-        first, second = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.body.joints)))
+        joint = self.mechanism.joints.index(at)
+        first, second = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, DRAWS, len(self.mechanism.joints)))
         second[:, joint] = first[:, joint]
-        torque, other = (self.body.torque(q, 0 * q, 0 * q)[:, joint] for q in (first, second))  # (DRAWS, P)
+        torque, other = (self.mechanism.torque(q, 0 * q, 0 * q)[:, joint] for q in (first, second))  # (DRAWS, P)
         if not np.any((np.abs(torque - other).max(axis=0) < NEGLIGIBLE) & (np.abs(torque).max(axis=0) > NEGLIGIBLE)):
             return ()
-        return ("one",) if self.body.is_prismatic[joint] else ("sine", "cosine")
+        return ("one",) if self.mechanism.is_prismatic[joint] else ("sine", "cosine")
 
 
 at_joint, placed = place_effect, place_term  # names of 1.0.0, kept for one release

@@ -197,7 +197,7 @@ class Model(Mapping[str, Estimate], Shown):
         return replace(self, terms=(*self.terms, term), estimates={**self.estimates, **estimates}, correlation=())
 
     @property
-    def body(self) -> Mechanism:
+    def mechanism(self) -> Mechanism:
         """Return the mechanism: the joint of a pendulum, or the joints of an arm."""
         return self.terms[0].mechanism if self.terms else PENDULUM
 
@@ -213,7 +213,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     def units(self, joint: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
-        return self.body.units(joint, JointUnits(self.torque_unit, self.is_prismatic))
+        return self.mechanism.units(joint, JointUnits(self.torque_unit, self.is_prismatic))
 
     def convert_units(self, units: JointUnits) -> Self:
         """Return the model with other units of torque or joint; the values are unchanged."""

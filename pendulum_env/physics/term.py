@@ -200,6 +200,7 @@ class Term:
     id: ClassVar[str]
     at: ClassVar[str] = ""  # joint of an arm, the end of the id, `stribeck@elbow`; of a term at two joints, both names,
     # the second with its sign, `coupling@elbow,-wrist`
+    mechanism: ClassVar[Mechanism] = PENDULUM  # of a model with this term as its first
     is_prismatic: ClassVar[bool] = False  # whether the joint is linear
     law: ClassVar[str]
     kind: ClassVar[Kind]
@@ -230,11 +231,6 @@ class Term:
     def columns(self) -> tuple[Column, ...]:
         """Return the columns of the linear parameters."""
         return ()
-
-    @property
-    def mechanism(self) -> Mechanism:
-        """Return the mechanism of a model with this term as its first."""
-        return PENDULUM
 
     @property
     def fixed(self) -> tuple[Column, ...]:

@@ -60,7 +60,7 @@ def check_contacts_of_arm(subject: Subject) -> Iterable[Finding]:
     """Find contacts of joints of an arm without another residual or a stop."""
     trial, diagnosis = subject.found
     explained = {*diagnosis.joint_residuals, *(term.at for term in trial.terms if term.has_impacts)}
-    joints = [joint for joint in diagnosis.model.body.joints if joint not in explained]
+    joints = [joint for joint in diagnosis.model.mechanism.joints if joint not in explained]
     return find_arm_contacts(trial.evidence, diagnosis.model, joints)
 
 

@@ -35,6 +35,11 @@ class ArmModel(Model):
         """Return the body of the links."""
         return find_links(self.terms)
 
+    @property
+    def mechanism(self) -> Body:
+        """Return the body of the links."""
+        return self.body
+
     def json(self) -> JSON:
         """Return a dictionary for JSON: that of a model, with the robot and the combinations of base parameters."""
         content = super().json()

@@ -95,4 +95,4 @@ def fit_effect(
 ) -> tuple[Addition, Identification | None]:
     """Refit a model with one more effect; also identify a pendulum's final terms by all schemes, else None."""
     addition = add(model, effect, recordings, holdout, progress, **limits)
-    return addition, identify_schemes(recordings, addition.after.model) if model.body.can_simulate else None
+    return addition, identify_schemes(recordings, addition.after.model) if model.mechanism.can_simulate else None

@@ -54,7 +54,7 @@ class SearchChoices:
 
     def check(self, terms: Sequence[Term]) -> None:
         """Raise ValueError if an effect or parameter does not exist for a model with these terms."""
-        select_effects(None, **self.effects, body=find_mechanism(terms))
+        select_effects(None, **self.effects, mechanism=find_mechanism(terms))
         apply_limits(terms, {}, **self.limits)
 
     def write_options(self, *fields: str) -> list[str]:

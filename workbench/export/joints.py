@@ -34,7 +34,7 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
     Raises ExportError if MuJoCo cannot represent the model and approximations are not allowed, and
     ModuleNotFoundError without MuJoCo.
     """
-    mujoco, body = import_mujoco(), model.body
+    mujoco, body = import_mujoco(), model.mechanism
     links, joints = nearest_body(model), {}
     standard = np.array([links.parameters[name].value for name in body.standard])
     omissions = [] if links.exists else [f"the links as identified: {describe_nearest_body(links)}"]

@@ -157,7 +157,7 @@ def describe_errors(diagnosis: Diagnosis) -> str:
     floors = {at: to_shown_unit(floor, units[at])[0] for at, floor in diagnosis.floors.items()}
     changes = {at: format_fall(first.get_joint_error(at), last.get_joint_error(at), unit) for at, unit in units.items()}
     falls = [f"{at or kind} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
-    if diagnosis.model.body.can_simulate and not last.is_in_loop:
+    if diagnosis.model.mechanism.can_simulate and not last.is_in_loop:
         angle = diagnosis.model.units().unit("rad")
         falls.append(f"free-running position {format_fall(first.position_rms, last.position_rms, angle)}")
     part = " (last 30 %)" if diagnosis.data is not None and not diagnosis.data.holdout else ""

@@ -31,7 +31,7 @@ def tabulate_by_scheme(identification: Identification) -> TextTable:
 
 def tabulate_schemes(identification: Identification) -> TextTable:
     """Tabulate the estimates with a row for each scheme; for an arm as `tabulate_by_scheme`."""
-    if isinstance(identification.body, Body):
+    if isinstance(identification.mechanism, Body):
         return tabulate_by_scheme(identification)
     model = next(iter(identification.schemes.values())).model
     columns, units = model.columns, model.units()

@@ -70,7 +70,7 @@ def narrate_summary(diagnosis: Diagnosis, n_remarks: int | None = REMARKS) -> Pa
 def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:
     """Make the parts of a diagnosis."""
     units = diagnosis.model.units()
-    if not diagnosis.model.body.can_simulate:
+    if not diagnosis.model.mechanism.can_simulate:
         table = tabulate_joints(get_end_errors(diagnosis.steps), diagnosis.floors, diagnosis.model)
         errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
     else:
@@ -179,7 +179,7 @@ def narrate_addition(addition: Addition) -> list[Part]:
     sentences += [f"warning: {describe(finding)}" for finding in addition.findings]
     title, steps = "the model refitted without and with the effect", (addition.before, addition.after)
     parameters = Part("Parameters", [tabulate_parameters(addition.model)])
-    if addition.model.body.can_simulate:
+    if addition.model.mechanism.can_simulate:
         return [Part(f"Errors, {title}", [tabulate_errors(steps, addition.model.units()), *sentences]), parameters]
     fitted, held_out = (
         tabulate_joints(get_end_errors(steps, part), addition.floors, addition.model) for part in ("train", "holdout")
@@ -193,7 +193,7 @@ def narrate_addition(addition: Addition) -> list[Part]:
 
 def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[Part]:
     """Make the parts of a comparison: errors and regions, with a profile as a table unless `is_drawn`."""
-    body, is_arm = comparison.model.body, len(comparison.recording_errors)
+    body, is_arm = comparison.model.mechanism, len(comparison.recording_errors)
     regions = [(region.at, narration.describe_region(region)) for region in comparison.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
     content: list[TextTable | str | tuple[str, ...]] = [tuple(texts)]

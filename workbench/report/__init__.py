@@ -35,7 +35,7 @@ SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnos
 def render(diagnosis: Diagnosis, command: str = "") -> str:
     """Render the report of a diagnosis as HTML; `command`: equivalent command lines, if known."""
     case = ReportData(diagnosis, command=command)
-    if not diagnosis.model.body.can_simulate:
+    if not diagnosis.model.mechanism.can_simulate:
         sections = _make_arm_sections(case)
     elif diagnosis.steps[0].errors["holdout"].is_in_loop:
         sections = [make_loop_diagnosis(case), make_candidates(case), make_parameters(case)]
@@ -62,7 +62,7 @@ def render_comparison(compared: Comparison) -> str:
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
     diagnosis = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
     case = ReportData(diagnosis, first="model")
-    if not diagnosis.model.body.can_simulate:
+    if not diagnosis.model.mechanism.can_simulate:
         return _render_recordings(case, _make_arm_sections(case), "comparison with")
     parts = narrate_comparison(compared, is_drawn=True)
     result = Section("result", "Result", describe_comparison(compared), parts)

@@ -31,7 +31,7 @@ Curve = tuple[str, str]  # label and colour of a model
 
 def make_failures(case: ReportData) -> Section:
     """Make the section on the residuals of the first and the final model in the fitted data, joint by joint."""
-    prepared, curves, body = case.data.parts[0], case.model_labels, case.diagnosis.model.body
+    prepared, curves, body = case.data.parts[0], case.model_labels, case.diagnosis.model.mechanism
     residuals, axes = case.compute_residuals(0), tuple(SYMBOLS) if body.can_simulate else SHOWN
     strips, stands_out = list[Part](), [False] * len(residuals)
     for k, joint in enumerate(prepared.floors):
