@@ -19,7 +19,6 @@ from estimators.diagnosis.checks import (
     check_torque_constant,
     find_missing_part,
 )
-from estimators.diagnosis.contacts import find_arm_contacts
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.treatments import align_with_effects
@@ -35,6 +34,7 @@ from pendulum_env.recording import Recording
 from robots.arms.body import find_links
 from robots.arms.carried_payload import CarriedPayload, include_payload
 from robots.arms.conclusion import MissingRotors, conclude_arm, find_joint_residuals
+from robots.arms.contacts import find_arm_contacts
 
 
 @applies_to("diagnose")
