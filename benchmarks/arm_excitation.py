@@ -23,7 +23,7 @@ from estimators.online import OnlineEstimator, stream_recording
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import Smoothing
 from pendulum_env._typing import Array
-from pendulum_env.physics.joints import arm_base
+from robots.arms import arm_base
 from robots.arms.body import Body, parse_body, read_body
 from robots.arms.design_env import TORQUE, plan_motion
 from robots.arms.env import PlanarArm

@@ -27,8 +27,9 @@ from benchmarks.parallel import each
 from benchmarks.two_link import Multisine, TwoLink
 from estimators.online import Diagnoser, OnlineDiagnosis
 from estimators.signals.measurements import Smoothing, choose_smoothing
-from pendulum_env.physics.joints import arm_base, find_kinds
+from pendulum_env.physics.joints import find_kinds
 from pendulum_env.recording import read_recording
+from robots.arms import arm_base
 from robots.arms.body import read_body
 from workbench.terminal import Terminal
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from estimators import compare, diagnose, identify
 from estimators.schemes.six import scheme
-from pendulum_env.physics.joints import arm_base
+from robots.arms import arm_base
 from robots.arms.body import Body, read_body
 from robots.arms.recording import ArmRecording
 

@@ -23,7 +23,7 @@ from estimators import identify
 from estimators.schemes.balance import stack_motion
 from estimators.schemes.six import scheme
 from estimators.signals.measurements import measure_joints
-from pendulum_env.physics.joints import arm_base
+from robots.arms import arm_base
 from robots.arms.recording import ArmRecording
 
 TRUTH = {"armature": np.array(ROTORS), "damping": np.array(VISCOUS), "frictionloss": np.array(COULOMB)}

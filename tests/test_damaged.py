@@ -17,13 +17,13 @@ from pendulum_env.backends.hardware.config import load as load_rig
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.friction import Stribeck
-from pendulum_env.physics.joints import arm_base, place_effect
+from pendulum_env.physics.joints import place_effect
 from pendulum_env.physics.potential import Cogging
 from pendulum_env.physics.table import TABLES, Extent
 from pendulum_env.reading import read_toml
 from pendulum_env.recording import Recording, read_recording, write_recording
 from pendulum_env.recording.study import read_sources
-from robots.arms import read_body
+from robots.arms import arm_base, read_body
 from robots.arms.model import ArmModel
 from tests.pendulum_env.recording.test_formats import write_bag, write_xlsx
 from tests.two_link import body

@@ -6,7 +6,7 @@ import pytest
 from benchmarks import six_joint
 from estimators import Prediction, compare, diagnose, identify
 from pendulum_env.physics import Model
-from pendulum_env.physics.joints import arm_base
+from robots.arms import arm_base
 from tests.robots.servos.in_loop.test_in_loop import MODEL, recorded
 
 

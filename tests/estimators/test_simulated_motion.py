@@ -7,9 +7,9 @@ from scipy.integrate import solve_ivp
 from estimators import compare, identify, simulate
 from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE, Gravity, Inertia, Model, ModelError, Viscous
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.plant import PAPER, hide, paper_plant
 from pendulum_env.units import JointUnits
+from robots.arms import arm_base
 from robots.arms.body import parse_body
 from robots.arms.env import PlanarArm
 from robots.arms.model import ArmModel

@@ -6,9 +6,9 @@ import pytest
 from benchmarks import six_joint
 from benchmarks.two_link import TwoLink
 from pendulum_env.physics.friction import Stribeck
-from pendulum_env.physics.joints import arm_base, choose_coupling
+from pendulum_env.physics.joints import choose_coupling
 from pendulum_env.physics.potential import Spring
-from robots.arms import ArmModel, place_effect, read_body
+from robots.arms import ArmModel, arm_base, place_effect, read_body
 from tests import robots
 from workbench.cli import main
 

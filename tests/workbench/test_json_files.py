@@ -11,9 +11,8 @@ from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose, identify
 from estimators.findings import Finding
 from pendulum_env.physics import BASE
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.recording import Recording
-from robots.arms import read_body
+from robots.arms import arm_base, read_body
 from robots.servos import ServoDrive
 from tests.cases import recording
 from tests.two_link import record_arm

@@ -15,9 +15,9 @@ from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
 from estimators.signals.channel import Channel
 from pendulum_env.physics import BASE
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording, read_recording
+from robots.arms import arm_base
 from tests import slow
 from tests.cases import TRUTH, recorded
 from tests.notes import list_notes

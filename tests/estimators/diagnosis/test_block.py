@@ -14,8 +14,8 @@ from estimators.diagnosis.options import Options
 from estimators.online.gains import Gains
 from estimators.regression.fold_fits import solve_without
 from pendulum_env.physics import BASE, Term
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.recording import Recording
+from robots.arms import arm_base
 from robots.servos.drive import ServoDrive
 from tests.cases import recording
 from tests.two_link import body, record_arm

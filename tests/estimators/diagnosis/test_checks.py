@@ -13,9 +13,8 @@ from estimators.diagnosis.checks import Subject, check_parameters
 from estimators.findings import Finding
 from estimators.selection.process_noise import UnloggedTorque
 from pendulum_env.physics import BASE
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.quantity import Quantity
-from robots.arms import read_body
+from robots.arms import arm_base, read_body
 from tests.cases import recording
 from tests.two_link import TwoLink, record_arm
 from workbench.narrator.identification import list_warnings

@@ -14,8 +14,8 @@ from estimators.diagnosis.contacts import Contact
 from estimators.diagnosis.untested import UntestedRange
 from estimators.weak_form.contacts import count_contacts
 from pendulum_env.physics import BASE
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.recording import Recording
+from robots.arms import arm_base
 from robots.arms.body import read_body
 from robots.arms.recording import ArmRecording
 from tests.cases import diagnosed, recorded

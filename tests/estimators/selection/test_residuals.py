@@ -8,8 +8,8 @@ from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.selection.residuals import Residuals, set_grid
 from pendulum_env.physics import BASE, Samples
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.physics.table import Extent, TorqueByAngle
+from robots.arms import arm_base
 
 
 def test_held_out_data_update_the_parameters_of_an_arm_with_more_parameters_than_blocks(monkeypatch):

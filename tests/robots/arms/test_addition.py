@@ -10,7 +10,7 @@ from benchmarks.two_link import TwoLink
 from estimators import IdentificationError, add, compare, diagnose, identify
 from estimators.diagnosis.completeness import Incomplete
 from pendulum_env.physics import ModelError
-from pendulum_env.physics.joints import arm_base
+from robots.arms import arm_base
 from tests.two_link import record_arm
 from workbench.narrator.diagnosis import describe_addition
 

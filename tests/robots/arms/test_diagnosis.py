@@ -18,8 +18,8 @@ from estimators.findings import Verdict
 from estimators.regression.least_squares import IdentificationError
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck, TemperatureDependentFriction
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.physics.potential import Cogging, Spring
+from robots.arms import arm_base
 from robots.arms.carried_payload import CarriedPayload
 from robots.arms.conclusion import MissingRotors
 from robots.arms.model import ArmModel

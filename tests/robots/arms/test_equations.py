@@ -16,8 +16,9 @@ from estimators.selection.search import search
 from estimators.signals.measurements import measure_joints
 from estimators.weak_form.variant_rows import VariantRows
 from pendulum_env.physics import Column, Term, Viscous, effect
-from pendulum_env.physics.joints import Links, arm_base, choose_coupling, list_couplings, place_effect, place_term
+from pendulum_env.physics.joints import Links, choose_coupling, list_couplings, place_effect, place_term
 from pendulum_env.physics.term import list_loads
+from robots.arms import arm_base
 from robots.arms.model import ArmModel
 from tests.two_link import record_arm
 

@@ -9,8 +9,8 @@ from benchmarks.arm_excitation import deviation, random_fourier
 from benchmarks.two_link import TwoLink
 from estimators import identify
 from estimators.regression.least_squares import IdentificationError
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.plant import PAPER
+from robots.arms import arm_base
 from robots.arms.body import read_body
 from robots.arms.env import PlanarArm
 from robots.arms.excitation import (

@@ -7,8 +7,9 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from pendulum_env.physics import ModelError, effect
-from pendulum_env.physics.joints import arm_base, choose_coupling, place_effect
+from pendulum_env.physics.joints import choose_coupling, place_effect
 from pendulum_env.physics.limits import collect_limits, limit_term
+from robots.arms import arm_base
 from robots.arms.model import ArmModel
 from tests import two_link
 

@@ -22,7 +22,8 @@ from estimators.wrappers import (
 )
 from pendulum_env import ARM, PENDULUM
 from pendulum_env.physics import BASE, Model, effects
-from pendulum_env.physics.joints import arm_base, place_effect
+from pendulum_env.physics.joints import place_effect
+from robots.arms import arm_base
 from robots.arms.body import read_body
 from robots.arms.model import ArmModel
 from robots.arms.planar import TWO_LINK

@@ -8,7 +8,7 @@ from benchmarks.two_link import TwoLink
 from estimators import identify
 from estimators.regression.least_squares import IdentificationError
 from estimators.weak_form.links import prepare_arm
-from pendulum_env.physics.joints import arm_base
+from robots.arms import arm_base
 from robots.arms.payload import detect_payloads, find_payload
 from robots.arms.recording import ArmRecording
 from robots.arms.standard import find_nearest_link, make_pseudo_inertia

@@ -7,9 +7,8 @@ from estimators import compare, diagnose, identify
 from estimators.diagnosis.completeness import Incomplete
 from pendulum_env.physics.actuation import TorqueOffset
 from pendulum_env.physics.friction import Stribeck
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.physics.potential import Cogging, Spring
-from robots.arms import read_arm_recording
+from robots.arms import arm_base, read_arm_recording
 from robots.arms.body import read_body
 from robots.arms.excitation import design_excitation
 from robots.arms.limits import DEFAULT_LIMITS

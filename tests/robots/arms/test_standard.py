@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from benchmarks import six_joint
-from pendulum_env.physics.joints import arm_base
+from robots.arms import arm_base
 from robots.arms.model import ArmModel
 from robots.arms.standard import make_pseudo_inertia, nearest_body, standard_parameters
 

@@ -8,9 +8,8 @@ import pytest
 
 from benchmarks.two_link import TwoLink
 from pendulum_env.physics.friction import Stribeck
-from pendulum_env.physics.joints import arm_base
 from pendulum_env.recording import write_recording
-from robots.arms import place_effect
+from robots.arms import arm_base, place_effect
 from robots.arms.model import ArmModel
 from tests.two_link import record_arm
 from tests.workbench.app.plants import drop, reload_session, upload
