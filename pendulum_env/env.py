@@ -218,7 +218,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         return observation, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw arm, torque and estimates; return the picture (H, W, 3), or None in mode human."""
+        """Draw pendulum, torque and estimates; return the picture (H, W, 3), or None in mode human."""
         return self._renderer.draw(self._last_info, self.max_torque, self.overlay())
 
     def close(self) -> None:

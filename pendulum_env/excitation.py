@@ -136,7 +136,7 @@ class Levels(Struct, frozen=True, tag_field="kind", tag="levels"):
     def draw_steps(
         cls, rng: np.random.Generator, seconds: float, amplitude: float, shortest: float = 0.2, longest: float = 1.2
     ) -> Self:
-        """Draw random levels, each held for a random time [s], with which the arm settles and overshoots."""
+        """Draw random levels, each held for a random time [s], with which the pendulum settles and overshoots."""
         edges = np.cumsum(rng.uniform(shortest, longest, int(seconds / shortest) + 1))
         edges = edges[: int(np.searchsorted(edges, seconds)) + 1]
         return cls(amplitude, tuple(edges.tolist()), tuple(rng.uniform(-amplitude, amplitude, len(edges)).tolist()))
@@ -189,7 +189,7 @@ def draw_family(rng: np.random.Generator, seconds: float, amplitude: float) -> l
     """Draw candidate signals of all kinds, with bounds from a third to all of an amplitude [N m].
 
     Slow signals move through large angles with few reversals; fast signals accelerate; a chirp does both in turn. Steps
-    overshoot from rest, and long steps bring the arm to rest at many angles.
+    overshoot from rest, and long steps bring the pendulum to rest at many angles.
     """
     slow, fast = 1 / seconds, 0.5  # [Hz]
     signals: list[Excitation] = []

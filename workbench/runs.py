@@ -96,7 +96,11 @@ def _choose_experiment(
         if getattr(arguments, option) is not None and kind != only:
             raise InputError(f"--{option} goes with --excitation {only} only")
     if kind in (LEARNT, SUGGESTED) and arguments.amplitude is not None:
-        bound = "the policy decides as the arm moves" if kind == LEARNT else "`diagnose --max-torque` bounds its torque"
+        bound = (
+            "the policy decides as the pendulum moves"
+            if kind == LEARNT
+            else "`diagnose --max-torque` bounds its torque"
+        )
         raise InputError(f"--amplitude does not go with --excitation {kind}: {bound}")
     if kind == LEARNT:
         if arguments.replay is not None or arguments.backend == "simulated":
@@ -244,4 +248,4 @@ def describe_recording(recording: Recording, terminal: Terminal) -> None:
     """Print the duration, rate, range of angles and largest torque of a recording."""
     turns, peak = np.ptp(recording.position) / (2 * np.pi), np.abs(recording.torque).max()
     terminal.print(f"{len(recording) / recording.rate:.4g} s at {recording.rate:.4g} Hz, {len(recording)} samples")
-    terminal.print(f"the arm covers {turns:.2g} turns under up to {peak:.2g} N m")
+    terminal.print(f"the pendulum covers {turns:.2g} turns under up to {peak:.2g} N m")

@@ -5,8 +5,8 @@ first order; the pymunk backend is of second order.
 
 MuJoCo regularises `frictionloss`: a sticking joint under torque tau creeps at (1 - d) T tau / (2 I), with T the time
 constant of the constraint and d its impedance. Both are at MuJoCo's bounds here, T two steps and d 0.9999. Under 0.5 N
-m the paper's arm creeps at 0.6 urad/s; with MuJoCo's defaults of 20 ms and 0.9, at 5.7 mrad/s. The pymunk backend, with
-set-valued friction, does not creep. Over 30 s of the paper's excitation with steps of 1 ms, the RMS error of the
+m the paper's pendulum creeps at 0.6 urad/s; with MuJoCo's defaults of 20 ms and 0.9, at 5.7 mrad/s. The pymunk backend,
+with set-valued friction, does not creep. Over 30 s of the paper's excitation with steps of 1 ms, the RMS error of the
 position is 2.3 mrad or 0.17 %, with the defaults 17 mrad or 1.3 %, and with four substeps 0.6 mrad. A step takes about
 15 us, 6 us more than with pymunk. Source: MuJoCo documentation, chapter Computation, constraint model.
 """

@@ -64,7 +64,7 @@ WORDS = [  # with files of `folder`
     ("compare m.json run.csv --columns time=t,time=ms:ms", "time is named twice"),
     ("add spring model.json run.csv", "model.json is a file: the order is MODEL.json EFFECT RECORDING"),
     ("record --excitation chrip -o x.csv", "invalid choice: 'chrip'"),
-    ("record --theta coulomb=100 --seconds 1.5 -o x.csv", "the arm never moves"),
+    ("record --theta coulomb=100 --seconds 1.5 -o x.csv", "the pendulum never moves"),
     ("record --counts 1 --seconds 1.5 -o x.csv", "or turn it by less than one of the 1 --counts"),
     ("record --backend dm1015b -o x.csv", "--backend dm1015b and --config FILE belong together"),
     ("record --backend dm1015b --config rig.toml --effect spring -o x.csv", "--effect does not go with a rig"),

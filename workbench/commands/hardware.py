@@ -89,7 +89,7 @@ def _check_wiring(rig: Rig, confirm: Confirm) -> str:
 
 def _check_encoder(rig: Rig, confirm: Confirm) -> str:
     _, before = rig.guard.read()
-    _ask(confirm, "Without power: turn the arm a quarter turn counter-clockwise by hand and hold it. Done?")
+    _ask(confirm, "Without power: turn the pendulum a quarter turn counter-clockwise by hand and hold it. Done?")
     angle = rig.guard.read()[1] - before
     encoder, degrees = rig.config.encoder, f"{math.degrees(angle):.0f} degrees"
     _require(abs(angle) > 0.01, "the counts do not change: check the encoder's cable and supply")
@@ -103,12 +103,12 @@ def _check_encoder(rig: Rig, confirm: Confirm) -> str:
 
 
 def _check_zero(rig: Rig, confirm: Confirm) -> str:
-    _ask(confirm, "Let the arm hang down and rest, touching nothing. Done?")
+    _ask(confirm, "Let the pendulum hang down and rest, touching nothing. Done?")
     off = math.degrees(math.remainder(rig.guard.read()[1], 2 * math.pi))
     counts = rig.guard.motor.read().counts
     _require(
         abs(off) < math.degrees(ROUGHLY),
-        f"it hangs at {off:.0f} degrees: start the check with the arm hanging down, or set encoder.zero to {counts}",
+        f"it hangs at {off:.0f} degrees: start with the pendulum hanging down, or set encoder.zero to {counts}",
     )
     return (
         f"zero is {abs(off):.1f} degrees off, the count is {counts}: a diagnosis finds what is left as gravity_tilt, "
@@ -121,8 +121,8 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
     _ask(confirm, f"The motor will push, slowly, up to {max_torque:g} N m, one way and then the other. Ready?")
     _require(
         _measure_motion(rig, max_torque) < MOVED,
-        "the arm moves without power: servo-enable does not reach the drive, which keeps its torque. Check that line, "
-        "its pull-down, and the drive's setting for it",
+        "the pendulum moves without power: servo-enable does not reach the drive, which keeps its torque. Check that "
+        "line, its pull-down, and the drive's setting for it",
     )
     torques = []
     for direction in (1.0, -1.0):
@@ -135,7 +135,7 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
         rig.disable()
         _require(
             abs(angle) > MOVED,
-            f"the arm does not move under {max_torque:g} N m: check motor and drive, or free the arm",
+            f"the pendulum does not move under {max_torque:g} N m: check motor and drive, or free the pendulum",
         )
         _require(
             angle * direction > 0,
@@ -150,7 +150,7 @@ def _check_torque(rig: Rig, confirm: Confirm) -> str:
 
 
 def _measure_motion(rig: Rig, max_torque: float) -> float:
-    """Ramp the torque command up to `max_torque` [N m] without power; return the largest motion of the arm [rad]."""
+    """Ramp the torque command up to `max_torque` [N m] without power; return the largest motion [rad]."""
     rig.disable()
     motor, sign, angle = rig.guard.motor, rig.config.torque_sign, 0.0
     _, start = rig.guard.read()

@@ -126,12 +126,14 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         return
     recording = simulate(plan, rng, terminal)
     if not (np.abs(recording.position) <= MAX_NUMBER).all():  # false for NaN, too
-        raise InputError(f"the arm turns by more than {MAX_NUMBER:g} rad: lower the torque, or what drives it")
+        raise InputError(f"the pendulum turns by more than {MAX_NUMBER:g} rad: lower the torque, or what drives it")
     if np.ptp(recording.position) == 0:
         count = f", or turn it by less than one of the {arguments.counts} --counts" if arguments.counts else ""
         if plan.release is not None:
-            raise InputError(f"the arm never moves: let it go at another angle than {plan.release:g} rad{count}")
-        raise InputError(f"the arm never moves: {plan.command.amplitude:g} N m do not overcome its friction{count}")
+            raise InputError(f"the pendulum never moves: let it go at another angle than {plan.release:g} rad{count}")
+        raise InputError(
+            f"the pendulum never moves: {plan.command.amplitude:g} N m do not overcome its friction{count}"
+        )
     write_recording(recording, arguments.output)
     describe_recording(recording, terminal)
     if plan.plant.effects:

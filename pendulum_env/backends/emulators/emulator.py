@@ -79,11 +79,11 @@ def emulate(
     realtime: bool = False,
     log: Path | None = None,
 ) -> None:
-    """Run an emulated rig until an interrupt or the input `quit`; other input lines turn the arm, see `_turn_arm`.
+    """Run an emulated rig until an interrupt or the input `quit`; other lines turn the pendulum, see `_turn_pendulum`.
 
     Args:
         make_rig: function that connects the motor, for example `make_serial`.
-        plant: model of the arm.
+        plant: model of the pendulum.
         config: path of the rig.toml to write.
         rate: rate of the loop [Hz].
         settings: further keys of the rig.toml, by table.
@@ -101,7 +101,7 @@ def emulate(
     _refuse_overwrite(config)
     rig = make_rig(Motor(plant, first_count=first_count, log=log))
     try:
-        # the arm hangs down at the first count only; later, friction may hold it elsewhere
+        # the pendulum hangs down at the first count only; later, friction may hold it elsewhere
         tables = {rig.adapter: rig.keys, "encoder": {"zero": first_count % 2**32}, "plant": _find_plant_ranges(plant)}
         for name, values in settings.items():
             tables[name] = {**tables.get(name, {}), **values}
@@ -129,7 +129,7 @@ def _serve(rig: EmulatedRig, report: Callable[[str], None]) -> None:
             for words in filter(None, map(str.split, line.splitlines())):
                 if words == ["quit"]:
                     return
-                report(_turn_arm(rig.motor, words))
+                report(_turn_pendulum(rig.motor, words))
         rig.motor.advance()
 
 
@@ -138,8 +138,8 @@ def _is_in_foreground(terminal: int) -> bool:
     return not os.isatty(terminal) or os.tcgetpgrp(terminal) == os.getpgrp()
 
 
-def _turn_arm(motor: Motor, words: list[str]) -> str:
-    """Turn and hold the arm (`hold ANGLE` [degrees]) or release it (`hold`); return the message."""
+def _turn_pendulum(motor: Motor, words: list[str]) -> str:
+    """Turn and hold the pendulum (`hold ANGLE` [degrees]) or release it (`hold`); return the message."""
     try:
         angle = math.radians(float(words[1])) if len(words) > 1 else None
     except ValueError:

@@ -11,11 +11,11 @@ from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP, TorqueBalance, make_start_samples
 
-HAND_BANDWIDTH, HAND_SPEED = 60.0, 2.0  # [rad/s], bandwidth and speed of the hand that holds the arm
+HAND_BANDWIDTH, HAND_SPEED = 60.0, 2.0  # [rad/s], bandwidth and speed of the hand that holds the pendulum
 
 
 class Motor:
-    """Motor with the arm; every method first advances the plant to the current time.
+    """Motor with the pendulum; every method first advances the plant to the current time.
 
     The watchdog acts at its time, as in hardware, even if the process was not running then. The log has a line `TIME
     EVENT VALUE` per event, with monotonic time [s]: `command` with its torque, `torque` when the acting torque changes
@@ -81,7 +81,7 @@ class Motor:
             self._set_torque(self.moment, torque)
 
     def hold(self, angle: float | None) -> None:
-        """Turn the arm by hand to an angle [rad] and hold it, or release it for None."""
+        """Turn the pendulum by hand to an angle [rad] and hold it, or release it for None."""
         self.advance()
         self._hand = None if angle is None else (self._angle, angle)
 
@@ -98,7 +98,7 @@ class Motor:
         self.moment = max(self.moment, until)
 
     def _compute_hand_torque(self, step: float) -> float:
-        """Return the torque of the hand that holds the arm [N m]."""
+        """Return the torque of the hand that holds the pendulum [N m]."""
         if self._hand is None:
             return 0.0
         angle, target = self._hand

@@ -36,7 +36,7 @@ class EncoderSettings:
     counts: Annotated[int, Meta(ge=1, le=2**31)] = 1_024_000  # per turn, after quadrature
     sign: Literal[1, -1] = 1  # sign of the counts of a counter-clockwise turn
     zero: Annotated[int, Meta(ge=-(2**31), le=2**32)] | None = None
-    # count of the hanging arm; "start": the count when the rig is opened
+    # count of the hanging pendulum; "start": the count when the rig is opened
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class FaultReaction:
 class Rest:
     """Settings of the wait for rest at a reset, without power."""
 
-    velocity: NonNegative = 0.02  # [rad/s], largest speed of an arm at rest
+    velocity: NonNegative = 0.02  # [rad/s], largest speed of a pendulum at rest
     seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.3  # [s], duration of rest
     timeout: NonNegative = 20.0  # [s], longest wait
 
@@ -110,11 +110,11 @@ class DaqSettings:
 
 @dataclass(frozen=True)
 class PlantRanges:
-    """Ranges of the arm's parameters; motion that is impossible within them is a fault."""
+    """Ranges of the pendulum's parameters; motion that is impossible within them is a fault."""
 
     watch: bool = True  # whether the motion is checked
     inertia: Annotated[float, Meta(ge=1e-6, le=MAX_NUMBER)] = PAPER["inertia"]  # [kg m^2]
-    gravity: NonNegative = PAPER["gravity"]  # [N m], torque that holds the arm horizontal
+    gravity: NonNegative = PAPER["gravity"]  # [N m], torque that holds the pendulum horizontal
     viscous: NonNegative = PAPER["viscous"]  # [N m s/rad]
     coulomb: NonNegative = PAPER["coulomb"]  # [N m], dry friction
     share: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.5  # inertia and gravity may differ by a factor of 1 + share
@@ -209,5 +209,5 @@ def _build_config(path: Path, data: dict[str, Any]) -> RigConfig:
     if limits.gap > limits.watchdog:
         raise ValueError("limits.gap is above limits.watchdog: the drive would let go before the guard says why")
     if rest.timeout <= rest.seconds:
-        raise ValueError("rest.timeout is not above rest.seconds: no arm would ever be at rest in time")
+        raise ValueError("rest.timeout is not above rest.seconds: no pendulum would ever be at rest in time")
     return config

@@ -49,7 +49,7 @@ class Encoder:
 
     @property
     def position(self) -> float:
-        """Return the last measured position of the arm [rad], unwrapped."""
+        """Return the last measured position of the pendulum [rad], unwrapped."""
         return self.step * self._total
 
     def add_reading(self, time: float, counts: int) -> float | None:

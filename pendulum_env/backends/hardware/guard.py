@@ -52,7 +52,7 @@ class Guard:
         self._reverse_motion: tuple[float, float] | None = None
 
     def open(self) -> None:
-        """Connect, and read the position of the arm.
+        """Connect, and read the position of the pendulum.
 
         Raises:
             DriveError: if the drive cannot be reached; the guard is then closed.
@@ -147,8 +147,8 @@ class Guard:
                 self._check_response(reading.time, angle)
             if impossibility := self._plausibility.check_measurement(reading.time, self.encoder.position, duration):
                 raise self.trip(
-                    f"the arm cannot have moved so under {self.torque:.3g} N m, {impossibility}: check encoder, drive "
-                    f"and their cables, whether the arm was pushed, and [plant] of {self.config.path.name}"
+                    f"the pendulum cannot have moved so under {self.torque:.3g} N m, {impossibility}: check encoder, "
+                    f"drive and their cables, whether the pendulum was pushed, and [plant] of {self.config.path.name}"
                 )
         return reading.time, self.encoder.position
 
@@ -182,7 +182,7 @@ class Guard:
         """Set zero torque and cut the power, after braking if `is_braked`; never raises."""
         if not self.powered:
             return
-        failures = _brake_arm(self.motor, self.encoder, self.config, self.max_rise) if is_braked else []
+        failures = _brake_pendulum(self.motor, self.encoder, self.config, self.max_rise) if is_braked else []
         self.powered, self.torque = False, 0.0
         for switch_off in (lambda: self.motor.write(0.0), self.motor.disable):  # both, even if the first fails
             try:
@@ -243,11 +243,11 @@ class Guard:
         return torque
 
     def _check_response(self, time: float, angle: float) -> None:
-        """Check that the arm is not too fast, and follows a torque above gravity and friction."""
+        """Check that the pendulum is not too fast, and follows a torque above gravity and friction."""
         limits, velocity, is_strong = self.limits, self.encoder.velocity, abs(self.torque) >= self.limits.stall_torque
         if abs(velocity) > limits.hard_velocity:
             raise self.trip(
-                f"the arm turns at {velocity:.3g} rad/s, {limits.hard_velocity:g} are allowed "
+                f"the pendulum turns at {velocity:.3g} rad/s, {limits.hard_velocity:g} are allowed "
                 "(limits.hard_velocity): lower the torque, and look for what drives it",
                 can_brake=True,
             )
@@ -258,7 +258,7 @@ class Guard:
         elif time - self._standstill_start > limits.stall_time:
             raise self.trip(
                 f"the counts stand still under {self.torque:.3g} N m for {limits.stall_time:g} s: check the encoder's "
-                "cable, the motor's, and whether the arm is blocked"
+                "cable, the motor's, and whether the pendulum is blocked"
             )
         is_reverse = is_strong and self.torque * velocity < 0
         if not is_reverse or (self._reverse_motion is not None and self._reverse_motion[0] * self.torque < 0):
@@ -267,13 +267,13 @@ class Guard:
             self._reverse_motion = (self.torque, velocity)
         elif abs(velocity) > abs(self._reverse_motion[1]) + self.max_rise:
             raise self.trip(
-                f"the arm speeds up against {self.torque:.3g} N m: the sign of the torque or of the encoder is wrong, "
-                "run `pendulum-ident hardware check`"
+                f"the pendulum speeds up against {self.torque:.3g} N m: the sign of the torque or of the encoder is "
+                "wrong, run `pendulum-ident hardware check`"
             )
 
 
-def _brake_arm(drive: Drive, encoder: Encoder, config: RigConfig, max_rise: float) -> list[Exception]:
-    """Brake the arm until it is slow, gains `max_rise` [rad/s], or the time is over.
+def _brake_pendulum(drive: Drive, encoder: Encoder, config: RigConfig, max_rise: float) -> list[Exception]:
+    """Brake the pendulum until it is slow, gains `max_rise` [rad/s], or the time is over.
 
     Return the errors.
     """

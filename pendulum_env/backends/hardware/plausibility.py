@@ -12,8 +12,8 @@ with weight w, holds for the angles without a derivative:
 
 Each parameter has a range, dry friction at rest is any torque up to fc, a command acts after up to `delay`, readings
 are uncertain by their duration, and `slack` bounds all other torques. If a change of velocity is outside the resulting
-range over any of several spans, the encoder or the drive fails, or the arm is pushed. Short spans detect jumps early;
-long spans detect small torques.
+range over any of several spans, the encoder or the drive fails, or the pendulum is pushed. Short spans detect jumps
+early; long spans detect small torques.
 """
 
 import math
@@ -38,7 +38,7 @@ class IntegratedReading(NamedTuple):
 
 
 class PlausibilityCheck:
-    """Check of recent readings against the possible motions of the arm."""
+    """Check of recent readings against the possible motions of the pendulum."""
 
     spans = (0.004, 0.01, 0.025, 0.06, 0.15)  # [s], from the first to the middle reading
     history = 0.4  # [s], stored readings, more than twice the longest span
@@ -46,7 +46,7 @@ class PlausibilityCheck:
     min_failures = 2  # implausible readings in a row for a fault; a single one may have a wrong time
     noise_factor = 4.0  # standard deviations of a reading's time in its uncertainty
     clock_error = 5e-5  # [s], further uncertainty of a reading's time
-    sticking_speed = 0.02  # [rad/s], speed below which the arm may stick
+    sticking_speed = 0.02  # [rad/s], speed below which the pendulum may stick
     torque_error = 0.15  # relative uncertainty of the motor's torque
 
     def __init__(self, plant: PlantRanges, step: float, noise: float) -> None:

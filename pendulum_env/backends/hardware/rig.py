@@ -14,7 +14,7 @@ from pendulum_env.backends.port import Sample, Setup, Start, Status, Timing, Tra
 
 
 class Rig:
-    """Backend of a motor with the arm.
+    """Backend of a motor with the pendulum.
 
     A step sends its torque, waits for the next tick and reads the encoder. Time, position and torque of a sample are
     those at the tick. After a fault, every sample has its text until the fault is cleared. The motor has power from the
@@ -22,7 +22,7 @@ class Rig:
     watchdog removes the power if the program does not.
     """
 
-    rest_period = 0.01  # [s] between readings while the arm comes to rest
+    rest_period = 0.01  # [s] between readings while the pendulum comes to rest
     reference_speed = 10.0  # [rad/s], speed that converts the uncertainty of time into that of the angle
 
     def __init__(self, config: RigConfig) -> None:
@@ -59,10 +59,10 @@ class Rig:
             raise
 
     def enable(self, start: Start) -> Sample:
-        """Wait until the arm rests; return the measurement at time 0. The first torque switches the power on.
+        """Wait until the pendulum rests; return the measurement at time 0. The first torque switches the power on.
 
         Raises:
-            DriveError: if a fault is kept, the drive cannot be reached, or the arm does not come to rest.
+            DriveError: if a fault is kept, the drive cannot be reached, or the pendulum does not come to rest.
         """
         self.disable()
         if start.clear_fault:
@@ -121,7 +121,7 @@ class Rig:
         _release_rig(self.guard, self._owner, self._signals)
 
     def _wait_for_rest(self) -> float:
-        """Wait without power until the arm has been at rest for `rest.seconds`; return its position [rad]."""
+        """Wait without power until the pendulum has been at rest for `rest.seconds`; return its position [rad]."""
         rest, anchor, start = self.config.rest, math.inf, 0.0
         deadline = time.monotonic() + rest.timeout
         while time.monotonic() < deadline:
@@ -133,7 +133,8 @@ class Rig:
                 return anchor
             time.sleep(self.rest_period)
         raise DriveError(
-            f"the arm does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, look for what moves it"
+            f"the pendulum does not come to rest within {rest.timeout:g} s (rest.timeout): hold it, and look for what "
+            "moves it"
         )
 
 
