@@ -152,7 +152,7 @@ def has_property(kind: type[Term], name: str) -> bool:
 
 def list_properties() -> set[str]:
     """List the optional attributes that the program asks."""
-    described_elsewhere = {"at", "is_prismatic", "nonlinear_parameters", "typical_size", "description"}
+    described_elsewhere = {"at", "is_prismatic", "mechanism", "nonlinear_parameters", "typical_size", "description"}
     own = {name for name in Term.__annotations__ if name in vars(Term)} - described_elsewhere
     flags = {
         f"{part.__name__}.{own.name}"

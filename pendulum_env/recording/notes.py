@@ -75,7 +75,8 @@ WARNED = frozenset(  # kinds that are warnings in Python: rows or columns that a
         NoteKind.IMPLAUSIBLE,
     }
 )
-PACKAGES = ("pendulum_env", "estimators", "agents", "robots", "workbench")  # whose frames a warning passes over
+# modules whose frames a warning passes over; functools calls the function for a type
+PACKAGES = ("pendulum_env", "estimators", "agents", "robots", "workbench", "functools")
 
 
 class RecordingWarning(UserWarning):

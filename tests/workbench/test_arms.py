@@ -9,7 +9,7 @@ import pytest
 from benchmarks.two_link import TwoLink
 from pendulum_env.recording import write_recording
 from robots.arms import read_arm_recording
-from tests import robots, slow
+from tests import robot_files, slow
 from tests.two_link import record_arm
 from tests.workbench.pages import Page
 from workbench.cli import main
@@ -136,13 +136,13 @@ def test_a_model_knows_whether_it_has_rotors_and_whether_the_driver_takes_gravit
 def lift(tmp_path_factory):
     """An arm on a torso that slides, with a gripper that the recording has open by 1 cm."""
     folder = tmp_path_factory.mktemp("lift")
-    (folder / "arm.urdf").write_text(robots.urdf(robots.TORSO))
-    columns = robots.simulate(robots.TORSO, {"left": 0.01}, seconds=8.0)
-    robots.write(columns, folder / "run.csv")
+    (folder / "arm.urdf").write_text(robot_files.urdf(robot_files.TORSO))
+    columns = robot_files.simulate(robot_files.TORSO, {"left": 0.01}, seconds=8.0)
+    robot_files.write(columns, folder / "run.csv")
     columns = {
         name: values + 0.02 * np.sin(columns["time"]) * (name == "position_left") for name, values in columns.items()
     }
-    robots.write({name.replace("torso", "torso [mm]"): values * (1e3 if name == "position_torso" else 1)
+    robot_files.write({name.replace("torso", "torso [mm]"): values * (1e3 if name == "position_torso" else 1)
                   for name, values in columns.items() if name != "position_right"}, folder / "moved.csv")  # fmt: skip
     for name, joints in (("study", ["torso", "shoulder", "elbow"]), ("empty", "torso")):
         (folder / f"{name}.toml").write_text(f'joints = {json.dumps(joints)}\n[[recording]]\nfile = "run.csv"\n')
@@ -259,7 +259,7 @@ ROBOTS = {  # three with grippers and one with a torso that slides, and their jo
 def test_a_robot_goes_through_all_commands(robot, tmp_path, run_command, monkeypatch):
     monkeypatch.chdir(tmp_path)
     joints, at = ROBOTS[robot], ROBOTS[robot][-1]
-    (tmp_path / "robot.urdf").write_text(robots.urdf(getattr(robots, robot.upper())))
+    (tmp_path / "robot.urdf").write_text(robot_files.urdf(getattr(robot_files, robot.upper())))
     asked = ["--robot", "robot.urdf"]
     moving = [*asked, "--joints", ",".join(joints)]
 

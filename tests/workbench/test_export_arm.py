@@ -9,7 +9,7 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.physics.joints import choose_coupling
 from pendulum_env.physics.potential import Spring
 from robots.arms import ArmModel, arm_base, place_effect, read_body
-from tests import robots
+from tests import robot_files
 from workbench.cli import main
 
 mujoco = pytest.importorskip("mujoco")
@@ -66,7 +66,7 @@ def test_mujoco_feels_the_torque_of_the_model(tmp_path, files, robot):
     more = ()
     if robot == "six":
         more = (lambda body: place_effect(Spring, "elbow"), lambda body: choose_coupling("pitch,flange", body))
-    text = six_joint.urdf() if robot == "six" else robots.urdf(getattr(robots, robot.upper()))
+    text = six_joint.urdf() if robot == "six" else robot_files.urdf(getattr(robot_files, robot.upper()))
     model = model_of(tmp_path / "arm.urdf", text, *more, rotors=robot == "six" or None)
     model.save(saved)
     assert main(["export", saved, "--robot", path, "--to", "mjcf", "-o", xml]) == 0
@@ -93,7 +93,7 @@ def test_mujoco_feels_the_torque_of_the_model(tmp_path, files, robot):
 
 def test_what_mujoco_does_not_have_is_named_with_its_joint(tmp_path, files, run_refused):
     path, saved, new = files
-    text = robots.urdf(robots.TORSO)
+    text = robot_files.urdf(robot_files.TORSO)
     model_of(tmp_path / "arm.urdf", text, lambda body: place_effect(Stribeck, "elbow")).save(saved)
     asked = ["export", saved, "--robot", path, "--to", "mjcf", "-o", new]
     assert "mjcf cannot hold stribeck" in (said := run_refused(*asked)) and "(at elbow)" in said

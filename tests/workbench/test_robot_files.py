@@ -11,7 +11,7 @@ from robots.arms.design_env import ArmExcitationDesignVector
 from robots.arms.env import SpatialArm
 from robots.arms.excitation import design_excitation
 from robots.arms.robot import find_movable_joints
-from tests import robots
+from tests import robot_files
 from tests.robot_files import ELBOW, PARALLEL, SHOULDER, urdf
 from tests.robots.arms.test_body import written
 
@@ -27,9 +27,9 @@ def spoil(text: str) -> str:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     """Two joints and a gripper that is held at zero, of which the log has no columns."""
-    columns = robots.simulate(PARALLEL, {}, seconds=8.0)
+    columns = robot_files.simulate(PARALLEL, {}, seconds=8.0)
     kept = {name: values for name, values in columns.items() if not name.endswith(("left", "right"))}
-    robots.write(kept, path := tmp_path_factory.mktemp("log") / "run.csv")
+    robot_files.write(kept, path := tmp_path_factory.mktemp("log") / "run.csv")
     return path
 
 
@@ -77,9 +77,9 @@ def test_joints_without_columns_are_found_and_so_is_their_order(tmp_path, log):
     assert find_logged_joints(log, ("shoulder", "elbow", "left")) == ("shoulder", "elbow")
     body = read_body(path, joints=("elbow", "shoulder"))
     assert body.joints == ("shoulder", "elbow")  # the robot's order
-    columns = robots.simulate(TWO, {}, seconds=2.0)
+    columns = robot_files.simulate(TWO, {}, seconds=2.0)
     order = ["torque_elbow", "time", "position_elbow", "torque_shoulder", "position_shoulder"]
-    robots.write({name: columns[name] for name in order}, tmp_path / "other.csv")
+    robot_files.write({name: columns[name] for name in order}, tmp_path / "other.csv")
     assert find_logged_joints(tmp_path / "other.csv", body.joints) == body.joints
     read = read_arm_recording(tmp_path / "other.csv", body.joints)
     np.testing.assert_allclose(read.torque[:, 1], columns["torque_elbow"], atol=1e-9)
@@ -88,12 +88,12 @@ def test_joints_without_columns_are_found_and_so_is_their_order(tmp_path, log):
 def test_a_position_alone_is_of_a_joint_that_is_held_unless_it_moves(tmp_path):
     time = np.arange(200) / 100
     columns = {"time": time, "position_a": np.sin(time), "torque_a": np.cos(time), "position_b": 0.3 + 0 * time}
-    robots.write(columns, tmp_path / "still.csv")
+    robot_files.write(columns, tmp_path / "still.csv")
     assert find_logged_joints(tmp_path / "still.csv", ["a", "b"]) == ("a",)
-    robots.write(columns | {"position_b": np.sin(time)}, tmp_path / "moves.csv")
+    robot_files.write(columns | {"position_b": np.sin(time)}, tmp_path / "moves.csv")
     assert find_logged_joints(tmp_path / "moves.csv", ["a", "b"]) == ("a", "b")  # reading asks for its torque
     numbered = {"time": time, "position_1": time, "torque_1": time, "position_2": time, "torque_2": time}
-    robots.write(numbered, tmp_path / "numbers.csv")
+    robot_files.write(numbered, tmp_path / "numbers.csv")
     assert find_logged_joints(tmp_path / "numbers.csv", ["a", "b"]) == ("a", "b")
     named = {"torque_b": "torque_2", "position_b": "position_2"}
     assert find_logged_joints(tmp_path / "numbers.csv", ["a", "b"], named) == ("b",)

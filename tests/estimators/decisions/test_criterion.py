@@ -31,11 +31,13 @@ def test_from_white_noise_nothing_can_be_learnt():
     assert has_structure(ResidualStructure(0.0, 0.0, 2.6), 1.0, Criterion())
 
 
-FILES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "estimators").rglob("*.py"))}
+FOLDERS = ("estimators", "robots")
+PATHS = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+FILES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in PATHS}
 
 
 def walk(*kinds):
-    """Nodes of some kinds in all files of estimators, with their files."""
+    """Nodes of some kinds in all files of estimators and robots, with their files."""
     return [(path, node) for path, tree in FILES.items() for node in ast.walk(tree) if isinstance(node, kinds)]
 
 

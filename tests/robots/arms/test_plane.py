@@ -11,6 +11,7 @@ from robots.arms.body import BodyError, read_body
 from robots.arms.env import PlanarArm
 from robots.arms.planar import Link
 from robots.arms.plane import find_planar_links
+from tests.options import options as options
 from tests.robots.arms.test_body import written
 
 BENT = (  # centres of mass beside the lines, and lines that do not hang down where the joints are at zero

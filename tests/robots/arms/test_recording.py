@@ -4,6 +4,7 @@ import pytest
 from pendulum_env.recording import NoteKind, RecordingError, write_recording
 from robots.arms import ArmRecording, find_logged_joints, read_arm_recording
 from tests.notes import list_notes
+from tests.options import options as options
 from tests.pendulum_env.recording.test_files import moved
 
 JOINTS = ("shoulder", "elbow")

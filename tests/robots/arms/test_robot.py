@@ -16,7 +16,8 @@ from pendulum_env.physics.joints import (
 )
 from pendulum_env.physics.table import Extent
 from robots.arms.body import BodyError, read_body
-from tests import robots
+from tests import robot_files
+from tests.options import options as options
 from tests.robot_files import ANGULAR, DRIVEN, PARALLEL, TORSO, urdf
 from tests.robots.arms.test_body import chain, written
 
@@ -32,7 +33,7 @@ def test_joints_that_are_held_are_as_if_the_file_had_them_fixed(tmp_path, robot)
     joints, opened = HELD[robot]
     body = read_body(written(tmp_path, urdf(joints)), joints=moving(joints), held={"left": opened})
     assert body.joints == moving(joints)
-    assert body.held == pytest.approx(robots.positions(joints, {"left": opened}))
+    assert body.held == pytest.approx(robot_files.positions(joints, {"left": opened}))
     fixed = read_body(written(tmp_path, urdf(joints, body.held), "fixed.urdf"))
     assert fixed.held == {} and fixed.names == body.names
     q, v, a = np.random.default_rng(0).uniform(-2, 2, (3, 50, len(body.joints)))
