@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from pathlib import Path
@@ -78,7 +79,7 @@ def select_recordings(
             raise TypeError(
                 f"{item.name}: is of {read_joints}, and the terms are of {term_joints}: give BASE, or arm_base(body)"
             )
-    if len(_identify_sources(given)) < len(sources):
+    if len(_identify_sources(sources)) < len(sources):
         raise ValueError("a recording is given twice: give each one once")
     if not recordings and not empty:
         raise ValueError("there is no recording to work on: give one or several")
@@ -96,10 +97,16 @@ def select_parts(
     Raises:
         ValueError: if a held-out recording is fitted, too.
     """
-    if _identify_sources(given) & _identify_sources(holdout):
+    given, holdout = _read_once(given), _read_once(holdout)
+    if _identify_sources(_list_sources(given)) & _identify_sources(_list_sources(holdout)):
         raise ValueError("a recording is both fitted and held out: hold out another, or none for the last 30 % of each")
     fitted = select_recordings(given, mechanism=mechanism, log_format=log_format)
     return fitted, select_recordings(holdout, empty=True, mechanism=mechanism, log_format=log_format)
+
+
+def _read_once(given: Recordings) -> Recordings:
+    """Return one or several recordings as given, with an iterator as a tuple."""
+    return given if isinstance(given, Recording) or is_readable(given) else _list_sources(given)
 
 
 def _list_sources(given: Recordings) -> tuple[Any, ...]:
@@ -108,9 +115,9 @@ def _list_sources(given: Recordings) -> tuple[Any, ...]:
     return (given,) if is_single else convert_to_tuple(given)
 
 
-def _identify_sources(given: Recordings) -> set[int | str]:
-    """Return keys of recordings that differ unless they are the same object or path."""
-    return {id(x) if isinstance(x, Recording) or is_data(x) else str(x) for x in _list_sources(given)}
+def _identify_sources(sources: Sequence[Any]) -> set[int | str]:
+    """Return keys of recordings that differ unless they are the same object or file."""
+    return {os.path.realpath(item) if isinstance(item, str | os.PathLike) else id(item) for item in sources}
 
 
 def _read_input(given: Any, number: str, mechanism: Mechanism, format: Source) -> Recording:

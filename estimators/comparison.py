@@ -18,7 +18,7 @@ from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_inertia
 from estimators.data.model_errors import compute_errors
-from estimators.data.preparation import WholeMotion, find_preparation
+from estimators.data.preparation import find_preparation
 from estimators.data.regions import find_failures
 from estimators.data.regression_data import RegressionData, drop_unstable_segments
 from estimators.data.settings import DATA
@@ -29,6 +29,7 @@ from estimators.diagnosis.checks import Subject, examine
 from estimators.results import Comparison, RecordingErrors
 from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
+from estimators.simulation.whole_motion import WholeMotion
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Model, Samples, has_link
 from pendulum_env.physics.mechanism import LinkedMechanism

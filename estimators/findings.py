@@ -63,8 +63,8 @@ class Finding:
         return False
 
     @property
-    def needs_recording(self) -> bool:
-        """Return whether its remedy is another recording."""
+    def is_open(self) -> bool:
+        """Return whether another recording would settle it."""
         return False
 
     @property

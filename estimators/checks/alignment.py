@@ -60,7 +60,7 @@ class TorqueTiming(Finding):
 
     @property
     def is_biasing(self) -> bool:
-        """Return whether the model has no correction of this time."""
+        """Return whether the torque is not corrected; `identify` reports it for models without a delay."""
         return not self.is_corrected
 
 

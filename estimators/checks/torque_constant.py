@@ -52,7 +52,7 @@ class UnknownConstant(Finding):
     has_integral: bool = False
 
     @property
-    def needs_recording(self) -> bool:
+    def is_open(self) -> bool:
         """Return whether other loads or motion would determine the constant."""
         return self.constant is None
 
@@ -72,7 +72,7 @@ class GearLosses(Finding):
     is_braked: bool = False
 
     @property
-    def needs_recording(self) -> bool:
+    def is_open(self) -> bool:
         """Return True: a weight that turns the motor shows the losses."""
         return True
 

@@ -1,76 +1,22 @@
-"""Preparation of recordings by the kind of their actuator: open settings, and simulated motion of whole recordings."""
+"""Preparation of recordings by the kind of their actuator, whose settings may be open."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from estimators.decisions.criterion import Criterion
-from estimators.decisions.errors import Errors
 from estimators.findings import Finding
-from pendulum_env._typing import Array, Index
+from estimators.simulation.whole_motion import NOT_SIMULATED, WholeMotion
 from pendulum_env.physics import Model, Term
-from pendulum_env.plugins import load_plugins
+from pendulum_env.plugins import load_plugins, make_missing_error
 from pendulum_env.recording import Recording
 
 ENTRY_POINTS = "pendulum_ident.cases"
 Recordings = tuple[Recording, ...]
-
-
-@dataclass(frozen=True)
-class WholeMotion:
-    """Simulated and measured motion of whole recordings (R,); without rows, and false, if it is not simulated.
-
-    Attributes:
-        time: from the start of each recording [s].
-        measured: position [rad].
-        error: simulated minus measured position [rad].
-        recording_of: number of the recording.
-    """
-
-    time: Array
-    measured: Array
-    error: Array
-    recording_of: Index
-
-    def __bool__(self) -> bool:
-        return bool(len(self.error))
-
-    @property
-    def simulated_position(self) -> Array:
-        """Return the simulated position (R,) [rad]."""
-        return self.measured + self.error
-
-    def extend(self, errors: Errors) -> Errors:
-        """Extend errors by those of this motion, if it has rows."""
-        return errors.with_loop_errors(self.error) if self else errors
-
-    def select_recording(self, number: int) -> WholeMotion:
-        """Return the motion of one recording."""
-        rows = self.recording_of == number
-        return WholeMotion(self.time[rows], self.measured[rows], self.error[rows], self.recording_of[rows])
-
-    def interpolate(self, recording: Recording) -> Array:
-        """Return the simulated position at the samples (N,) of the recording of this motion [rad].
-
-        It is NaN after the last simulated position.
-        """
-        path = []
-        for segment in recording.segments:
-            time = segment.time - recording.time[0]
-            is_inside = (self.time > time[0]) & (self.time <= time[-1])
-            points = (
-                np.r_[time[0], self.time[is_inside]],
-                np.r_[segment.position[0], self.simulated_position[is_inside]],
-            )
-            path.append(np.interp(time, *points, right=np.nan))
-        return np.concatenate(path)
-
-
-NOT_SIMULATED = WholeMotion(np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.intp))
 
 
 class Prepared(NamedTuple):
@@ -123,11 +69,29 @@ def register_preparation(preparation: Preparation) -> None:
 
 
 def list_preparations() -> tuple[Preparation, ...]:
-    """List the registered preparations, then those of installed packages."""
-    installed = [item for item in load_plugins(ENTRY_POINTS) if isinstance(item, Preparation)]
-    return (*_registered, *(item for item in installed if item not in _registered))
+    """List the registered preparations, then those of installed packages by the name of their entry point."""
+    return (*_registered, *(item for item in _load_installed() if item not in _registered))
+
+
+@cache
+def _load_installed() -> tuple[Preparation, ...]:
+    """Load the preparations of installed packages; warn of other objects."""
+    plugins = load_plugins(ENTRY_POINTS)
+    for name, item in plugins.items():
+        if not isinstance(item, Preparation | ModuleType):
+            warnings.warn(f"'{name}' of {ENTRY_POINTS} is no case: name an object, not its class", stacklevel=2)
+    return tuple(item for item in plugins.values() if isinstance(item, Preparation))
 
 
 def find_preparation(recordings: Sequence[Recording]) -> Preparation:
-    """Return the first preparation for the kind of some recordings."""
-    return next((item for item in list_preparations() if item.prepares(recordings)), UNCHANGED)
+    """Return the first preparation for the kind of some recordings.
+
+    Raises:
+        UserError: if a recording has a controller, and no installed package prepares it.
+    """
+    for item in list_preparations():
+        if item.prepares(recordings):
+            return item
+    if any(recording.actuator.is_controller for recording in recordings):
+        raise make_missing_error(ENTRY_POINTS, "prepares recordings with a drive")
+    return UNCHANGED

@@ -28,7 +28,7 @@ class DataChange:
         return 0
 
     @property
-    def changes_inputs(self) -> bool:
+    def has_new_inputs(self) -> bool:
         """Return whether it changes loads or goals: models with and without it have their own data."""
         return False
 

@@ -40,14 +40,14 @@ class Case(Preparation, ABC):
         treatments: candidate treatments of the data, in the order of their trials.
         checks: checks of results, in the order of print; functions of an `estimators.diagnosis.checks.Subject`.
         is_timed: whether the time between torque and motion is corrected first.
-        moves_freely: whether a model gives free-running motion, for experiments and refits to a horizon.
+        has_free_motion: whether a model gives free-running motion, for experiments and refits to a horizon.
     """
 
     name: ClassVar[str]
     treatments: ClassVar[tuple[Treatment, ...]] = ()
     checks: ClassVar[tuple[Callable[[Any], Iterable[Finding]], ...]] = ()
     is_timed: ClassVar[bool] = True
-    moves_freely: ClassVar[bool] = False
+    has_free_motion: ClassVar[bool] = False
 
     @abstractmethod
     def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:

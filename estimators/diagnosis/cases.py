@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
-from estimators.data.preparation import list_preparations, register_preparation
+from estimators.data.preparation import ENTRY_POINTS, list_preparations, register_preparation
 from estimators.diagnosis.case import Case
 from estimators.diagnosis.pendulum import PENDULUM
 from pendulum_env.physics import Term
+from pendulum_env.plugins import make_missing_error
 from pendulum_env.recording import Recording
 
 
@@ -16,10 +17,17 @@ def register_case(case: Case) -> Case:
 
 
 def list_cases() -> tuple[Case, ...]:
-    """List all cases in the order in which they are asked; the pendulum, which accepts everything, is the last."""
+    """List all cases in the order in which they are asked; the pendulum is the last."""
     return (*(item for item in list_preparations() if isinstance(item, Case)), PENDULUM)
 
 
 def choose_case(base: Sequence[Term], recordings: Sequence[Recording]) -> Case:
-    """Return the first case that accepts a base model and recordings."""
-    return next(case for case in list_cases() if case.accepts(base, recordings))
+    """Return the first case that accepts a base model and recordings.
+
+    Raises:
+        UserError: if they have links or a controller, and no installed package has a case for these.
+    """
+    for case in list_cases():
+        if case.accepts(base, recordings):
+            return case
+    raise make_missing_error(ENTRY_POINTS, "has a case for these recordings")

@@ -24,7 +24,7 @@ class FewWindows(Finding):
     count: int
 
     @property
-    def needs_recording(self) -> bool:
+    def is_open(self) -> bool:
         """Return True: longer recordings have more."""
         return True
 
@@ -36,22 +36,12 @@ class PartOfTurn(Finding):
     angle: Quantity
     effects: tuple[str, ...]
 
-    @property
-    def needs_recording(self) -> bool:
-        """Return True: a whole turn separates laws of the angle."""
-        return True
-
 
 @dataclass(frozen=True)
 class UnknownScale(Finding):
     """Unknown scale of all parameters, as friction by load would not show: `share` of the motion that torque drives."""
 
     share: float
-
-    @property
-    def needs_recording(self) -> bool:
-        """Return True: motion that drives the motor shows friction by load."""
-        return True
 
 
 def find_caveats(evidence: Evidence, steps: Sequence[Step], terms: Terms, known: Sequence[Detectable]) -> list[Finding]:

@@ -89,6 +89,13 @@ class Subject:
         return tuple(self.model.terms)
 
     @property
+    def identified(self) -> IdentifiedModel | None:
+        """Model of the schemes on its rows; None without rows."""
+        if self.rows is None:
+            return None
+        return IdentifiedModel(self.schemes, self.rows, self.terms, self.data.criterion)
+
+    @property
     def has_reversed_torque(self) -> bool:
         """Return whether the sign of the logged torque is reversed in a diagnosis, so that its model is of no use."""
         regions = () if self.diagnosis is None else self.diagnosis.unexplained
@@ -96,13 +103,6 @@ class Subject:
 
 
 Check = Callable[[Subject], Iterable[Finding]]
-
-
-def find_missing_part(subject: Subject) -> Iterable[Finding]:
-    """Test whether an identified model explains the recordings."""
-    if subject.rows is None:
-        return ()
-    return find_incompleteness(IdentifiedModel(subject.schemes, subject.rows, subject.terms, subject.data.criterion))
 
 
 def examine(subject: Subject) -> tuple[Finding, ...]:
@@ -191,7 +191,7 @@ def check_completeness(subject: Subject) -> Iterable[Finding]:
     """Test whether an identified model explains the recordings, unless an earlier finding explains the residual."""
     explanations = WrongColumn | NegativeParameters | TorqueTiming | Disagreement
     is_explained = any(isinstance(finding, explanations) for finding in subject.earlier)
-    return () if is_explained else find_missing_part(subject)
+    return () if is_explained else find_incompleteness(subject.identified)
 
 
 @applies_to("identify", "diagnose")

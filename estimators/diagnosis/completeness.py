@@ -84,11 +84,14 @@ def require_equal_schemes(after: IdentifiedModel, before: IdentifiedModel) -> It
 NOISE_LEFT, EQUAL = Policy("noise left", (require_noise,)), Policy("equal schemes", (require_equal_schemes,))
 
 
-def find_incompleteness(model: IdentifiedModel) -> list[Finding]:
+def find_incompleteness(model: IdentifiedModel | None) -> list[Finding]:
     """Test whether a model explains its recordings: by its residual, and by the agreement of the schemes.
 
-    Torque noise of a pendulum that is not logged explains a residual, and is a finding of its own.
+    Torque noise of a pendulum that is not logged explains a residual, and is a finding of its own. Nothing is found
+    without a model, as too little of the motion is clear of stick.
     """
+    if model is None:
+        return []
     findings, rows = list[Finding](), model.rows
     ratios = {gate.name.partition("@")[2]: gate.value for gate in _list_failed(model, NOISE_LEFT)}
     if "" in ratios:  # of a pendulum

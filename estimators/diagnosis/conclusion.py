@@ -38,8 +38,8 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
     trial.options.progress("looking for the next experiment", 0.95)
     absent = {id: kind for id, kind in evidence.library.items() if id not in list_ids(trial.terms)}
     detectable = () if regions else find_detectable_effects(evidence, trial.terms, absent)
-    doubted = detectable if len(trial.terms) == len(evidence.fits.base) else ()
-    questions = list_questions(evidence, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, doubted)
+    asked = detectable if len(trial.terms) == len(evidence.fits.base) else ()  # none beside found effects
+    questions = list_questions(evidence, model.terms, diagnosis.ambiguous, diagnosis.candidates, doubts, asked)
     if not model.has_known_inertia:
         questions = []  # motion cannot be predicted
     limits = trial.options.limits.with_default_torque((trial.data.whole or trial.data).recordings)

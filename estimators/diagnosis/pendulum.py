@@ -29,6 +29,7 @@ from estimators.selection.refits import refit_by_likelihood
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from pendulum_env.physics import Model, Term
+from pendulum_env.physics.joints import find_mechanism
 from pendulum_env.physics.table import COMPETING
 from pendulum_env.recording import Recording
 
@@ -46,11 +47,12 @@ class Pendulum(Case):
         keep_logged_time,
     )
     checks = CHECKS
-    moves_freely = True
+    has_free_motion = True
 
     def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
-        """Return True: the case is the last that is asked."""
-        return True
+        """Return whether the model has one joint, and no controller moves it; the case is the last that is asked."""
+        has_controller = any(recording.actuator.is_controller for recording in recordings)
+        return find_mechanism(base).can_simulate and not has_controller
 
     def prepare(
         self, recordings: Sequence[Recording], holdout: Sequence[Recording], options: Options

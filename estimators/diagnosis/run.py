@@ -93,8 +93,8 @@ def diagnose(
     rng, progress = np.random.default_rng(0 if rng is None else rng), report_forward(progress)
     options = Options(terms, effects, criterion, rng, progress, limits, horizon)
     case = choose_case(terms, (*fitted, *held_out))
-    check_horizon(horizon, case.moves_freely)
-    if not case.moves_freely and limits != ExperimentLimits():
+    check_horizon(horizon, case.has_free_motion)
+    if not case.has_free_motion and limits != ExperimentLimits():
         raise UserError("bounds of an experiment are for pendulums under a known torque: leave them out")
     progress("reading the motion", 0.0)
     data, options = case.prepare(fitted, held_out, options)

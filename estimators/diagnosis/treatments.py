@@ -70,7 +70,7 @@ def _make_hypotheses(trial: Trial, best: Trial, treatment: Finding) -> tuple[Hyp
     The treated data serve both. If the treatment changes inputs, each model has its own data. If it changes
     the time of the torque, the windows are those of the torque as logged, and each model has its own torque in these.
     """
-    has_own_data = isinstance(treatment, DataChange) and treatment.changes_inputs
+    has_own_data = isinstance(treatment, DataChange) and treatment.has_new_inputs
     of_trial, of_best = trial.evidence, best.evidence if has_own_data else trial.evidence
     if isinstance(treatment, Treatment) and treatment.action in TIMES:
         logged = trial.data.without_timing()

@@ -75,7 +75,7 @@ class Undetermined(Finding):
         return self.gap in TOTAL
 
     @property
-    def needs_recording(self) -> bool:
+    def is_open(self) -> bool:
         """Return True: other motion or torque determines them."""
         return True
 

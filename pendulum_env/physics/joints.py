@@ -154,7 +154,7 @@ def check_places(terms: Sequence[Term], joints: Sequence[str]) -> None:
             raise UserError(f"{term.id} is at none of the joints {', '.join(joints)}: {remedy}")
 
 
-def friction(mechanism: Mechanism) -> tuple[Term, ...]:
+def list_friction_terms(mechanism: Mechanism) -> tuple[Term, ...]:
     """Return viscous and Coulomb friction at each joint."""
     joints = zip(mechanism.joints, mechanism.is_prismatic, strict=True)
     return tuple(place_term(term, joint, is_prismatic) for joint, is_prismatic in joints for term in FRICTION)
@@ -162,7 +162,7 @@ def friction(mechanism: Mechanism) -> tuple[Term, ...]:
 
 def list_base_terms(mechanism: Mechanism) -> tuple[Term, ...]:
     """Return the base terms: links of an arm, or inertia and gravity, with viscous and Coulomb friction."""
-    return arrange_terms(friction(mechanism), mechanism) if isinstance(mechanism, LinkedMechanism) else BASE
+    return arrange_terms(list_friction_terms(mechanism), mechanism) if isinstance(mechanism, LinkedMechanism) else BASE
 
 
 def arrange_terms(terms: Sequence[T], mechanism: Mechanism) -> tuple[T | Links, ...]:
@@ -184,10 +184,10 @@ def find_linked_mechanism(terms: Sequence[object]) -> LinkedMechanism:
 
 def list_effects(mechanism: Mechanism) -> dict[str, type[Term]]:
     """Return the effects that a body's joints can have, by id."""
-    return joint_effects() if isinstance(mechanism, LinkedMechanism) else list_nameable()
+    return list_joint_effects() if isinstance(mechanism, LinkedMechanism) else list_nameable()
 
 
-def joint_effects() -> dict[str, type[Term]]:
+def list_joint_effects() -> dict[str, type[Term]]:
     """Return the library effects of an arm's joint, its rotor, and the coupling of two joints, by id."""
     effects = {id: effect for id, effect in list_nameable().items() if is_possible_at_joint(effect)}
     return effects | {kind.id: kind for kind in (Rotor, Coupling)}
@@ -226,7 +226,7 @@ def find_kind(text: str, mechanism: Mechanism, library: Mapping[str, type[Term]]
         return find_addition(text)
     joints, (id, _, at) = mechanism.joints, text.partition("@")
     if id != Coupling.id:
-        kind, joint = parse_effect(text, joints, library or joint_effects() | TABLES, mechanism.prismatic_joints)
+        kind, joint = parse_effect(text, joints, library or list_joint_effects() | TABLES, mechanism.prismatic_joints)
         if kind is Rotor and not has_separate_rotor(joint, mechanism):
             raise UserError(f"{id} at '{joint}' is part of the link parameters: leave it out")
         return place_effect(kind, joint, mechanism.is_prismatic[joints.index(joint)])
@@ -257,7 +257,7 @@ def parse_effect(
     library: Mapping[str, type[Term]] | None = None,
     prismatic_joints: Collection[str] = (),
 ) -> tuple[type[Term], str]:
-    """Parse effect and joint of `stribeck@elbow`; `library` holds the allowed effects, by default `joint_effects`."""
+    """Parse effect and joint of `stribeck@elbow`; `library` holds the allowed effects, by default all of joints."""
     id, at, joint = text.partition("@")
     if library is None and id in (Coupling.id, Rotor.id, *MEASURED):
         raise UserError(f"{id} is nothing that the simulator here has: leave it out")
@@ -267,7 +267,7 @@ def parse_effect(
     if not at:
         raise UserError(f"'{text}' should say at which joint: {text}@{joints[0]}, for one")
     joint = find("joint", joint, {name: name for name in joints})
-    kind = find("effect", id, library or joint_effects())
+    kind = find("effect", id, library or list_joint_effects())
     _refuse_prismatic(kind, [joint], prismatic_joints)
     return kind, joint
 
@@ -307,6 +307,3 @@ class Links(Term):
         if not np.any((np.abs(torque - other).max(axis=0) < NEGLIGIBLE) & (np.abs(torque).max(axis=0) > NEGLIGIBLE)):
             return ()
         return ("one",) if self.mechanism.is_prismatic[joint] else ("sine", "cosine")
-
-
-at_joint, placed = place_effect, place_term  # names of 1.0.0, kept for one release

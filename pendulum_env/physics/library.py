@@ -75,7 +75,7 @@ def _get_full_name(kind: type[Term]) -> tuple[str, str]:
 def load_installed() -> tuple[type[Term], ...]:
     """Load the effects of installed packages."""
     kinds = []
-    for kind in load_plugins(ENTRY_POINTS):
+    for kind in load_plugins(ENTRY_POINTS).values():
         if isinstance(kind, type) and issubclass(kind, Term):
             try:
                 check_effect(kind)

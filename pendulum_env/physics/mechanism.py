@@ -11,8 +11,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.errors import UserError
-from pendulum_env.plugins import load_plugins
+from pendulum_env.plugins import load_plugins, make_missing_error
 from pendulum_env.units import TURNING, JointUnits
 
 READERS = "pendulum_ident.links"  # entry points of link readers
@@ -69,7 +68,7 @@ class BaseParameter:
 class LinkedMechanism(Mechanism, ABC):
     """Joints with rigid links, whose balance is linear in P base parameters.
 
-    Regressors take N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m for linear joints), and have one
+    Regressors take N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m for linear joints). They have one
     column per base parameter (P).
     """
 
@@ -133,10 +132,10 @@ class LinkReader(NamedTuple):
 
 
 def find_link_reader() -> LinkReader:
-    """Return the reader of an installed package."""
-    readers = [reader for reader in load_plugins(READERS) if isinstance(reader, LinkReader)]
+    """Return the reader of an installed package, the first by the name of its entry point."""
+    readers = [reader for reader in load_plugins(READERS).values() if isinstance(reader, LinkReader)]
     if not readers:
-        raise UserError("no installed package reads links: install pendulum-ident again to register its own")
+        raise make_missing_error(READERS, "reads links")
     return readers[0]
 
 

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from pendulum_env.errors import UserError
-from pendulum_env.plugins import load_plugins
+from pendulum_env.lookup import find
+from pendulum_env.plugins import load_plugins, make_missing_error
 from pendulum_env.recording.channel import NEWTON_METRE
 
-ENTRY_POINTS = "pendulum_ident.actuators"  # functions from the settings of a study to an actuator
+ENTRY_POINTS = "pendulum_ident.actuators"  # classes of actuators
 
 
 @dataclass(frozen=True)
 class Actuator:
-    """Motor with logged or zero torque; subclasses follow a reference by a known law.
+    """Motor with logged or zero torque, and base class of actuators that follow a reference by a known law."""
 
-    Attributes:
-        is_controller: whether the torque follows a reference.
-        acts_on_speed, acts_on_position: quantity of the reference.
-    """
-
-    is_controller: ClassVar[bool] = False
+    is_controller: ClassVar[bool] = False  # whether the torque follows a reference
+    convention_names: ClassVar[tuple[str, ...]] = ()  # settings that a fit may decide
 
     @property
     def acts_on_speed(self) -> bool:
@@ -56,8 +53,8 @@ class Actuator:
 
     @property
     def conventions(self) -> dict[str, str | None]:
-        """Return settings that a fit may decide, by name; None for an open one."""
-        return {}
+        """Return the settings of `convention_names`; None for an open one."""
+        return {name: getattr(self, name) for name in self.convention_names}
 
     def check_columns(self, quantities: Collection[str]) -> None:
         """Raise a RecordingError if a quantity that the actuator needs is missing in a file."""
@@ -65,6 +62,11 @@ class Actuator:
     def with_gain(self, gain: float, unit: str) -> Self:
         """Return the actuator with a torque per `unit`; unchanged if its torque is in another unit."""
         return self
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Make an actuator of the settings of a study; raises a UserError if they are invalid."""
+        return cls(**settings)
 
     def get_settings(self) -> dict[str, str | float]:
         """Return the settings of a study that make the actuator."""
@@ -75,10 +77,27 @@ MOTOR = Actuator()
 
 
 def parse_actuator(settings: Mapping[str, Any]) -> Actuator | None:
-    """Make the actuator of the settings `drive` of a study by an installed package; None without settings."""
+    """Make the actuator of the settings `drive` of a study by an installed package; None without settings.
+
+    The setting `kind` names the entry point, if several packages have one.
+    """
     if not settings:
         return None
-    parsers: tuple[Callable[[Mapping[str, Any]], Actuator], ...] = load_plugins(ENTRY_POINTS)
-    if not parsers:
-        raise UserError("no installed package has drives: install pendulum-ident again to register its own")
-    return parsers[0](settings)
+    kinds, others = _list_kinds(), {name: value for name, value in settings.items() if name != "kind"}
+    if not kinds:
+        raise make_missing_error(ENTRY_POINTS, "has drives")
+    if len(kinds) > 1 and "kind" not in settings:
+        raise UserError(f"several kinds of drives are installed: give kind, one of {', '.join(kinds)}")
+    kind = find("kind of drive", str(settings["kind"]), kinds) if "kind" in settings else next(iter(kinds.values()))
+    return kind.from_settings(others)
+
+
+def list_conventions() -> set[str]:
+    """List the names of the conventions of all installed actuators."""
+    return {name for kind in _list_kinds().values() for name in kind.convention_names}
+
+
+def _list_kinds() -> dict[str, type[Actuator]]:
+    """List the installed classes of actuators by the name of their entry point."""
+    plugins = load_plugins(ENTRY_POINTS)
+    return {name: kind for name, kind in plugins.items() if isinstance(kind, type) and issubclass(kind, Actuator)}

@@ -75,6 +75,7 @@ def build_recordings(
                 jumps[item.joint] = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed)
             sampling.drop_short_segments(log)
     sampling.resample_uniformly([item.log for item in joints])
+    assert all(np.array_equal(item.log.values["time"], joints[0].log.values["time"]) for item in joints)
     recordings = dict[str, Recording]()
     for item in joints:
         with name_errors(item.joint):
@@ -158,18 +159,19 @@ def _convert_to_si(values: dict[str, Array], origin: Origin) -> None:
 def _clean_rows(joints: Sequence[JointLog], *, can_swing: bool) -> None:
     """Remove invalid rows, correct time stamps, and cut the logs of all joints at gaps.
 
-    A single joint may have an encoder that is slower than its log. Without torque, its log that `can_swing` begins with
-    the release.
+    The joint of a pendulum may have an encoder that is slower than its log. Without torque, its log that `can_swing`
+    begins with the release.
     """
-    logs, is_single = [item.log for item in joints], len(joints) == 1
+    logs, is_single = [item.log for item in joints], [item.joint for item in joints] == [""]
     for item in joints:
         with name_errors(item.joint):
             checks.refuse_too_few(item.log.values["time"])
             cleaning.fill_unchanged(item.log)
             cleaning.align_topics(item.log, checks.BOUNDS.fewest)
             cleaning.drop_invalid_rows(item.log, checks.BOUNDS.fewest)
-            cleaning.shift_restarted_runs(item.log)
     cleaning.keep_shared_rows(logs, checks.BOUNDS.fewest)
+    for log in logs:
+        cleaning.shift_restarted_runs(log)
     if any(cleaning.has_repeated_times(log) for log in logs):
         jitter.replace_late_stamps(logs)
     for item in joints:

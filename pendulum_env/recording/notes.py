@@ -76,7 +76,7 @@ WARNED = frozenset(  # kinds that are warnings in Python: rows or columns that a
     }
 )
 # modules whose frames a warning passes over; functools calls the function for a type
-PACKAGES = ("pendulum_env", "estimators", "agents", "robots", "workbench", "functools")
+PASSED_MODULES = ("pendulum_env", "estimators", "agents", "robots", "workbench", "functools")
 
 
 class RecordingWarning(UserWarning):
@@ -119,6 +119,6 @@ def warn_of_notes(name: str, notes: Sequence[Note]) -> None:
 def _find_user_level() -> int:
     """Return the `stacklevel`, in `warn_of_notes`, of the first frame outside of this project."""
     level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in PACKAGES:
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in PASSED_MODULES:
         level, frame = level + 1, frame.f_back
     return level

@@ -33,7 +33,7 @@ from pendulum_env._typing import JSON
 from pendulum_env.errors import ColumnError, FileError, RecordingError
 from pendulum_env.files import write_whole
 from pendulum_env.reading import NonNegative, Number, Text, convert, format_toml, read_toml
-from pendulum_env.recording.actuator import Actuator, parse_actuator
+from pendulum_env.recording.actuator import Actuator, list_conventions, parse_actuator
 from pendulum_env.recording.channel import Load
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.notes import warn_of_notes
@@ -172,7 +172,8 @@ def collect_log_format(recordings: Sequence[Recording]) -> JSON:
 
 def parse_log_format(log_format: Mapping[str, Any]) -> Source:
     """Parse the log format of a model to a source without a file; raise a ValueError if it is invalid."""
-    options = {key: value for key, value in log_format.items() if key in FORMAT}  # without conventions of the drive
+    conventions = {*log_format} - {*FORMAT} and list_conventions()
+    options = {key: value for key, value in log_format.items() if key not in conventions}
     return _build_source(Path(), convert({"file": "log", **options}, _Recording), _Study())
 
 

@@ -46,9 +46,6 @@ __all__ = ["BaseParameter", "Body", "BodyError", "parse_body", "read_body"]
 class Body(LinkedMechanism):
     """Links of an arm with n revolute or linear joints, in a tree on a fixed base; made by `read_body`.
 
-    Regressors take N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m for linear joints), and have one
-    column per base parameter (P).
-
     Attributes:
         name: name of the robot.
         held: positions of fixed joints [rad] or [m], by name.
@@ -309,7 +306,7 @@ def parse_body(urdf: str) -> Body:
         return read_body(path)
 
 
-def find_links(terms: Sequence[object]) -> Body:
+def find_body(terms: Sequence[object]) -> Body:
     """Return the body of an arm's terms."""
     body = find_mechanism(terms)
     assert isinstance(body, Body)

@@ -9,7 +9,7 @@ from estimators.data.treatment import DataChange
 from estimators.diagnosis.case import Trial
 from estimators.findings import Change, Finding, Quantity
 from pendulum_env.recording import NEWTON_METRE, Recording
-from robots.arms.body import Body, find_links
+from robots.arms.body import Body, find_body
 from robots.arms.payload import Payload, detect_payloads
 from robots.arms.recording import add_payload
 
@@ -38,7 +38,7 @@ class CarriedPayload(DataChange, Finding):
         return 1
 
     @property
-    def changes_inputs(self) -> bool:
+    def has_new_inputs(self) -> bool:
         """Return True: recordings have other loads with it."""
         return True
 
@@ -51,7 +51,7 @@ def include_payload(trial: Trial) -> FitData | None:
     parts = [part.data for part in (data.parts if data.holdout else data.parts[:1])]
     for payload, numbers in detect_payloads(parts, trial.result.terms):
         names = tuple(data.all_recordings[k].name for k in numbers)
-        finding = make_payload_finding(payload, find_links(trial.options.base), names)
+        finding = make_payload_finding(payload, find_body(trial.options.base), names)
         data = change_recordings(data, partial(add_payload, load=payload.load), numbers).with_treatment(finding)
     return None if data is trial.data else data
 

@@ -17,8 +17,8 @@ from estimators.diagnosis.checks import (
     check_parameters,
     check_small_effect,
     check_torque_constant,
-    find_missing_part,
 )
+from estimators.diagnosis.completeness import find_incompleteness
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.treatments import align_with_effects
@@ -31,7 +31,7 @@ from estimators.weak_form.averages import concatenate_samples
 from pendulum_env.physics import TABLES, Term, list_ids
 from pendulum_env.physics.joints import Rotor, find_mechanism, place_effects
 from pendulum_env.recording import Recording
-from robots.arms.body import find_links
+from robots.arms.body import find_body
 from robots.arms.carried_payload import CarriedPayload, include_payload
 from robots.arms.conclusion import MissingRotors, conclude_arm, find_joint_residuals
 from robots.arms.contacts import find_arm_contacts
@@ -50,9 +50,9 @@ def check_friction(subject: Subject) -> Iterable[Finding]:
 
 
 @applies_to("identify")
-def check_completeness(subject: Subject) -> Iterable[Finding]:
+def check_completeness_of_arm(subject: Subject) -> Iterable[Finding]:
     """Test whether an identified model explains the recordings."""
-    return find_missing_part(subject)
+    return find_incompleteness(subject.identified)
 
 
 @applies_to("diagnose")
@@ -82,7 +82,7 @@ class Arm(Case):
         check_friction,
         check_torque_constant,
         check_corrected_timing,
-        check_completeness,
+        check_completeness_of_arm,
         check_contacts_of_arm,
         check_rotors,
         check_parameters,
@@ -105,12 +105,12 @@ class Arm(Case):
 
     def make_evidence(self, data: FitData, options: Options) -> Evidence:
         """Return the evidence of models; every table competes at every joint."""
-        return options.make_evidence(data.parts, place_effects(TABLES.values(), find_links(options.base)))
+        return options.make_evidence(data.parts, place_effects(TABLES.values(), find_body(options.base)))
 
     def refine(self, trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
         """Return the result without parameters of links that the recordings do not determine, and no findings."""
         *others, last = trial.result.steps
-        body, data = find_links(trial.options.base), trial.evidence.train.data
+        body, data = find_body(trial.options.base), trial.evidence.train.data
         samples = (concatenate_samples([w.samples for w in data.part(at).windows]) for at in body.joints)
         motion = zip(*((x.position, x.velocity, x.torque) for x in samples), strict=True)
         model = last.model.mark_unknown(find_undetermined_links(last.model, *map(np.column_stack, motion)))

@@ -11,13 +11,13 @@ from msgspec import Struct, structs
 from pendulum_env._typing import JSON
 from pendulum_env.errors import FileError, UserError
 from pendulum_env.physics import Model, ModelError
-from pendulum_env.physics.joints import FRICTION, Links, find_kind, joint_effects
+from pendulum_env.physics.joints import FRICTION, Links, find_kind, list_joint_effects
 from pendulum_env.physics.model import complete_model, load_model
 from pendulum_env.physics.model_file import ARM_SCHEMA, OLD_ARM_SCHEMA, ModelFile, build_terms
 from pendulum_env.physics.table import TABLES
 from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import format_setting
-from robots.arms.body import Body, find_links
+from robots.arms.body import Body, find_body
 
 HINT = "identify or diagnose the arm to have one"
 
@@ -33,7 +33,7 @@ class ArmModel(Model):
     @property
     def body(self) -> Body:
         """Return the body of the links."""
-        return find_links(self.terms)
+        return find_body(self.terms)
 
     @property
     def mechanism(self) -> Body:
@@ -81,7 +81,7 @@ class ArmModel(Model):
                 f"{format_setting('rotors', True)} as then"
             )
         data = convert(content if schema == ARM_SCHEMA else _convert_old_terms(content), ModelFile)
-        library = joint_effects() | TABLES | {term.id: type(term) for term in FRICTION}
+        library = list_joint_effects() | TABLES | {term.id: type(term) for term in FRICTION}
         terms = build_terms(data, lambda id: find_kind(id, body, library))
         return cls.from_content(data, (Links(body), *terms))
 

@@ -34,7 +34,7 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Estimate, Model, Term
 from pendulum_env.physics.mechanism import LinkLoad
 from pendulum_env.recording import Recording
-from robots.arms.body import STANDARD, Body, find_links
+from robots.arms.body import STANDARD, Body, find_body
 from robots.arms.standard import find_nearest_link, make_pseudo_inertia
 
 MAX_HIDDEN_SHARE = 1e-6  # largest share of a determined parameter in directions that no motion of the joints shows
@@ -111,7 +111,7 @@ def find_payload(
         IdentificationError: if the recordings have too little motion.
         ValueError: if the joint is unknown.
     """
-    joints = find_links(model.terms).joints
+    joints = find_body(model.terms).joints
     joint = find("joint", joint or joints[-1], {name: name for name in joints})
     parts = [prepare_arm(recordings, model.terms) for recordings in (without, carrying) if recordings]
     group = [0] * len(without) + [1] * len(carrying)
@@ -131,7 +131,7 @@ def detect_payloads(parts: Sequence[TorqueWindows], terms: Sequence[Term]) -> li
         mass.
     """
     count = sum(len({w.run for w in part.windows}) for part in parts)
-    rows = PayloadRows.from_parts(parts, terms, find_links(terms).joints[-1])
+    rows = PayloadRows.from_parts(parts, terms, find_body(terms).joints[-1])
     if count < 2 or "m" not in rows.determined_names:
         return []
     mass = np.append(0.0, rows.estimate_masses(count))
@@ -176,7 +176,7 @@ class PayloadRows(NamedTuple):
     def from_parts(cls, parts: Sequence[TorqueWindows], terms: Sequence[Term], joint: str) -> PayloadRows:
         """Join the rows of parts, linearised at their fit; numbers of recordings and clusters continue over parts."""
         phi, y, row_joint, recording, clusters = [], [], [], [], []
-        body, n_recordings, n_clusters = find_links(terms), 0, 0
+        body, n_recordings, n_clusters = find_body(terms), 0, 0
         for data in parts:
             tangent = TorqueRows(data).equations(terms).linearise()
             phi.append(tangent.slopes)

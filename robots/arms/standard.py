@@ -16,7 +16,7 @@ import scipy
 
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Estimate, Model
-from robots.arms.body import Body, find_links
+from robots.arms.body import Body, find_body
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Nearest:
 
 def nearest_body(model: Model) -> Nearest:
     """Find the links with the base parameters of a model, or the nearest links if no body has them."""
-    body = find_links(model.terms)
+    body = find_body(model.terms)
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
     std = np.maximum(std, NEAREST.min_std * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))

@@ -23,7 +23,7 @@ from dataclasses import replace
 from typing import Any
 
 from estimators.data.fit_data import FitData
-from estimators.data.preparation import Prepared, Recordings, WholeMotion
+from estimators.data.preparation import Prepared, Recordings
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.errors import Step, Terms
 from estimators.diagnosis.case import Case, Trial
@@ -48,6 +48,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
+from estimators.simulation.whole_motion import WholeMotion
 from estimators.weak_form.preparation import prepare_windows
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env.physics import Model, Term

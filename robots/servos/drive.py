@@ -94,6 +94,7 @@ class ServoDrive(Actuator):
     integral: Order | None = None
     derivative: Derivative | None = None
     is_controller: ClassVar[bool] = True
+    convention_names: ClassVar[tuple[str, ...]] = CONVENTIONS
 
     def __post_init__(self) -> None:
         for name, literal in CHOICES.items():
@@ -140,11 +141,6 @@ class ServoDrive(Actuator):
     def has_integral(self) -> bool:
         """Return whether the controller has an integral part."""
         return self.ki > 0
-
-    @property
-    def conventions(self) -> dict[str, str | None]:
-        """Return the settings that a fit may decide, by name; None for an open one."""
-        return {name: getattr(self, name) for name in CONVENTIONS}
 
     @property
     def max_output(self) -> float:

@@ -5,6 +5,7 @@ import pytest
 
 from agents import compare_policies
 from estimators import add, compare, diagnose, identify
+from estimators.arguments import select_parts, select_recordings
 from estimators.schemes.six import Integral, Scheme, scheme
 from pendulum_env.backends import record
 from pendulum_env.errors import UserError
@@ -89,6 +90,7 @@ WRONG = [
     (lambda r: compare("absent.json", r), ModelError, r"absent\.json: cannot be read"),
     (lambda r: add(3, "spring", r), TypeError, "3 is not a model: give a model, the path of its file"),
     (lambda r: diagnose(r, r), ValueError, "a recording is both fitted and held out"),
+    (lambda r: diagnose("a.csv", iter(["./a.csv"])), ValueError, "a recording is both fitted and held out"),
     (lambda r: add(MODEL, "spring", [r], r), ValueError, "a recording is both fitted and held out"),
     (lambda r: compare(Model.build([Gravity()], [2.0]), r), ModelError, "lacks the term inertia"),
     (lambda r: identify(r, schemes="energy")["dynamic"], ValueError, "unknown scheme 'dynamic'; known: energy"),
@@ -135,3 +137,9 @@ def test_a_seed_is_a_generator():
         record(None, excitation("paper", rng(3), 1.0), 1.0, rng=rng(4)) for rng in (int, np.random.default_rng)
     )
     np.testing.assert_array_equal(first.torque, second.torque)
+
+
+def test_an_iterator_of_recordings_is_read_once(swing):
+    assert select_recordings(iter([swing])) == (swing,)
+    (fitted,), held_out = select_parts(iter([swing]), iter([]))
+    assert fitted is swing and held_out == ()

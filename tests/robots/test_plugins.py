@@ -2,16 +2,19 @@
 
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from estimators import add, compare, diagnose, identify
 from estimators.data import preparation
+from estimators.diagnosis import cases
 from estimators.diagnosis.cases import choose_case, list_cases, register_case
 from estimators.diagnosis.pendulum import PENDULUM, Pendulum
+from estimators.findings import Finding, Quantity
 from pendulum_env import plugins
+from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE
 from pendulum_env.physics.mechanism import find_link_reader
 from pendulum_env.recording.actuator import parse_actuator
@@ -92,11 +95,32 @@ def test_a_registered_case_takes_its_recordings(heavy):
 
 def test_a_package_that_fails_is_a_warning_and_no_error(monkeypatch):
     class Broken:
-        value = "package.case"
+        name, value = "broken", "package.case"
 
         def load(self):
             raise SystemExit("no")
 
+    monkeypatch.setattr(plugins, "_failures", {})
     monkeypatch.setattr(plugins, "entry_points", lambda group: [Broken()])
     with pytest.warns(UserWarning, match="'package.case' of .* cannot be loaded"):
-        assert plugins.load_plugins.__wrapped__("pendulum_ident.cases") == ()
+        assert plugins.load_plugins.__wrapped__("pendulum_ident.cases") == {}
+    assert "package.case" in str(plugins.make_missing_error("pendulum_ident.cases", "has a case"))
+
+
+def test_a_drive_or_links_without_their_case_are_an_error_and_no_pendulum(monkeypatch):
+    monkeypatch.setattr(preparation, "list_preparations", lambda: ())
+    monkeypatch.setattr(cases, "list_preparations", lambda: ())
+    driven = replace(recording("stribeck"), drive=ServoDrive(output="torque"), reference=recording("stribeck").position)
+    for call in (lambda: choose_case(BASE, [driven]), lambda: preparation.find_preparation([driven])):
+        with pytest.raises(UserError, match=r"no installed package .*: install pendulum-ident again"):
+            call()
+    assert choose_case(BASE, [recording("stribeck")]) is PENDULUM
+
+
+def test_a_finding_of_a_plug_in_has_a_text():
+    @dataclass(frozen=True)
+    class BentRail(Finding):
+        bend: Quantity
+        rail: str
+
+    assert str(BentRail(Quantity(0.5, 0.02, "rad"), "left")) == "Bent rail: bend 0.500 ± 0.020 rad, rail left."

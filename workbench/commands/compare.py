@@ -7,7 +7,7 @@ from dataclasses import replace
 from estimators import IdentificationError, compare
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.recording import Recording
-from robots.arms.body import find_links
+from robots.arms.body import find_body
 from robots.arms.payload import Payload, find_payload
 from workbench import options
 from workbench.errors import InputError
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     write_page(arguments.report, terminal, "workbench.report:render_comparison", comparison)
     print_parts(narrate_comparison(comparison), terminal)
     if payload is not None and is_asked:
-        print_parts(narrate_payload(payload, find_links(model.terms)), terminal)
+        print_parts(narrate_payload(payload, find_body(model.terms)), terminal)
     elif payload is not None and payload.is_significant:
         mass = payload.estimates["m"].text
         terminal.print(f"\nA payload of {mass} kg behind {payload.joint} would explain most of it: see --payload")

@@ -211,12 +211,13 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
         return describe(diagnosis.no_experiment)
     if any(isinstance(finding, SmallEffect) for finding in diagnosis.findings):
         return "Record again, and hold the new recording out: it shows whether the small effect repeats."
-    if hidden := [size.effect for size in diagnosis.detectable if not size.is_excited]:
+    if open_findings := [finding for finding in diagnosis.findings if finding.is_open]:
+        return describe(open_findings[0])
+    hidden = [size.effect for size in diagnosis.detectable if not size.is_excited]
+    if hidden and not diagnosis.selected:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
         return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
-    if open_findings := [finding for finding in diagnosis.findings if finding.needs_recording]:
-        return describe(open_findings[0])
-    return "No further experiment is needed."
+    return "All effects are decided."
 
 
 def list_advice(diagnosis: Diagnosis) -> list[str]:

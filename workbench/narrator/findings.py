@@ -98,8 +98,15 @@ def describe_reason(candidate: Candidate) -> str:
 
 def _write(texts: Mapping[type[Finding], Text], finding: Finding) -> str:
     """Write the text of a finding by the template or function of its family."""
-    text = texts[type(finding)]
+    text = texts.get(type(finding), _list_fields)
     return _fill(text, finding) if isinstance(text, str) else text(finding)
+
+
+def _list_fields(finding: Finding) -> str:
+    """List family and fields of a finding of a plug-in, which has no text here."""
+    values = {field.name: getattr(finding, field.name) for field in fields(finding)}  # type: ignore[arg-type]
+    texts = [f"{name} {measure(value) if isinstance(value, Quantity) else value}" for name, value in values.items()]
+    return f"{capitalise(finding.family.replace('_', ' '))}{': ' * bool(texts)}{', '.join(texts)}."
 
 
 class _Measured(Quantity):
@@ -563,7 +570,9 @@ SENTENCES: Mapping[type[Finding], Text] = {
         f"its constant k_e is at most {measure(finding.constant)}."
     ),
     TorqueTiming: describe_timing,
-    Treatment: lambda finding: _fill(TREATMENTS[finding.action], finding),
+    Treatment: lambda finding: (
+        _fill(TREATMENTS[finding.action], finding) if finding.action in TREATMENTS else _list_fields(finding)
+    ),
     CarriedPayload: _describe_payload,
     GoalConvention: _describe_goals,
     ControllerConvention: _describe_controller,

@@ -85,7 +85,7 @@ class GoalConvention(DataChange, Finding):
         return int(not self.is_held)
 
     @property
-    def changes_inputs(self) -> bool:
+    def has_new_inputs(self) -> bool:
         """Return True: simulations have other goals."""
         return True
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from estimators.data.preparation import NOT_SIMULATED, WholeMotion
+from estimators.simulation.whole_motion import NOT_SIMULATED, WholeMotion
 from estimators.weak_form.point import Point
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording

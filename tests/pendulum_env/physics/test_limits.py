@@ -122,7 +122,7 @@ def test_a_file_that_is_of_no_use_is_refused(tmp_path, own_library, content, wha
 
 
 class OfAPackage:
-    value = "package.effects"
+    name, value = "effects", "package.effects"
 
     def load(self):
         raise ImportError("no module")

@@ -12,9 +12,9 @@ from estimators.schemes.identifiability import Gap, Undetermined, find_undetermi
 from estimators.schemes.six import PAPER, SCHEMES, Integral
 from estimators.signals.measurements import measure_segments
 from pendulum_env.physics import BASE, Model, ModelError
-from pendulum_env.physics.joints import Links, friction
+from pendulum_env.physics.joints import Links
 from pendulum_env.recording import Recording
-from robots.arms import arm_base
+from robots.arms import arm_base, friction
 from robots.arms.body import read_body
 from robots.arms.model import ArmModel
 from robots.arms.recording import ArmRecording

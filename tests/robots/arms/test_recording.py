@@ -189,3 +189,14 @@ def test_temperatures_of_some_joints_may_be_there(tmp_path):
     write_recording(recording, tmp_path / "again.csv")
     again = read_arm_recording(tmp_path / "again.csv", ("hip", "knee"))
     np.testing.assert_allclose(again.temperature, recording.temperature)
+
+
+def test_runs_whose_clock_restarts_have_the_same_time_at_all_joints(tmp_path):
+    """Empty cells of one joint about the restart leave the rows out of all joints."""
+    time, run = np.concatenate([TIME, TIME]), np.repeat([1.0, 2.0], len(TIME))
+    position, torque = np.concatenate([POSITION, POSITION]), np.concatenate([TORQUE, TORQUE])
+    empty = np.abs(np.arange(len(time)) - len(TIME)) < 40
+    columns = {"segment": run, "position_shoulder": position[:, 0], "torque_shoulder": torque[:, 0]}
+    columns |= {"position_elbow": np.where(empty, np.nan, position[:, 1]), "torque_elbow": torque[:, 1]}
+    recording = read_arm_recording(table(tmp_path / "run.csv", time=time, **columns), JOINTS)
+    assert np.allclose(recording.position, position[~empty]) and len(recording.starts) == 2

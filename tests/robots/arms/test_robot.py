@@ -8,13 +8,13 @@ from benchmarks.two_link import TwoLink
 from pendulum_env.physics.joints import (
     Links,
     find_kind,
-    friction,
-    joint_effects,
     list_couplings,
+    list_joint_effects,
     parse_effect,
     place_effects,
 )
 from pendulum_env.physics.table import Extent
+from robots.arms import friction
 from robots.arms.body import BodyError, read_body
 from tests import robot_files
 from tests.options import options as options
@@ -109,7 +109,7 @@ def test_a_joint_that_slides_is_said_in_metres_and_newtons(tmp_path):
 
 def test_what_comes_again_with_each_turn_is_not_offered_where_a_joint_slides(tmp_path):
     body = read_body(written(tmp_path, urdf(TORSO)), joints=moving(TORSO))
-    offered = {kind.id for kind in place_effects(joint_effects().values(), body)}
+    offered = {kind.id for kind in place_effects(list_joint_effects().values(), body)}
     assert {"spring@torso", "stribeck@torso", "cogging@elbow"} <= offered
     assert not {"cogging@torso", "torque_ripple@torso", "position_dependent_friction@torso"} & offered
     assert {kind.at for kind in list_couplings(body)} == {"shoulder,elbow", "shoulder,-elbow"}

@@ -9,7 +9,7 @@ from dash.development.base_component import Component
 from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
-from robots.arms.body import Body, find_links
+from robots.arms.body import Body, find_body
 from workbench.app import card_form, demo
 from workbench.app.panels import show_findings, show_timing
 from workbench.app.parts import (
@@ -56,7 +56,7 @@ def show(session: Session) -> list[Component]:
 
 def _show_robot(state: State, body: Body) -> Component:
     """Render the robot, its held joints and its errors."""
-    moving_joints = find_moving_held_joints(find_links(state.base_terms), [item.recording for item in state.loaded])
+    moving_joints = find_moving_held_joints(find_body(state.base_terms), [item.recording for item in state.loaded])
     texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
         *filter(None, (describe_held(body), *moving_joints, state.failure_reason)),
