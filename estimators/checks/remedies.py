@@ -17,6 +17,7 @@ from estimators.findings import Finding, Quantity
 from estimators.regression.least_squares import Equations, IdentificationError, solve
 from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, Column, Model
+from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.notes import NoteKind
 from pendulum_env.recording.origin import Origin
@@ -127,6 +128,8 @@ def find_wrong_columns(
         torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
         if turns > limits.upright_turns or abs(down) < limits.upright_share * torque:
             return []
+        if tilt is None and (tilted := _fit_tilt(model, recordings, criterion)) is not None:
+            return find_wrong_columns(tilted, recordings, criterion)
         remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
         return [WrongColumn("position", remedies)]
     return []
@@ -152,6 +155,19 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording], criter
     excess = -1.0 - float(fit.theta[-1])  # l^2 / (l^2 + s^2) if the sensor has the opposite sign
     least = max(criterion.columns.turned_share, criterion.z_score * float(fit.std[-1]))
     return fit.condition < CHECKS.dependent and excess > least
+
+
+def _fit_tilt(model: Model, recordings: Sequence[Recording], criterion: Criterion) -> Model | None:
+    """Return a model fitted with a tilt of gravity, which gives any zero; None if that is insignificant."""
+    try:
+        data = prepare_windows(recordings)
+    except IdentificationError:
+        return None
+    terms = (*model.terms, GravityTilt())
+    fit = solve(data.equations(terms), data.weights, data.blocks(criterion.block)[0])
+    tilted = Model.build(terms, fit.theta, fit.std)
+    is_determined = fit.condition < CHECKS.dependent and compute_significant_sign(tilted, "gravity_tilt") != 0
+    return tilted if is_determined else None
 
 
 def find_reversed_torque(

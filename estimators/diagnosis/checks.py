@@ -135,7 +135,8 @@ def check_columns(subject: Subject) -> Iterable[Finding]:
         return find_remedies(subject.model, subject.data.recordings, criterion=criterion)
     trial, known = subject.found
     recordings = trial.data.recordings  # without excluded ones, which may have another zero
-    return find_remedies(subject.model, recordings, known.ambiguous, not known.unexplained, criterion)
+    model = trial.release_bounds(trial.model)  # without the error of the law of the angle
+    return find_remedies(model, recordings, known.ambiguous, not known.unexplained, criterion)
 
 
 def check_torque_constant(subject: Subject) -> Iterable[Finding]:

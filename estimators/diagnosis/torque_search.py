@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from estimators.data.fits import fit_within_laws
 from estimators.data.regression_data import RegressionData
 from estimators.data.standard_errors import find_stiff_stops
@@ -11,7 +13,7 @@ from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import check_torque_sign, find_unexplained
 from estimators.findings import Finding, collect_withheld, withhold_everything
-from estimators.schemes.identifiability import find_undetermined, find_undetermined_parameters, find_unidentifiable
+from estimators.schemes.identifiability import FittedRows, find_undetermined, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.evidence import Evidence
 from estimators.selection.refits import refit_by_likelihood, refit_if_misfit
@@ -34,12 +36,20 @@ def fit(
 def search_by_torque(evidence: Evidence) -> SearchResult:
     """Search for effects; with a reversed sign of torque, or without a determined parameter, fit the base only."""
     if check_torque_sign(evidence) is None and not withhold_everything(
-        find_undetermined_parameters(evidence.train.recordings, evidence.fits.base)
+        _find_doubts(evidence.train, evidence.fits.base)
     ):
         return refit_if_misfit(search(evidence))
     evidence = replace(evidence, library={}, tables=())
     model = fit_within_laws(evidence.train, refit_nonlinear(evidence, evidence.fits.base))
     return SearchResult(evidence, [evidence.fits.make_step(model)])
+
+
+def _find_doubts(train: RegressionData, terms: Sequence[Term]) -> tuple[Finding, ...]:
+    """Find the parameters that fitted rows do not determine."""
+    recordings = dict.fromkeys(train.recordings)
+    measured = [m for recording in recordings for m in measure_segments(recording)]
+    rows = FittedRows(np.asarray(train.samples.velocity), train.data.torque.applied, train.equations(terms).phi)
+    return find_undetermined(measured, terms, train.units(), rows)
 
 
 def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
@@ -53,7 +63,7 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
     result = refit_by_likelihood(trial.result)
     *others, last = result.steps
     measured = [m for recording in trial.data.recordings for m in measure_segments(recording)]
-    doubts = find_undetermined(measured, last.model.terms, last.model.units())
+    doubts = _find_doubts(trial.evidence.train, last.model.terms)
     unknown = find_unidentifiable(last.model, measured, doubts)
     unknown = (*unknown, *find_stiff_stops(last.model, trial.data.recordings))
     withholding = (*unknown, *(doubt for doubt in doubts if doubt.is_total))

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import BASE, SIGNIFICANT, Estimate, Model, Term
 from pendulum_env.physics.joints import DRAWS
 from pendulum_env.physics.mechanism import LinkedMechanism
+from pendulum_env.physics.term import return_zero
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.columns import NONE
 from pendulum_env.settings import format_setting
@@ -85,17 +87,31 @@ class Undetermined(Finding):
         return RIVALS.get(self.gap)
 
 
+class FittedRows(NamedTuple):
+    """Rows of a fit, clear of stick: velocity and torque of each (R,), and the columns of its terms (R, P)."""
+
+    velocity: Array
+    torque: Array
+    phi: Array
+
+
 def find_undetermined(
-    measurements: Sequence[Measurements], terms: Sequence[Term], units: JointUnits = TURNING
+    measurements: Sequence[Measurements],
+    terms: Sequence[Term],
+    units: JointUnits = TURNING,
+    rows: FittedRows | None = None,
 ) -> tuple[Finding, ...]:
     """Find the parameters of the terms that all recordings together do not determine.
 
     Checks motion, effective torque, both directions, large angles, and columns that are zero or dependent. Samples
-    within `GUARD_TIME` of stick or a reversal are left out. For free swings, known parameters are left out.
+    within `GUARD_TIME` of stick or a reversal are left out, or the `rows` of a fit are used instead. Known parameters
+    are left out: they act as a known torque.
     """
-    names = [column.name for term in terms for column in term.columns]
-    clear = [m.find_clear(GUARD_TIME) for m in measurements]
-    velocity = np.concatenate([m.velocity[is_clear] for m, is_clear in zip(measurements, clear, strict=True)])
+    columns = [column for term in terms for column in term.columns]
+    is_unknown = [not column.is_known for column in columns]
+    unknown = [column for column in columns if not column.is_known]
+    names, phi_by_recording = [column.name for column in unknown], _list_columns(measurements, terms)
+    velocity, held, phi = rows or _select_clear(measurements, phi_by_recording)
     if not len(velocity):
         return (Undetermined(Gap.NO_MOTION, tuple(names)),)
 
@@ -104,33 +120,40 @@ def find_undetermined(
     if not is_free and not any(has_effective_torque(m) for m in measurements):
         mean = float(np.mean([m.held.mean() for m in measurements]))
         doubts.append(Undetermined(Gap.TORQUE_IS_NOISE, tuple(names), Quantity(mean, unit=units.unit(NEWTON_METRE))))
-    held = np.concatenate([m.held[is_clear] for m, is_clear in zip(measurements, clear, strict=True)])
-    is_known = any(column.is_known for term in terms for column in term.columns)
-    if not (doubts or is_free or is_known) and (size := _find_size_by_direction(held, velocity)) is not None:
+    has_scale = any(column.is_known and (column.least or column.dry is not return_zero) for column in columns)
+    if not (doubts or is_free or has_scale) and (size := _find_size_by_direction(held, velocity)) is not None:
         torque = Quantity(size, unit=units.unit(NEWTON_METRE))
         doubts.append(Undetermined(Gap.TORQUE_FOLLOWS_DIRECTION, tuple(names), torque))
     moving = np.concatenate([m.velocity[m.moving] for m in measurements])  # clear samples are few if noise is large
-    forwards = float(np.mean(moving > 0))
-    if not ONE_SIDED_SHARE < forwards < 1 - ONE_SIDED_SHARE:
-        withheld = tuple(column.name for term in terms for column in term.columns if column.is_constant)
+    forwards = float(np.mean((moving if len(moving) else velocity) > 0))
+    withheld = tuple(column.name for column in unknown if column.is_constant)
+    if withheld and not ONE_SIDED_SHARE < forwards < 1 - ONE_SIDED_SHARE:
         doubts.append(Undetermined(Gap.ONE_DIRECTION, withheld))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
-    if furthest < SMALL_ANGLE and not units.is_prismatic:
-        functions = [pair for term in terms for pair in zip(term.by_angle, term.columns, strict=False)]
-        alike = tuple(column.name for function, column in functions if function in ("sine", "line"))
+    functions = [pair for term in terms for pair in zip(term.by_angle, term.columns, strict=False)]
+    alike = tuple(c.name for function, c in functions if function in ("sine", "line") and not c.is_known)
+    if alike and furthest < SMALL_ANGLE and not units.is_prismatic:
         withheld, angle = alike if len(alike) > 1 else (), Quantity(furthest, unit=units.unit("rad"))
         doubts.append(Undetermined(Gap.SMALL_ANGLES, withheld, angle))
-    all_phi = [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
-    phi = np.concatenate([phi[is_clear] for phi, is_clear in zip(all_phi, clear, strict=True)])
-    acts = np.any([np.any(phi, axis=0) for phi in all_phi], axis=0)
-    if is_free:  # a free swing needs a known parameter
-        unknown = [not column.is_known for term in terms for column in term.columns]
-        phi, acts, names = phi[:, unknown], acts[unknown], [names[k] for k in np.flatnonzero(unknown)]
+    acts = np.any([np.any(phi, axis=0) for phi in (*phi_by_recording, phi)], axis=0)
+    phi, acts = phi[:, is_unknown], acts[is_unknown]
     withheld_names = collect_withheld(doubts)
     return (
         *doubts,
         *(doubt for doubt in find_dependent_columns(phi, names, acts) if not withheld_names.issuperset(doubt.withheld)),
     )
+
+
+def _list_columns(measurements: Sequence[Measurements], terms: Sequence[Term]) -> list[Array]:
+    """Compute the columns of the torque balance at all samples of each recording, (N, P) each."""
+    return [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
+
+
+def _select_clear(measurements: Sequence[Measurements], columns: Sequence[Array]) -> FittedRows:
+    """Select the samples clear of stick and reversals."""
+    clear = [m.find_clear(GUARD_TIME) for m in measurements]
+    parts = [(m.velocity[k], m.held[k], phi[k]) for m, k, phi in zip(measurements, clear, columns, strict=True)]
+    return FittedRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def find_undetermined_parameters(recordings: Sequence[Recording], terms: Sequence[Term]) -> tuple[Finding, ...]:
@@ -265,7 +288,8 @@ def is_determined(estimate: Estimate, large: float) -> bool:
 def _find_size_by_direction(torque: Array, velocity: Array) -> float | None:
     """Find the size of a torque (N,) [N m] that depends on the direction of motion alone, else None.
 
-    With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is solved by f = c and J = g = b = 0.
+    With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is solved by f = c and J = g = b = 0. Known
+    friction, or another known parameter that is not zero, excludes this solution.
     """
     direction = np.sign(velocity)
     size = float(direction @ torque / (direction @ direction))

@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 
 from estimators.checks.signs import compute_significant_sign
-from estimators.data.variants import compute_unique_share
-from estimators.decisions.errors import Step
+from estimators.data.variants import compute_unique_share, rank_variants
+from estimators.decisions.errors import Step, Terms
 from estimators.decisions.gate import Gate, limit_gain, limit_p_value, limit_total
 from estimators.decisions.score import Bootstrap, Gain
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
@@ -173,10 +173,25 @@ def compute_coefficient_chance(terms: Sequence[Term], fit: Fit, known: frozenset
 
 
 def require_base(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test the base parameters that a larger model of a pendulum keeps, see `compare_base`."""
+    """Test the base parameters that a larger model of a pendulum keeps, see `compare_base`.
+
+    A missing law of the angle biases the inertia of the smaller model. If it is lost, it is therefore compared again
+    with that beside each competing table of the angle, which has no such bias.
+    """
     evidence = after.evidence
-    larger, smaller = (evidence.fits.fit_model_with_std(each.terms) for each in (after, before))
-    yield from compare_base(larger, smaller, evidence.train.motions, evidence.criterion.kept_inertia)
+    larger = evidence.fits.fit_model_with_std(after.terms)
+
+    def compare(terms: Terms) -> list[Gate]:
+        smaller = evidence.fits.fit_model_with_std(terms)
+        return compare_base(larger, smaller, evidence.train.motions, evidence.criterion.kept_inertia)
+
+    gates = compare(before.terms)
+    if not all(gate.passed for gate in gates) and evidence.train.layout.predicts_torque:
+        tables = [table for table in evidence.tables if table.kind == "potential"]
+        variants = [variant for table in tables for variant in rank_variants(evidence.train, before.terms, table)[:1]]
+        beside_tables = [compare(variant.terms) for variant in variants]
+        gates = next((own for own in beside_tables if all(gate.passed for gate in own)), gates)
+    yield from gates
 
 
 def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], least_inertia: float) -> list[Gate]:
@@ -332,13 +347,13 @@ def require_determined_lag(after: Hypothesis, before: Hypothesis) -> Iterator[Ga
 def require_excitation(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the recorded torque over the smallest significant torque of the last term of `after`.
 
-    N rows with residual s show a torque of which a share u is outside the span of the other terms with a standard error
-    of s / (u sqrt(N)).
+    N rows with residual s of `after` show a torque of which a share u is outside the span of the other terms with a
+    standard error of s / (u sqrt(N)).
     """
     *others, term = after.terms
     evidence, train = after.evidence, after.evidence.train
     rows, least = train.locate_rows(term.at), evidence.criterion.least_excitation
-    residual, recorded = train.residual(tuple(others))[rows], train.equations(others).y[rows]
+    residual, recorded = train.residual(after.terms)[rows], train.equations(others).y[rows]
     if not recorded.any():  # a free swing
         recorded = train.data.torque.applied[rows]
     noise, torque = (float(np.sqrt(np.mean(series**2))) for series in (residual, recorded))
