@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from estimators import identify
+from estimators import diagnose, identify
 from estimators.checks.remedies import Remedy, UnevenClock, WrongColumn, find_remedies, find_wrong_columns
 from estimators.diagnosis.completeness import Incomplete
 from pendulum_env.backends import record
@@ -50,6 +50,35 @@ def test_a_wrong_zero_is_told_with_what_mends_it(run, free, off):
     assert mended == pytest.approx(-off, abs=0.5)
     right = free_swing(0.0) if free else run
     assert not any(isinstance(own, WrongColumn) for own in identify([right], TERMS, "energy").findings)
+
+
+@pytest.mark.parametrize("off", [172.0, -170.0])
+def test_a_zero_is_found_from_a_model_without_a_tilt(run, off):
+    moved = replace(run, position=run.position + np.radians(off))
+    (shifted,) = (own for own in identify([moved], schemes="energy").findings if isinstance(own, WrongColumn))
+    (remedy,) = shifted.remedies
+    mended = float(re.fullmatch(r"ang_deg:deg([+-][\d.]+)", remedy.columns["position"])[1])
+    assert mended == pytest.approx(-off, abs=0.5)
+
+
+def test_a_zero_at_the_horizontal_is_found_by_a_diagnosis():
+    """A heavy link that swings by 80 degrees about hanging down, whose log has its zero at the horizontal.
+
+    The equation of motion gives the torque of a chosen motion; fitted without a tilt, the inertia is ten times too
+    large.
+    """
+    rng, time = np.random.default_rng(5), np.arange(3000) / 100
+    parts = [(0.8, 2.1, 0.3), (0.5, 3.7, 1.1), (0.1, 6.1, 2.0)]  # amplitude, frequency, phase
+    q = sum(a * np.sin(w * time + p) for a, w, p in parts)
+    fine = np.arange(3000 * 20) / 2000
+    x, v, a = (sum(A * w**n * np.sin(w * fine + p + n * np.pi / 2) for A, w, p in parts) for n in range(3))
+    torque = (20.0 * a + 130.0 * np.sin(x) + 22.0 * v + 17.0 * np.sign(v)).reshape(3000, 20).mean(axis=1)
+    noisy = torque + 0.7 * rng.standard_normal(3000), q - np.pi / 2 + 1e-4 * rng.standard_normal(3000)
+    found = diagnose(Recording(time, noisy[1], noisy[0], name="horizontal"))
+    assert found.selected == ("gravity_tilt",)
+    (shifted,) = (own for own in found.findings if isinstance(own, WrongColumn))
+    assert shifted.column == "position" and abs(shifted.angle.value) == pytest.approx(np.pi / 2, abs=0.01)
+    assert abs(found.model["inertia"].value - 20.0) < 4 * found.model["inertia"].std
 
 
 def test_an_upright_zero_and_a_turned_sign_are_told_with_what_mends_them(run):

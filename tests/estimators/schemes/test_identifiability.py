@@ -12,7 +12,7 @@ from estimators.schemes.six import GUARD_TIME
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects
 from pendulum_env.physics.limits import limit_term
-from pendulum_env.recording import Recording
+from pendulum_env.recording import Recording, read_recording
 from tests.cases import THETA, recorded
 
 TIME = np.arange(3000) / 500
@@ -57,6 +57,52 @@ def test_one_direction_hides_friction_behind_an_offset():
     assert found["dynamic"].json()["theta"]["coulomb"] == {"value": None, "std": None, "unit": "N m", "unknown": True}
     assert found["dynamic"].json()["theta"]["inertia"]["value"] == pytest.approx(THETA["inertia"], rel=0.02)
     assert not identify([driven(-5.0 - np.sin(3 * TIME)), run]).findings
+
+
+def test_known_friction_leaves_no_doubt_in_one_direction():
+    run = driven(5.0 + np.sin(3 * TIME))
+    known = [limit_term(term, {"coulomb": (THETA["coulomb"],) * 2}) for term in BASE]
+    assert find_undetermined([measure(run)], known) == ()
+    found = identify([run], known)["dynamic"].model
+    for name in ("inertia", "gravity", "viscous"):
+        assert abs(found[name].value - THETA[name]) < 4 * found[name].std
+
+
+@pytest.mark.parametrize(("fixed", "unknown"), [({}, {"inertia", "viscous", "coulomb"}), ({"coulomb": 0.0}, set())])
+def test_one_step_of_a_motor_determines_parameters_only_beside_known_friction(fixed, unknown):
+    """J v' + b v = tau has v = tau/b (1 - exp(-b t / J)): without known friction, friction of tau explains all."""
+    inertia, viscous, torque, time = 0.006, 0.115, 12.0, np.arange(1000) / 500
+    position = torque / viscous * (time - inertia / viscous * (1 - np.exp(-time * viscous / inertia)))
+    run = Recording(time, np.round(position, 6), np.full(len(time), torque), name="step")
+    fixed = {"gravity": 0.0, **fixed}
+    found, diagnosed = identify([run], fixed=fixed), diagnose([run], fixed=fixed)
+    for model in (found["dynamic"].model, found["filtered_power"].model, diagnosed.model):
+        assert {name for name, estimate in model.estimates.items() if estimate.is_unknown} == unknown
+        if not unknown:
+            assert model["viscous"].value == pytest.approx(viscous, rel=1e-3)
+            assert model["inertia"].value == pytest.approx(inertia, rel=2e-3)
+    assert diagnosed.selected == ()
+
+
+def test_short_strokes_between_reversals_are_determined_by_the_rows_of_a_diagnosis():
+    """A cart whose force is reversed at either end of 30 mm, measured in coarse counts."""
+    mass, friction, force, rate = 6.3, 2.4, 13.34, 150
+    position, velocity, sign, rows = 0.0, 0.0, 1.0, []
+    for k in range(20 * rate * 100):  # steps of 1 / (100 rate), Moreau's friction
+        if k % 100 == 0:
+            sign = -sign if position * sign > 0.015 else sign
+            rows.append((position, sign * force))
+        free = velocity + sign * force / mass / (100 * rate)
+        velocity = np.sign(free) * max(0.0, abs(free) - friction / mass / (100 * rate))
+        position += velocity / (100 * rate)
+    q, tau = np.array(rows).T
+    counts = np.round(q / 88e-6) * 88e-6
+    columns = {"time": np.arange(len(q)) / rate, "x_m": counts, "force": tau}
+    run = read_recording(columns, columns={"position": "x_m:m", "torque": "force"})
+    found = diagnose(run, fixed={"gravity": 0.0})
+    assert found.selected == () and not found.unexplained
+    for name, value in (("inertia", mass), ("coulomb", friction)):
+        assert found.model[name].value == pytest.approx(value, rel=0.15) and not found.model[name].is_unknown
 
 
 def test_noise_alone_is_no_torque():
