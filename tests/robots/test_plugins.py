@@ -55,7 +55,7 @@ def test_the_core_works_without_robots():
 
 def test_the_robots_of_this_distribution_register_themselves(recwarn):
     names = [case.name for case in list_cases()]
-    assert set(names) == {"arm", "servo", "pendulum"} and names[-1] == "pendulum"
+    assert {"arm", "servo"} < {*names} and names[-1] == "pendulum"
     assert isinstance(parse_actuator({"kp": 2.0, "output": "torque"}), ServoDrive) and parse_actuator({}) is None
     assert find_link_reader().read.__name__ == "read_body"
     assert not recwarn.list
