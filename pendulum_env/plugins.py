@@ -20,7 +20,8 @@ def load_plugins(group: str) -> Mapping[str, Any]:
     loaded = {}
     for point in sorted(entry_points(group=group), key=lambda point: point.name):
         try:
-            loaded[point.name] = point.load()
+            name = f"{point.name} ({point.value})" if point.name in loaded else point.name
+            loaded[name] = point.load()
         except KeyboardInterrupt:
             raise
         except BaseException as error:  # also SystemExit of another package

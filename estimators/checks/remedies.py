@@ -14,7 +14,7 @@ from estimators.checks.signs import (
 )
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Quantity
-from estimators.regression.least_squares import Equations, IdentificationError, solve
+from estimators.regression.least_squares import Equations, IdentificationError, solve, subtract_known_columns
 from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, Column, Model
 from pendulum_env.physics.potential import GravityTilt
@@ -107,6 +107,8 @@ def find_wrong_columns(
         remedies = _make_remedies(recordings, lambda origin: origin.flip_sign(quantity))
         inertia = model.estimates["inertia"]
         return [WrongColumn("torque", remedies, Quantity(inertia.value, inertia.std, inertia.unit))]
+    if model.is_prismatic:
+        return []
     gravity, tilt = (model.estimates.get(name) for name in ("gravity", "gravity_tilt"))
     load_gravities = {0.0 if recording.load is None else recording.load.gravity for recording in recordings}
     if gravity is None or gravity.std == 0:  # no gravity, or fixed by the user
@@ -128,7 +130,8 @@ def find_wrong_columns(
         torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
         if turns > limits.upright_turns or abs(down) < limits.upright_share * torque:
             return []
-        if tilt is None and (tilted := _fit_tilt(model, recordings, criterion)) is not None:
+        has_one_load = len(load_gravities) == 1
+        if tilt is None and has_one_load and (tilted := _fit_tilt(model, recordings, criterion)) is not None:
             return find_wrong_columns(tilted, recordings, criterion)
         remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
         return [WrongColumn("position", remedies)]
@@ -158,14 +161,22 @@ def _is_load_torque_turned(model: Model, recordings: Sequence[Recording], criter
 
 
 def _fit_tilt(model: Model, recordings: Sequence[Recording], criterion: Criterion) -> Model | None:
-    """Return a model fitted with a tilt of gravity, which gives any zero; None if that is insignificant."""
+    """Return a model fitted with a tilt of gravity, which shows any error of the zero; None if it is insignificant.
+
+    Known parameters keep their values.
+    """
     try:
         data = prepare_windows(recordings)
     except IdentificationError:
         return None
     terms = (*model.terms, GravityTilt())
-    fit = solve(data.equations(terms), data.weights, data.blocks(criterion.block)[0])
-    tilted = Model.build(terms, fit.theta, fit.std)
+    columns = [column for term in terms for column in term.columns]
+    unknown = np.array([not column.is_known for column in columns], dtype=bool)
+    theta, std = np.array([column.least if column.is_known else 0.0 for column in columns]), np.zeros(len(columns))
+    equations = subtract_known_columns(data.equations(terms), np.flatnonzero(~unknown).tolist(), theta[~unknown])
+    fit = solve(equations, data.weights, data.blocks(criterion.block)[0])
+    theta[unknown], std[unknown] = fit.theta, fit.std
+    tilted = Model.build(terms, theta, std)
     is_determined = fit.condition < CHECKS.dependent and compute_significant_sign(tilted, "gravity_tilt") != 0
     return tilted if is_determined else None
 

@@ -135,7 +135,7 @@ def check_columns(subject: Subject) -> Iterable[Finding]:
         return find_remedies(subject.model, subject.data.recordings, criterion=criterion)
     trial, known = subject.found
     recordings = trial.data.recordings  # without excluded ones, which may have another zero
-    model = trial.release_bounds(trial.model)  # without the error of the law of the angle
+    model = trial.release_bounds(trial.model)  # an angle is a ratio, without errors of timing and units
     return find_remedies(model, recordings, known.ambiguous, not known.unexplained, criterion)
 
 

@@ -13,7 +13,7 @@ from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.unexplained import check_torque_sign, find_unexplained
 from estimators.findings import Finding, collect_withheld, withhold_everything
-from estimators.schemes.identifiability import FittedRows, find_undetermined, find_unidentifiable
+from estimators.schemes.identifiability import ClearRows, find_undetermined, find_unidentifiable
 from estimators.selection.candidates import refit_nonlinear
 from estimators.selection.evidence import Evidence
 from estimators.selection.refits import refit_by_likelihood, refit_if_misfit
@@ -48,7 +48,9 @@ def _find_doubts(train: RegressionData, terms: Sequence[Term]) -> tuple[Finding,
     """Find the parameters that fitted rows do not determine."""
     recordings = dict.fromkeys(train.recordings)
     measured = [m for recording in recordings for m in measure_segments(recording)]
-    rows = FittedRows(np.asarray(train.samples.velocity), train.data.torque.applied, train.equations(terms).phi)
+    equations, x = train.equations(terms), train.samples
+    torque = train.data.torque.applied + np.asarray(x.load.torque)
+    rows = ClearRows(np.asarray(x.velocity), torque, equations.phi)
     return find_undetermined(measured, terms, train.units(), rows)
 
 

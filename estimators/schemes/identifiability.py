@@ -18,7 +18,7 @@ from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import BASE, SIGNIFICANT, Estimate, Model, Term
 from pendulum_env.physics.joints import DRAWS
 from pendulum_env.physics.mechanism import LinkedMechanism
-from pendulum_env.physics.term import return_zero
+from pendulum_env.physics.term import return_one
 from pendulum_env.recording import NEWTON_METRE, Recording
 from pendulum_env.recording.columns import NONE
 from pendulum_env.settings import format_setting
@@ -87,8 +87,8 @@ class Undetermined(Finding):
         return RIVALS.get(self.gap)
 
 
-class FittedRows(NamedTuple):
-    """Rows of a fit, clear of stick: velocity and torque of each (R,), and the columns of its terms (R, P)."""
+class ClearRows(NamedTuple):
+    """Rows of a fit, clear of stick: velocity and torque, with that of a load (R,), and the columns of terms (R, P)."""
 
     velocity: Array
     torque: Array
@@ -99,20 +99,25 @@ def find_undetermined(
     measurements: Sequence[Measurements],
     terms: Sequence[Term],
     units: JointUnits = TURNING,
-    rows: FittedRows | None = None,
+    rows: ClearRows | None = None,
 ) -> tuple[Finding, ...]:
     """Find the parameters of the terms that all recordings together do not determine.
 
-    Checks motion, effective torque, both directions, large angles, and columns that are zero or dependent. Samples
-    within `GUARD_TIME` of stick or a reversal are left out, or the `rows` of a fit are used instead. Known parameters
-    are left out: they act as a known torque.
+    Checks motion, effective torque, both directions, large angles, and columns that are zero or dependent. Known
+    parameters are determined, and act as a known torque.
+
+    Args:
+        measurements: of all segments; their directions and angles count, also those that are held out.
+        terms: terms of the model.
+        units: units of the joint.
+        rows: rows of a fit; by default the samples farther than `GUARD_TIME` from stick and reversals.
     """
     columns = [column for term in terms for column in term.columns]
-    is_unknown = [not column.is_known for column in columns]
+    is_unknown = np.array([not column.is_known for column in columns], dtype=bool)
     unknown = [column for column in columns if not column.is_known]
     names, phi_by_recording = [column.name for column in unknown], _list_columns(measurements, terms)
-    velocity, held, phi = rows or _select_clear(measurements, phi_by_recording)
-    if not len(velocity):
+    rows = rows or _select_clear(measurements, phi_by_recording)
+    if not len(rows.velocity):
         return (Undetermined(Gap.NO_MOTION, tuple(names)),)
 
     doubts: list[Finding] = []
@@ -120,28 +125,30 @@ def find_undetermined(
     if not is_free and not any(has_effective_torque(m) for m in measurements):
         mean = float(np.mean([m.held.mean() for m in measurements]))
         doubts.append(Undetermined(Gap.TORQUE_IS_NOISE, tuple(names), Quantity(mean, unit=units.unit(NEWTON_METRE))))
-    has_scale = any(column.is_known and (column.least or column.dry is not return_zero) for column in columns)
-    if not (doubts or is_free or has_scale) and (size := _find_size_by_direction(held, velocity)) is not None:
+    has_friction = any(column.dry is return_one for column in unknown)
+    known_torque = rows.phi[:, ~is_unknown] @ np.array([column.least for column in columns if column.is_known])
+    size = _find_size_by_direction(rows.torque - known_torque, rows.velocity)
+    if has_friction and size is not None and not (doubts or is_free):
         torque = Quantity(size, unit=units.unit(NEWTON_METRE))
         doubts.append(Undetermined(Gap.TORQUE_FOLLOWS_DIRECTION, tuple(names), torque))
     moving = np.concatenate([m.velocity[m.moving] for m in measurements])  # clear samples are few if noise is large
-    forwards = float(np.mean((moving if len(moving) else velocity) > 0))
-    withheld = tuple(column.name for column in unknown if column.is_constant)
-    if withheld and not ONE_SIDED_SHARE < forwards < 1 - ONE_SIDED_SHARE:
-        doubts.append(Undetermined(Gap.ONE_DIRECTION, withheld))
+    forwards = float(np.mean((moving if len(moving) else rows.velocity) > 0))
+    constant = [column for column in columns if column.is_constant]  # a known one determines the others
+    is_open = bool(constant) and not any(column.is_known for column in constant)
+    if is_open and not ONE_SIDED_SHARE < forwards < 1 - ONE_SIDED_SHARE:
+        doubts.append(Undetermined(Gap.ONE_DIRECTION, tuple(column.name for column in constant)))
     furthest = max(float(np.abs(m.position).max()) for m in measurements)
     functions = [pair for term in terms for pair in zip(term.by_angle, term.columns, strict=False)]
-    alike = tuple(c.name for function, c in functions if function in ("sine", "line") and not c.is_known)
-    if alike and furthest < SMALL_ANGLE and not units.is_prismatic:
-        withheld, angle = alike if len(alike) > 1 else (), Quantity(furthest, unit=units.unit("rad"))
+    alike = [column for function, column in functions if function in ("sine", "line")]  # a known one, as above
+    is_open = bool(alike) and not any(column.is_known for column in alike)
+    if is_open and furthest < SMALL_ANGLE and not units.is_prismatic:
+        withheld = tuple(column.name for column in alike) if len(alike) > 1 else ()
+        angle = Quantity(furthest, unit=units.unit("rad"))
         doubts.append(Undetermined(Gap.SMALL_ANGLES, withheld, angle))
-    acts = np.any([np.any(phi, axis=0) for phi in (*phi_by_recording, phi)], axis=0)
-    phi, acts = phi[:, is_unknown], acts[is_unknown]
+    acts = np.any([np.any(phi, axis=0) for phi in (*phi_by_recording, rows.phi)], axis=0)
     withheld_names = collect_withheld(doubts)
-    return (
-        *doubts,
-        *(doubt for doubt in find_dependent_columns(phi, names, acts) if not withheld_names.issuperset(doubt.withheld)),
-    )
+    dependent = find_dependent_columns(rows.phi[:, is_unknown], names, acts[is_unknown])
+    return (*doubts, *(doubt for doubt in dependent if not withheld_names.issuperset(doubt.withheld)))
 
 
 def _list_columns(measurements: Sequence[Measurements], terms: Sequence[Term]) -> list[Array]:
@@ -149,11 +156,13 @@ def _list_columns(measurements: Sequence[Measurements], terms: Sequence[Term]) -
     return [scheme("dynamic").regression(m, terms).equations.phi for m in measurements]
 
 
-def _select_clear(measurements: Sequence[Measurements], columns: Sequence[Array]) -> FittedRows:
+def _select_clear(measurements: Sequence[Measurements], columns: Sequence[Array]) -> ClearRows:
     """Select the samples clear of stick and reversals."""
     clear = [m.find_clear(GUARD_TIME) for m in measurements]
-    parts = [(m.velocity[k], m.held[k], phi[k]) for m, k, phi in zip(measurements, clear, columns, strict=True)]
-    return FittedRows(*map(np.concatenate, zip(*parts, strict=True)))
+    torques = [m.held + np.asarray(m.load.torque) for m in measurements]
+    groups = zip(measurements, torques, columns, clear, strict=True)
+    parts = [(m.velocity[k], torque[k], phi[k]) for m, torque, phi, k in groups]
+    return ClearRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def find_undetermined_parameters(recordings: Sequence[Recording], terms: Sequence[Term]) -> tuple[Finding, ...]:
@@ -288,8 +297,8 @@ def is_determined(estimate: Estimate, large: float) -> bool:
 def _find_size_by_direction(torque: Array, velocity: Array) -> float | None:
     """Find the size of a torque (N,) [N m] that depends on the direction of motion alone, else None.
 
-    With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is solved by f = c and J = g = b = 0. Known
-    friction, or another known parameter that is not zero, excludes this solution.
+    With tau = c sgn v, the balance J a + g sin q + b v + (f - c) sgn v = 0 is solved by f = c and J = g = b = 0, unless
+    f is known.
     """
     direction = np.sign(velocity)
     size = float(direction @ torque / (direction @ direction))

@@ -13,11 +13,11 @@ import scipy
 
 from estimators.checks.signs import compute_significant_sign
 from estimators.data.variants import compute_unique_share, rank_variants
-from estimators.decisions.errors import Step, Terms
+from estimators.decisions.errors import Step
 from estimators.decisions.gate import Gate, limit_gain, limit_p_value, limit_total
 from estimators.decisions.score import Bootstrap, Gain
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
-from estimators.selection.evidence import Hypothesis, adds_dry_friction
+from estimators.selection.evidence import Evidence, Hypothesis, adds_dry_friction
 from estimators.selection.physical import find_violations
 from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, Model, Samples, Term, has_link, has_stop, list_ids, list_loads
@@ -175,23 +175,29 @@ def compute_coefficient_chance(terms: Sequence[Term], fit: Fit, known: frozenset
 def require_base(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the base parameters that a larger model of a pendulum keeps, see `compare_base`.
 
-    A missing law of the angle biases the inertia of the smaller model. If it is lost, it is therefore compared again
-    with that beside each competing table of the angle, which has no such bias.
+    A missing law of the angle biases the inertia of the smaller model. An effect of the angle may then keep the inertia
+    that a table of the angle leaves, if this differs by more than 3 standard errors.
     """
     evidence = after.evidence
-    larger = evidence.fits.fit_model_with_std(after.terms)
+    larger, smaller = (evidence.fits.fit_model_with_std(each.terms) for each in (after, before))
+    known = list_ids(before.terms)
+    is_of_angle = all(term.kind == "potential" for term in after.terms if term.id not in known)
+    for gate in compare_base(larger, smaller, evidence.train.motions, evidence.criterion.kept_inertia):
+        is_lost = gate.name == "kept_inertia" and not gate.passed
+        yield _compare_beside_tables(gate, smaller, evidence) if is_lost and is_of_angle else gate
 
-    def compare(terms: Terms) -> list[Gate]:
-        smaller = evidence.fits.fit_model_with_std(terms)
-        return compare_base(larger, smaller, evidence.train.motions, evidence.criterion.kept_inertia)
 
-    gates = compare(before.terms)
-    if not all(gate.passed for gate in gates) and evidence.train.layout.predicts_torque:
-        tables = [table for table in evidence.tables if table.kind == "potential"]
-        variants = [variant for table in tables for variant in rank_variants(evidence.train, before.terms, table)[:1]]
-        beside_tables = [compare(variant.terms) for variant in variants]
-        gates = next((own for own in beside_tables if all(gate.passed for gate in own)), gates)
-    yield from gates
+def _compare_beside_tables(gate: Gate, smaller: Model, evidence: Evidence) -> Gate:
+    """Return the gate of a lost inertia, by the inertia beside a table of the angle if that differs significantly."""
+    old, total = smaller.estimates["inertia"], _compute_mean_inertia(smaller, evidence.train.motions[""])
+    for table in (table for table in evidence.tables if table.kind == "potential"):
+        for variant in rank_variants(evidence.train, tuple(smaller.terms), table)[:1]:
+            beside = evidence.fits.fit_model_with_std(variant.terms)
+            new = beside.estimates["inertia"]
+            if new.is_significant and old.value - new.value > SIGNIFICANT * float(np.hypot(old.std, new.std)):
+                share = gate.value * total / _compute_mean_inertia(beside, evidence.train.motions[""])
+                return replace(gate, value=share, passed=share >= gate.limit)
+    return gate
 
 
 def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], least_inertia: float) -> list[Gate]:

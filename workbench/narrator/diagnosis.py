@@ -214,7 +214,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
     if open_findings := [finding for finding in diagnosis.findings if finding.is_open]:
         return describe(open_findings[0])
     hidden = [size.effect for size in diagnosis.detectable if not size.is_excited]
-    if hidden and not diagnosis.selected:
+    if hidden:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
         return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
     return "All effects are decided."

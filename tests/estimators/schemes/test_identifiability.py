@@ -68,6 +68,31 @@ def test_known_friction_leaves_no_doubt_in_one_direction():
         assert abs(found[name].value - THETA[name]) < 4 * found[name].std
 
 
+def limited(id: str, limits: dict[str, float]):
+    """An effect, or a base term, with known parameters."""
+    term = next((term for term in BASE if term.id == id), None) or effects()[id]()
+    return limit_term(term, {name: (value, value) for name, value in limits.items()})
+
+
+def test_a_known_zero_of_another_friction_gives_no_scale():
+    run = driven(np.where(np.arange(3000) // 750 % 2, -2.6, 2.6))
+    terms = (*BASE, limited("stribeck", {"stribeck": 0.0}))
+    assert Gap.TORQUE_FOLLOWS_DIRECTION in [one.gap for one in find_undetermined([measure(run)], terms)]
+    heavy = [limited(term.id, {"gravity": THETA["gravity"]} if term.id == "gravity" else {}) for term in BASE]
+    assert find_undetermined([measure(run)], heavy) == ()
+
+
+def test_a_known_partner_determines_the_other():
+    one_way = measure(driven(5.0 + np.sin(3 * TIME)))
+    friction = limited("coulomb", {"coulomb": THETA["coulomb"]})
+    terms = (*(term for term in BASE if term.id != "coulomb"), friction, effects()["torque_offset"]())
+    assert find_undetermined([one_way], terms) == ()
+    small = measure(driven(0.3 * np.sin(5 * TIME) + 0.1 * np.sin(2 * TIME), coulomb=0.05))
+    weight = limited("gravity", {"gravity": THETA["gravity"]})
+    terms = (*(term for term in BASE if term.id != "gravity"), weight, effects()["spring"]())
+    assert Gap.SMALL_ANGLES not in [one.gap for one in find_undetermined([small], terms)]
+
+
 @pytest.mark.parametrize(("fixed", "unknown"), [({}, {"inertia", "viscous", "coulomb"}), ({"coulomb": 0.0}, set())])
 def test_one_step_of_a_motor_determines_parameters_only_beside_known_friction(fixed, unknown):
     """J v' + b v = tau has v = tau/b (1 - exp(-b t / J)): without known friction, friction of tau explains all."""
