@@ -1,7 +1,7 @@
 """Detection of wrong signs and zeros of columns by a fit, with the columns that correct them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,17 +44,19 @@ class WrongColumn(Finding):
         remedies: settings that read the recordings correctly.
         inertia: negative inertia, by which the torque has the opposite sign; else None.
         angle: error of the zero; None for other columns, and if the upright position was taken as zero.
+        has_bias: whether the model has no tilt for the error of the zero, so that all estimates are biased.
     """
 
     column: str
     remedies: tuple[Remedy, ...] = ()
     inertia: Quantity | None = None
     angle: Quantity | None = None
+    has_bias: bool = False
 
     @property
     def is_biasing(self) -> bool:
-        """Return True: all estimates are fitted to the wrong column."""
-        return True
+        """Return whether the model lacks the error of the zero."""
+        return self.has_bias
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,8 @@ def find_wrong_columns(
             return []
         has_one_load = len(load_gravities) == 1
         if tilt is None and has_one_load and (tilted := _fit_tilt(model, recordings, criterion)) is not None:
-            return find_wrong_columns(tilted, recordings, criterion)
+            found = find_wrong_columns(tilted, recordings, criterion)
+            return [replace(one, has_bias=True) if isinstance(one, WrongColumn) else one for one in found]
         remedies = _make_remedies(recordings, lambda origin: origin.shift_zero(np.pi, 0))
         return [WrongColumn("position", remedies)]
     return []

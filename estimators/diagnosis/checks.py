@@ -192,7 +192,8 @@ def check_completeness(subject: Subject) -> Iterable[Finding]:
     """Test whether an identified model explains the recordings, unless an earlier finding explains the residual."""
     explanations = WrongColumn | NegativeParameters | TorqueTiming | Disagreement
     is_explained = any(isinstance(finding, explanations) for finding in subject.earlier)
-    return () if is_explained else find_incompleteness(subject.identified)
+    has_parameters = not withhold_everything(subject.doubts)
+    return find_incompleteness(subject.identified) if has_parameters and not is_explained else ()
 
 
 @applies_to("identify", "diagnose")

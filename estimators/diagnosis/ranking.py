@@ -127,7 +127,7 @@ def _rank_other(result: SearchResult, longer: Terms, has_contacts: bool) -> Cand
     evidence, (*other_terms, term) = result.evidence, longer
     others = tuple(other_terms)
     gain, variants = evidence.best_gain(longer, others), evidence.count_compared_variants(longer, others)
-    ratio = _compute_held_out_rms(evidence, longer, term.at) / _compute_held_out_rms(evidence, others, term.at)
+    ratio = _compute_error_ratio(evidence, longer, others, term.at)
     decision = decide_finally(evidence, longer, others)
     if decision.passed and not evidence.residuals.is_noise(longer):
         decision = decide_finally(evidence, longer, others, NEED)
@@ -163,6 +163,12 @@ def decide_finally(evidence: Evidence, after: Terms, before: Terms, policy: Rule
     """Return the decision of the search on a larger model, then that on its lag or delay in a closed loop."""
     decision = evidence.decide(after, before, policy)
     return decision.join(evidence.decide(after, before, DETERMINE_LAG)) if decision.passed else decision
+
+
+def _compute_error_ratio(evidence: Evidence, after: Terms, before: Terms, at: str) -> float:
+    """Return the held-out error at a joint over that of other terms; 1 if both are zero."""
+    new, old = (_compute_held_out_rms(evidence, terms, at) for terms in (after, before))
+    return new / old if old > 0 else 1.0
 
 
 def _compute_held_out_rms(evidence: Evidence, terms: Terms, at: str) -> float:

@@ -5,7 +5,7 @@ import os
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 import pyarrow as pa
@@ -15,7 +15,7 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import RecordingError
 from pendulum_env.files import replace_file
 from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.recording.actuator import Actuator
+from pendulum_env.recording.actuator import Actuator, parse_actuator
 from pendulum_env.recording.building import build_recordings
 from pendulum_env.recording.columns import NONE, check_columns_option, find_columns
 from pendulum_env.recording.formats import Readable, find_format, find_stem, get_label, read_table
@@ -31,7 +31,7 @@ def read_recording(
     *,
     unwrap: bool = False,
     columns: Mapping[str, str | None] | None = None,
-    drive: Actuator | None = None,
+    drive: Actuator | Mapping[str, Any] | None = None,
     name: str | None = None,
 ) -> Recording:
     """Read a file or table with the columns time, position and torque, and optional further quantities.
@@ -54,8 +54,8 @@ def read_recording(
             omits a quantity; torque is then zero. Units are s, ms, us, ns; rad, mrad, deg, rev, counts; rad/s, deg/s,
             rpm, rev/s, counts/s; Nm, mNm, Ncm, kgfcm, ozfin, lbfft, A, mA, V, duty. Counts need the counts per turn
             (`enc:counts/4096`), and currents a torque constant (`*?` if it is unknown).
-        drive: controller that follows the reference. Torque is then read from a column that the user names or from
-            the controller's output (duty, current), or computed from the controller.
+        drive: controller that follows the reference, or its settings as in a study. Torque is then read from a column
+            that the user names or from the controller's output (duty, current), or computed from the controller.
         name: name of the recording; by default that of the file, or `recording`.
 
     Raises:
@@ -73,11 +73,12 @@ def read_rows(
     *,
     unwrap: bool,
     columns: Mapping[str, str | None] | None,
-    drive: Actuator | None = None,
+    drive: Actuator | Mapping[str, Any] | None = None,
     name: str | None = None,
 ) -> Recording:
     """Read a recording as `read_recording`, without warnings."""
     check_columns_option(columns)
+    drive = parse_actuator(drive) if isinstance(drive, Mapping) else drive
     named_columns = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
     log_format = describe_reading(named_columns, unwrap, drive)
     return read_joint_rows(source, {"": named_columns}, log_format, unwrap=unwrap, drive=drive, name=name)[""]

@@ -217,7 +217,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
     if hidden:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
         return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
-    return "All effects are decided."
+    return "No experiment is suggested."
 
 
 def list_advice(diagnosis: Diagnosis) -> list[str]:
