@@ -77,7 +77,7 @@ def describe_links(body: Mechanism) -> list[str]:
     """Count the joints and base parameters of an arm, and define the combined ones; empty for a pendulum."""
     if not isinstance(body, Body):
         return []
-    combined = [f"  {name} stands for {text}" for name, text in body.combined.items()]
+    combined = [f"  {name} stands for {text}" for name, text in body.combinations.items()]
     return [f"{body.name}: {len(body.joints)} joints, {len(body.base)} base parameters", *combined]
 
 

@@ -89,7 +89,7 @@ class Subject:
         return tuple(self.model.terms)
 
     @property
-    def identified(self) -> IdentifiedModel | None:
+    def identified_model(self) -> IdentifiedModel | None:
         """Model of the schemes on its rows; None without rows."""
         if self.rows is None:
             return None
@@ -193,7 +193,7 @@ def check_completeness(subject: Subject) -> Iterable[Finding]:
     explanations = WrongColumn | NegativeParameters | TorqueTiming | Disagreement
     is_explained = any(isinstance(finding, explanations) for finding in subject.earlier)
     has_parameters = not withhold_everything(subject.doubts)
-    return find_incompleteness(subject.identified) if has_parameters and not is_explained else ()
+    return find_incompleteness(subject.identified_model) if has_parameters and not is_explained else ()
 
 
 @applies_to("identify", "diagnose")

@@ -38,7 +38,7 @@ class Mechanism:
         return tuple(joint in self.prismatic_joints for joint in self.joints)
 
     @property
-    def combined(self) -> dict[str, str]:
+    def combinations(self) -> dict[str, str]:
         """Return the combinations of parameters as text, by name; empty for a pendulum."""
         return {}
 
@@ -86,7 +86,7 @@ class LinkedMechanism(Mechanism, ABC):
         return tuple(parameter.name for parameter in self.base)
 
     @property
-    def combined(self) -> dict[str, str]:
+    def combinations(self) -> dict[str, str]:
         """Return the base parameters that combine several standard parameters."""
         return {parameter.name: parameter.text for parameter in self.base if len(parameter.parts) > 1}
 

@@ -52,7 +52,7 @@ def check_friction(subject: Subject) -> Iterable[Finding]:
 @applies_to("identify")
 def check_completeness_of_arm(subject: Subject) -> Iterable[Finding]:
     """Test whether an identified model explains the recordings."""
-    return find_incompleteness(subject.identified)
+    return find_incompleteness(subject.identified_model)
 
 
 @applies_to("diagnose")

@@ -82,8 +82,8 @@ def make_parameters(case: ReportData) -> Section:
         "Value ± standard error after every step.",
         tabulate_parameters(*(step.model for step in steps), headers=labels),
     ]
-    if final.mechanism.combined:
-        combined = tuple(f"{name} stands for {text}" for name, text in final.mechanism.combined.items())
+    if final.mechanism.combinations:
+        combined = tuple(f"{name} stands for {text}" for name, text in final.mechanism.combinations.items())
         content += [
             "The torque shows combinations of the links' masses and inertias, the base parameters, each named by its "
             "first part:",
