@@ -81,6 +81,12 @@ def speed_profile(rng: np.random.Generator, time: Array, scale: float = 1.0) -> 
     return scale * np.cumsum(smooth) * (time[1] - time[0])
 
 
+def triangle(rng: np.random.Generator, time: Array, scale: float = 1.0) -> Array:
+    """Return a slow triangle of two to four periods for a position loop [rad]."""
+    phase = time / time[-1] * rng.uniform(2.0, 4.0)
+    return scale * 2 / np.pi * np.arcsin(np.sin(2 * np.pi * phase))
+
+
 OPEN_LOOP: dict[str, Callable[[np.random.Generator, Array, float], Array]] = {
     "two_tone": two_tone,
     "other_tones": other_tones,
@@ -93,5 +99,6 @@ OPEN_LOOP: dict[str, Callable[[np.random.Generator, Array, float], Array]] = {
 CLOSED_LOOP: dict[str, Callable[[np.random.Generator, Array, float], Array]] = {
     "pd_loop": smooth_reference,
     "speed_loop": speed_profile,
+    "triangle": triangle,
 }
-EXCITATIONS = (*OPEN_LOOP, *CLOSED_LOOP)
+EXCITATIONS = (*OPEN_LOOP, "pd_loop", "speed_loop")  # of random cases

@@ -139,7 +139,7 @@ class Experiment:
     goal_hold: int = 1  # number of samples between changes of the closed loop's reference
 
     def __post_init__(self) -> None:
-        _require(self.excitation, EXCITATIONS, "excitation")
+        _require(self.excitation, (*OPEN_LOOP, *CLOSED_LOOP), "excitation")
 
     @property
     def samples(self) -> int:

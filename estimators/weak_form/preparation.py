@@ -71,9 +71,8 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
     # [kg m^2], and factor on the torque noise by calibration
     inertia, noise_factor = load_inertia + recording.known_inertia, 1.0
     for w in map(cut_at, reversed(widths)):  # long windows have less noise
-        data = join_windows((w,))
         if len(w.centers) >= settings.calibrating:
-            inertia = load_inertia + (known_inertia or data.base_inertia)
+            inertia = load_inertia + (known_inertia or join_windows((w,)).base_inertia)
             noise_factor = calibrate_noise(w).noise.torque / max(w.noise.torque, 1e-300)
             break
     negligible = (settings.negligible_swing if recording.known_inertia else settings.negligible) * longest.torque_scale
@@ -152,17 +151,23 @@ def calibrate_noise(w: Windows) -> Windows:
 
 
 def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
-    """Scale the noise estimates of windows down so that their floor is at most the residual of a linear fit.
+    """Lower the noise estimates of windows so that their floor is at most the residual of a linear fit.
 
     The fit has columns `phi` (R, P) and a known torque (R,) [N m]. With fewer than 2 P rows the windows are unchanged.
     `inertia` maps parameters (P,) to the inertia [kg m^2].
+
+    Neighbouring windows share other parts of the torque's noise than of the encoder's. Their covariance divides the
+    power of the residual between both, each at most its estimate.
     """
     freedom = len(phi) - phi.shape[1]
     if freedom < phi.shape[1]:
         return w
     y = WindowTorque([w]).net - known
     theta = solve_least_squares(phi, y)
-    rms = float(np.linalg.norm(y - phi @ theta)) / np.sqrt(freedom)
-    factor = min(1.0, rms / max(w.noise.compute_std(abs(inertia(theta))), 1e-300))
-    noise = replace(w.noise, torque=factor * w.noise.torque, acceleration=factor * w.noise.acceleration)
-    return replace(w, noise=noise)
+    residual, load, noise = y - phi @ theta, abs(inertia(theta)), w.noise
+    power = float(residual @ residual) / freedom
+    if power >= noise.compute_std(load) ** 2:
+        return w
+    adjacent = np.flatnonzero(np.diff(w.centers) == len(w.kernel) // 2)
+    shared = float(residual[adjacent] @ residual[adjacent + 1]) / max(1, len(adjacent)) * len(phi) / freedom
+    return replace(w, noise=noise.divide_power(load, power, shared))

@@ -67,6 +67,26 @@ class WindowNoise:
         """Return the noise with another standard deviation of the torque [N m]."""
         return replace(self, torque=std)
 
+    def divide_power(self, inertia: float, power: float, shared: float) -> WindowNoise:
+        """Return the noise with the power of a residual [(N m)^2], divided between torque and encoder.
+
+        `shared` is the covariance of the residual in windows half a window apart [(N m)^2]. Neither noise is raised.
+        """
+        load = inertia + self.load_inertia
+        power, shared = max(power + 2 * load * self.common[0], 0.0), shared + 2 * load * self.common[1]
+        of_torque, of_encoder = self.torque**2, (load * self.acceleration) ** 2
+        difference = self.acceleration_shared - self.torque_shared
+        encoder = (shared - self.torque_shared * power) / difference
+        encoder = min(max(encoder, power - of_torque, 0.0), of_encoder, power)
+        torque_factor = math.sqrt((power - encoder) / max(of_torque, 1e-300))
+        encoder_factor = math.sqrt(encoder / max(of_encoder, 1e-300))
+        return replace(self, torque=torque_factor * self.torque, acceleration=encoder_factor * self.acceleration)
+
+    @property
+    def torque_shared(self) -> float:
+        """Correlation of the torque noise of windows half a window apart."""
+        return correlate_averages(self.log_weights, len(self.kernel) // 2)
+
     def compute_std(self, inertia: float) -> float:
         """Return the standard deviation of a window's residual by noise [N m]; known loads add inertia."""
         load = inertia + self.load_inertia
@@ -81,7 +101,7 @@ class WindowNoise:
 
     def compute_shared_covariance(self, inertia: float) -> float:
         """Return the covariance by noise of the residuals of windows half a window apart [(N m)^2]."""
-        of_torque = self.torque**2 * correlate_averages(self.log_weights, len(self.kernel) // 2)
+        of_torque = self.torque**2 * self.torque_shared
         load = inertia + self.load_inertia
         of_motion = (load * self.acceleration) ** 2 * self.acceleration_shared
         return of_torque + of_motion - 2 * load * self.common[1]

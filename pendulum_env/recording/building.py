@@ -12,7 +12,7 @@ from pendulum_env.quantity import Quantity
 from pendulum_env.recording import checks, cleaning, jitter, sampling
 from pendulum_env.recording.actuator import MOTOR, Actuator
 from pendulum_env.recording.clock import find_date, find_unix_unit, unwrap_clock
-from pendulum_env.recording.columns import FileColumn
+from pendulum_env.recording.columns import NONE, FileColumn
 from pendulum_env.recording.joint_names import name_errors
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
@@ -92,6 +92,8 @@ def _open_log(
     """Convert a table to SI units, with notes on its columns; refuse implausible columns."""
     values = table.values
     columns, notes = _read_clock(table)
+    if "torque" in columns and named_columns.get("torque") == NONE:  # a load torque alone
+        named_columns = {"torque" if name == "load_torque" else name: text for name, text in named_columns.items()}
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))
     _convert_to_si(values, origin)
     actuator.check_columns(values)

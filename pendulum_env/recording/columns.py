@@ -219,8 +219,8 @@ def find_columns(
             expression = _find_output(output, headers)
             candidates = [] if expression is None else [parse_column(quantity, expression, headers)]
         columns |= _choose_column(quantity, candidates, matches, expressions, text_columns)
-    if "torque" not in {*columns, *omitted} and "load_torque" in columns and output is None:
-        if not any(_is_raw("torque", header) for header in headers):  # without a motor
+    if "torque" not in columns and "load_torque" in columns and output is None:
+        if "torque" in omitted or not any(_is_raw("torque", header) for header in headers):  # without a motor
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
     required = ("time", "position", "torque" if output is None else "reference")
     missing = [name for name in required if name not in columns and expressions.get(name) != NONE]

@@ -133,5 +133,5 @@ def test_a_factor_on_the_unit_of_a_known_name_is_warned_of_with_the_other_readin
 
 def test_a_column_that_is_not_read_has_no_other_sign(write):
     read = read_recording(write(q=ANGLE, sensor=ANGLE), columns={"torque": "none", "load_torque": "sensor"})
-    assert read.origin.flip_sign("torque") is None
-    assert read.origin.flip_sign("load_torque")["load_torque"] == "-sensor"
+    assert read.origin.flip_sign("load_torque") is None  # without a motor it is the torque
+    assert read.origin.flip_sign("torque") == {"torque": "-sensor"}

@@ -1,0 +1,204 @@
+"""Outcomes of retellings: `diagnose` runs, printed remedies are followed, and the result is compared with the truth."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import re
+import shlex
+import tempfile
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.retold.bound import bound_errors
+from benchmarks.retold.machines import CLOSED, OPEN, ORDINARY, UNUSUAL, Run, draw_effect, draw_machine, run_machine
+from benchmarks.retold.retellings import RETELLINGS, Log, draw_sensors, log_run
+from workbench.cli import main as run_command
+
+MOST = 4.0  # standard errors
+LEAST_ERROR = 2e-4  # of a parameter; smaller deviations are right, whatever the standard error
+MOST_REMEDIES = 4
+LEAST_BOUND = 0.01  # relative standard error of a parameter, above which it may be withheld
+LOOKS_ALIKE = (  # effects that a single recording cannot distinguish
+    frozenset({"torque_offset", "coulomb_asymmetry"}),
+    frozenset({"spring", "gravity_tilt"}),
+)
+OUTCOMES = ("right", "asked", "declined", "wrong")
+REMEDY = re.compile(r"--(?:columns|fix|bound|align|unwrap)\b(?: (?:\"[^\"]+\"|'[^']+'|\S+[^\s,;:.]))?")
+
+
+Judgement = tuple[str, str, float, str]  # outcome, names, largest deviation [standard errors], its parameter
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Outcome of one retelling, with what was named and the largest deviation [standard errors]."""
+
+    number: int
+    row: str
+    motion: str
+    machine: str
+    hidden: str
+    outcome: str
+    named: str
+    z: float
+    parameter: str
+    remedies: str
+
+    def encode(self) -> str:
+        """Return the outcome as a line of JSON."""
+        return json.dumps(asdict(self))
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """Answer of `diagnose`: printed text, and its JSON; none after a refusal."""
+
+    text: str
+    found: dict[str, Any] | None
+
+
+def draw_run(seed: int, number: int, row: str | None = None, motion: str | None = None) -> tuple[str, Run, Log]:
+    """Draw row, run and log of a number."""
+    rng = np.random.default_rng([seed, number])
+    rows = [*RETELLINGS]
+    row = row or rows[number % len(rows)]
+    drawn = str(rng.choice(ORDINARY) if rng.random() < 0.5 else rng.choice([*UNUSUAL, *CLOSED]))
+    motion = motion or drawn
+    assert motion in (*OPEN, *CLOSED), f"unknown motion {motion}"
+    kind = str(rng.choice(["pendulum", "axis", "motor"], p=[0.6, 0.25, 0.15]))
+    kind = "pendulum" if row == "unit unnamed" else kind  # without gravity, no unit shows
+    machine = draw_machine(rng, kind, row == "extreme machine")
+    is_hidden = motion in ORDINARY and rng.random() < 0.5 and row not in ("extreme machine", "encoder edges")
+    seconds = float(np.clip(12 * machine.time, 8.0, 30.0))
+    run = run_machine(
+        rng, machine, motion, draw_sensors(rng, row, seconds), draw_effect(rng, machine) if is_hidden else None
+    )
+    return row, run, RETELLINGS[row](log_run(run), run, rng)
+
+
+def judge_number(number: int, seed: int, row: str | None = None, motion: str | None = None) -> Outcome:
+    """Draw a retelling, run `diagnose` on it, follow its printed remedies, and judge the outcome."""
+    row, run, log = draw_run(seed, number, row, motion)
+    with tempfile.TemporaryDirectory() as folder:
+        files = log.write(Path(folder))
+
+        def judge(options: Sequence[str]) -> tuple[_Answer, Judgement]:
+            answer = _diagnose([*files, *options], Path(folder))
+            return answer, _judge(answer, run, log)
+
+        options = [*run.options, *log.options]
+        answer, first = judge(options)
+        outcome, shown, tried = first[0], first, list[str]()
+        waiting = [(remedy, options) for remedy in _list_remedies(answer.text, options)]
+        while outcome not in ("right", "asked") and waiting and len(tried) < MOST_REMEDIES:
+            remedy, options = waiting.pop(0)
+            tried.append(" ".join(remedy))
+            options = _join_options(options, remedy)
+            answer, judgement = judge(options)
+            waiting += [(remedy, options) for remedy in _list_remedies(answer.text, options)]
+            if judgement[0] == "right":
+                outcome, shown = "asked", judgement
+    if outcome == "declined" and not may_decline(run):
+        outcome, shown = "wrong", (*shown[:1], f"too cautious: {shown[1]}", *shown[2:])
+    hidden = "+".join(run.hidden) or "nothing"
+    return Outcome(number, row, run.motion, run.machine.kind, hidden, outcome, *shown[1:], "; ".join(tried))
+
+
+def may_decline(run: Run) -> bool:
+    """Return whether a parameter has a large error in theory, or an effect is hidden, whose bound is not computed."""
+    return bool(run.hidden) or max(bound_errors(run).values()) > LEAST_BOUND
+
+
+def _diagnose(arguments: Sequence[str], folder: Path) -> _Answer:
+    out, errors, text = folder / "out.json", io.StringIO(), io.StringIO()
+    out.unlink(missing_ok=True)
+    with contextlib.redirect_stdout(text), contextlib.redirect_stderr(errors):
+        try:
+            code = run_command(["diagnose", *arguments, "--json", str(out)])
+        except Exception:
+            return _Answer(f"TRACEBACK {traceback.format_exc(limit=-3)}", None)
+    printed = " ".join((text.getvalue() + "\n" + errors.getvalue()).split())
+    return _Answer(printed, json.loads(out.read_text(encoding="utf-8")) if code == 0 else None)
+
+
+def _list_remedies(text: str, options: Sequence[str]) -> list[list[str]]:
+    """List the options in a text that were not given yet."""
+    remedies = list[list[str]]()
+    for match in REMEDY.finditer(text):
+        words = shlex.split(match.group().replace("'", '"'))
+        value = words[1] if len(words) > 1 else ""
+        if words[0] in ("--align", "--unwrap"):
+            words, value = words[:1], ""
+        elif "=" not in value or re.search(r"\b(VALUE|LOW|HIGH|NAME|NUMBER|COLUMN)\b|\.\.\.|\?", value):
+            continue
+        is_given = words[0] in options and (not value or value in " ".join(options))
+        if not is_given and words not in remedies:
+            remedies.append(words)
+    return remedies
+
+
+def _join_options(options: Sequence[str], remedy: Sequence[str]) -> list[str]:
+    """Return the options with a remedy; columns are one option, in which a new quantity replaces the old one."""
+    if remedy[0] != "--columns" or "--columns" not in options:
+        return [*options, *remedy]
+    joined, at = list(options), list(options).index("--columns") + 1
+    parts = dict(part.split("=", 1) for part in joined[at].split(","))
+    parts |= dict(part.split("=", 1) for part in remedy[1].split(","))
+    joined[at] = ",".join(f"{name}={text}" for name, text in parts.items())
+    return joined
+
+
+def _judge(answer: _Answer, run: Run, log: Log) -> Judgement:
+    """Return outcome, names, largest deviation and its parameter."""
+    found = answer.found
+    if found is None:
+        return ("wrong" if "TRACEBACK" in answer.text else "declined", f"refused: {answer.text[-260:]}", np.nan, "")
+    selected, is_left = tuple(found["selected"]), found["unexplained"]["present"]
+    groups = {group[0]: tuple(group) for group in found["ambiguous"]}
+    named = ["|".join(groups.get(id, (id,))) for id in selected] or ["nothing"]
+    named += [f"table {id}" for id in found["tables"]] + ["unexplained"] * is_left
+    families = [finding["family"] for finding in found["findings"]]
+    named += [family for family in families if family in ("disagreement", "incomplete")]
+    is_named = _is_hidden(selected, groups, run.hidden) and not found["tables"]
+    z, worst, is_lost = _compare(found["steps"][-1]["theta"], run, log)
+    if is_left or "disagreement" in families or "incomplete" in families or abs(z) > MOST:
+        return "wrong", ", ".join(named), z, worst
+    if is_named and not is_lost:
+        return "right", ", ".join(named), z, worst
+    if not is_named and (selected or found["tables"]):
+        return "wrong", ", ".join(named), z, worst
+    return "declined", ", ".join([*named, *(f"no {name}" for name in is_lost)]), z, worst
+
+
+def _is_hidden(selected: tuple[str, ...], groups: Mapping[str, tuple[str, ...]], hidden: tuple[str, ...]) -> bool:
+    """Return whether the hidden effects are selected, in groups of effects that look alike."""
+    if len(selected) != len(hidden):
+        return False
+    for id, true in zip(sorted(selected), sorted(hidden), strict=True):
+        if true not in groups.get(id, (id,)) and frozenset({id, true}) not in LOOKS_ALIKE:
+            return False
+    return True
+
+
+def _compare(theta: Mapping[str, Any], run: Run, log: Log) -> tuple[float, str, list[str]]:
+    """Return the largest deviation [standard errors], its parameter, and parameters without a value."""
+    deviations, lost = {}, []
+    for name, true in run.truth.items():
+        own, value = theta.get(name), true * log.factors.get(name, 1.0)
+        if own is None or own["value"] is None or not own["std"]:
+            if own is None or own["value"] is None:
+                lost.append(name)
+            continue
+        if own.get("biased"):
+            continue
+        off = own["value"] - value
+        deviations[name] = 0.0 if abs(off) < LEAST_ERROR * abs(value) else off / own["std"]
+    worst = max(deviations, key=lambda name: abs(deviations[name]), default="")
+    return deviations.get(worst, np.nan), worst, lost
