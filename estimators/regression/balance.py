@@ -98,9 +98,7 @@ class Balance:
         """
         slope = 1.0 - theta @ self.by_torque.T if self.of_torque.any() else np.ones((len(theta), len(self.y)))
         if self.response is not None:
-            curved, steps, response_slopes = self.response.slopes
-            middle = steps.shape[1] // 2
-            slope[:, curved] += 0.5 * response_slopes[:, middle - 1 : middle + 1].sum(axis=1) - 1.0
+            slope += self.response.slope - 1.0
         return self.y - theta @ self.phi.T, np.maximum(slope * self.torque_share, SOLVER.tiny)
 
     @property
@@ -167,7 +165,9 @@ class Balance:
             if columns.fixed_change is not None and perturbations is not None:
                 change = (perturbations if response is None else response.change).copy()
                 change[rows] -= columns.fixed_change
-                response = TorqueResponse(perturbations, change)
+                slope = np.ones(count) if response is None else response.slope.copy()
+                slope[rows] -= columns.fixed_slope
+                response = TorqueResponse(perturbations, change, slope)
         linear = place_columns(count, [(rows, columns.linear) for rows, columns in parts])
         slopes = np.zeros(linear.shape)
         if any(columns.slope.any() for _, columns in parts):
@@ -288,7 +288,7 @@ def condense(balance: Balance, is_linear: Mask, slopes: Array, target: Array) ->
     }
     if others.response is not None and balance.response is not None:
         largest = np.tile(balance.response.perturbations.max(axis=0), (len(triangle), 1))
-        joined_arrays["response"] = TorqueResponse.join([others.response, TorqueResponse(largest, largest)])
+        joined_arrays["response"] = TorqueResponse.join([others.response, TorqueResponse(largest, largest, ones)])
     return replace(others, **joined_arrays)
 
 

@@ -20,21 +20,27 @@ class TorqueResponse:
 
     Attributes:
         perturbations: perturbations in each equation (R, J) [N m], increasing, zero in the middle.
-        change: change of the left-hand side under each (R, J) [N m]; equal to it for a linear equation.
+        change: change of the left-hand side under each (R, J) [N m], with the share of noise in the motion; equal to
+            the perturbation for a linear equation.
+        slope: derivative of the left-hand side by the torque (R,).
     """
 
     perturbations: Array
     change: Array
+    slope: Array
 
     def __getitem__(self, rows: Mask) -> TorqueResponse:
         """Return the response of some equations (R,)."""
-        return TorqueResponse(self.perturbations[rows], self.change[rows])
+        return TorqueResponse(self.perturbations[rows], self.change[rows], self.slope[rows])
 
     @classmethod
     def join(cls, parts: Sequence[TorqueResponse]) -> TorqueResponse:
         """Join the responses of several sets of equations."""
         return cls(
-            *(np.concatenate(series) for series in zip(*((p.perturbations, p.change) for p in parts), strict=True))
+            *(
+                np.concatenate(series)
+                for series in zip(*((p.perturbations, p.change, p.slope) for p in parts), strict=True)
+            )
         )
 
     @property

@@ -48,15 +48,20 @@ def find_rounding(series: Array) -> float:
     return 0.0 if is_held or len(values) <= 3 else step
 
 
-def estimate_encoder_noise(position: Array) -> float:
-    """Estimate the standard deviation of encoder noise [rad] on a position (N,), at least that of samples in motion."""
+def estimate_log_noise(series: Array, position: Array) -> float:
+    """Estimate the standard deviation of white noise on a logged signal (N,), at least that of samples in motion.
+
+    A signal may have no noise at rest. `position` (N,) shows the motion [rad].
+    """
     moved = np.abs(np.diff(position)) > STILL
     in_motion = np.asarray(sliding_window_view(moved, 4).any(axis=1))  # for each fourth difference
-    return (
-        max(estimate_white_noise(position), estimate_scatter(position, in_motion))
-        if in_motion.any()
-        else estimate_white_noise(position)
-    )
+    noise = estimate_white_noise(series)
+    return max(noise, estimate_scatter(series, in_motion)) if in_motion.any() else noise
+
+
+def estimate_encoder_noise(position: Array) -> float:
+    """Estimate the standard deviation of encoder noise [rad] on a position (N,), at least that of samples in motion."""
+    return estimate_log_noise(position, position)
 
 
 def estimate_noise_slope(position: Array, torque: Array) -> float:

@@ -8,7 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimators.signals.differentiation import Motion, correlate_averages, estimate_white_noise
+from estimators.signals.differentiation import (
+    Motion,
+    correlate_averages,
+    estimate_log_noise,
+    estimate_white_noise,
+)
 from estimators.weak_form.resolution import RESOLUTION
 from pendulum_env._typing import Array
 from pendulum_env.physics import KnownLoad
@@ -115,7 +120,7 @@ def _average_log(recording: Recording, window: Array) -> Array:
 
 def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array, log_weights: Array) -> float:
     """Return the standard deviation of a window's torque by white noise of the log and of the known load [N m]."""
-    noise = estimate_white_noise(recording.torque) if recording.moved is None else recording.moved.noise
+    noise = estimate_log_noise(recording.torque, recording.position) if recording.moved is None else recording.moved.noise
     of_load = estimate_white_noise(load.get_torque(recording.time)) * np.linalg.norm(np.convolve(window, [0.5, 0.5]))
     return math.hypot(noise * np.linalg.norm(log_weights), of_load)
 
