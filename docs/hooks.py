@@ -23,9 +23,9 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.physics import BASE, effects, list_nameable
 from pendulum_env.physics.description import Symptom
+from pendulum_env.physics.effect_texts import find_description, find_look_alikes, name_effect
 from workbench.cli import COMMANDS, main
 from workbench.commands.effects import list_parameters
-from workbench.narrator.effects import find_description, find_look_alikes, name_effect
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same

@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from estimators import add, compare, diagnose, identify
+from estimators import add, compare, diagnose, identify, texts
 from estimators.data import preparation
+from estimators.data.treatment import Treatment
 from estimators.diagnosis import cases
 from estimators.diagnosis.cases import choose_case, list_cases, register_case
 from estimators.diagnosis.pendulum import PENDULUM, Pendulum
 from estimators.findings import Finding, Quantity
+from estimators.texts import FindingTexts
 from pendulum_env import plugins
 from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE
@@ -20,6 +22,7 @@ from pendulum_env.physics.mechanism import find_link_reader
 from pendulum_env.recording.actuator import parse_actuator
 from robots.servos import ServoDrive
 from tests.cases import CASES, recording
+from workbench.narrator.findings import describe_cause
 
 WITHOUT_ROBOTS = """
 import sys, warnings
@@ -124,3 +127,19 @@ def test_a_finding_of_a_plug_in_has_a_text():
         rail: str
 
     assert str(BentRail(Quantity(0.5, 0.02, "rad"), "left")) == "Bent rail: bend 0.500 ± 0.020 rad, rail left."
+
+
+def test_another_package_registers_the_texts_of_its_findings(monkeypatch):
+    @dataclass(frozen=True)
+    class LooseScrew(Finding):
+        torque: Quantity
+        joints: tuple[str, ...]
+
+    registered = FindingTexts(
+        {LooseScrew: "A screw is loose at {joints}: {torque:2}.", "tightened": "The screws are tight."},
+        causes={LooseScrew: lambda finding: f"a screw at {finding.joints[0]}"},
+    )
+    monkeypatch.setattr(texts, "load_plugins", lambda group: {"rail": registered})
+    finding = LooseScrew(Quantity(0.5, unit="N m"), ("hip", "knee"))
+    assert str(finding) == "A screw is loose at hip and knee: 0.5 N m." and describe_cause(finding) == "a screw at hip"
+    assert str(Treatment("tightened")) == "The screws are tight." and describe_cause(Treatment("tightened")) == ""

@@ -6,14 +6,14 @@ from estimators.checks.homogeneity import Disagreement
 from estimators.decisions.errors import Errors, Step, get_single
 from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonRefit
 from estimators.results import Comparison
-from pendulum_env.formatting import TextTable, format_quantity, join_words
+from pendulum_env.formatting import TextTable, format_quantity, join_words, measure
 from pendulum_env.physics.estimate import shorten_name
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import JointUnits, to_shown_unit
 from robots.arms import Body, Payload
 from workbench.narrator import diagnosis as narration
-from workbench.narrator.findings import FLOOR_SOURCES, describe, measure, name_treatment
+from workbench.narrator.findings import FLOOR_SOURCES, describe, name_treatment
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.tables import (
     tabulate_candidates,
