@@ -18,8 +18,8 @@ from estimators.texts import FindingTexts
 from pendulum_env import plugins
 from pendulum_env.errors import UserError
 from pendulum_env.physics import BASE
-from pendulum_env.physics.mechanism import find_link_reader
 from pendulum_env.recording.actuator import parse_actuator
+from pendulum_env.robot_file import find_link_reader
 from robots.servos import ServoDrive
 from tests.cases import CASES, recording
 from workbench.narrator.findings import describe_cause
