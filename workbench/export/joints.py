@@ -11,10 +11,10 @@ from pendulum_env.physics import Model, Table, find_term, list_loads
 from pendulum_env.physics.joints import Coupling, Rotor
 from robots.arms.model import ArmModel
 from robots.arms.standard import nearest_body
+from robots.arms.texts import describe_nearest_body
 from robots.arms.world import build_specification
 from workbench.export.mjcf import Friction, get_value, is_spring_linear
 from workbench.export.request import Exported, Request, escape_comment, escape_text, note_missing
-from workbench.narrator.findings import describe_nearest_body
 
 
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:

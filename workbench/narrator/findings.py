@@ -45,7 +45,6 @@ from pendulum_env.formatting import (
 )
 from pendulum_env.physics.effect_texts import find_description, name_effect
 from pendulum_env.settings import Blank, format_setting
-from robots.arms.standard import Nearest
 
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
 OTHER_LOAD = (
@@ -415,14 +414,6 @@ def describe_aims(aims: Sequence[Aim], conjunction: str = "and") -> str:
     if undetermined := [aim.effect for aim in aims if not aim.instead]:
         texts.append(f"show whether {join_words(undetermined, 'or')} is there")
     return join_words(texts, conjunction)
-
-
-def describe_nearest_body(nearest: Nearest) -> str:
-    """State whether a physical body can have the identified parameters."""
-    if nearest.exists:
-        return f"a body can have these parameters, within {max(nearest.distance, 0.1):.1f} standard errors"
-    off = f"{nearest.distance:.1f} standard errors off"
-    return f"no body has these parameters: the nearest is {off}, in {nearest.farthest}"
 
 
 CORRECT_IT = "Correct it with --align (`align(recordings).recordings` in Python)."
