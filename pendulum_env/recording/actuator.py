@@ -64,6 +64,10 @@ class Actuator:
         """Return the actuator with a torque per `unit`; unchanged if its torque is in another unit."""
         return self
 
+    def complete_conventions(self, settings: Mapping[str, Any]) -> Self:
+        """Return the actuator with the settings of a log format that it leaves open; unchanged without conventions."""
+        return self
+
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Make an actuator of the settings of a study; raises a UserError if they are invalid."""

@@ -17,10 +17,14 @@ from estimators.findings import Finding, Quantity
 from estimators.texts import FindingTexts
 from pendulum_env import plugins
 from pendulum_env.errors import UserError
+from pendulum_env.export.exporter import find_exporter
+from pendulum_env.export.request import Request
 from pendulum_env.physics import BASE
+from pendulum_env.plant import paper_plant
 from pendulum_env.recording.actuator import parse_actuator
 from pendulum_env.robot_file import find_link_reader
 from robots.servos import ServoDrive
+from robots.servos.export import ServoExporter
 from tests.cases import CASES, recording
 from workbench.narrator.findings import describe_cause
 
@@ -47,6 +51,11 @@ assert abs(found.model["gravity"].value - 2.0) < 0.01, found.model
 assert compare(found, run).errors.torque_rms < 0.05
 assert diagnose(run, only=["stribeck", "cogging"]).selected == ()
 assert add(found, "cogging", run).objection is not None
+from workbench.cli import main
+from workbench.export import export
+
+assert main(["identify", "run.csv"]) != 0  # there is no such file
+assert "def step" in export(found.model, "python").content
 assert not [name for name in sys.modules if name.startswith("robots.")]
 """
 
@@ -61,6 +70,8 @@ def test_the_robots_of_this_distribution_register_themselves(recwarn):
     assert {"arm", "servo"} < {*names} and names[-1] == "pendulum"
     assert isinstance(parse_actuator({"kp": 2.0, "output": "torque"}), ServoDrive) and parse_actuator({}) is None
     assert find_link_reader().read.__name__ == "read_body"
+    assert isinstance(find_exporter(paper_plant(), Request(drive=ServoDrive())), ServoExporter)
+    assert find_exporter(paper_plant(), Request()) is None
     assert not recwarn.list
 
 
