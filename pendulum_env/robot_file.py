@@ -8,20 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-import numpy as np
 from msgspec import Struct, structs
 
-from pendulum_env._typing import Array
 from pendulum_env.errors import FileError
 from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.plugins import load_plugins, make_missing_error
-from pendulum_env.policy import Policy
 from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.recording import Recording, Source
 
 READERS = "pendulum_ident.links"  # entry points of link readers
 ENDINGS = (".urdf", ".xml", ".mjcf")  # of robot files
-Progress = Callable[[str, float], None]  # text of the current work, share of the work that is done
 HINT = "identify or diagnose the arm to have one"  # for a missing model
 
 
@@ -52,42 +48,6 @@ class HeldJointMotion(NamedTuple):
     joint: str
     deviation: float  # largest one [rad] or [m]
     recording: str  # its name
-
-
-class PlannedRun(ABC):
-    """Motion of a simulated robot before its simulation; `str` describes it."""
-
-    @property
-    @abstractmethod
-    def condition(self) -> float:
-        """Return the condition number of the regressor of the motion."""
-
-    @abstractmethod
-    def compute_positions(self, time: Array) -> Array:
-        """Compute the planned positions of the joints (N, n) [rad] or [m] at N instants [s]."""
-
-    @abstractmethod
-    def record(
-        self, samples: int, max_torque: float | None, rng: np.random.Generator, name: str, progress: Progress
-    ) -> Recording:
-        """Simulate the robot that follows the motion, with torques up to `max_torque` [N m]."""
-
-
-class SimulatedRobot(ABC):
-    """Simulated robot that follows planned motions."""
-
-    @abstractmethod
-    def plan_run(
-        self,
-        seconds: float,
-        rng: np.random.Generator,
-        policy: Policy | None = None,
-        *,
-        max_angle: float | None = None,
-        max_speed: float | None = None,
-        max_torque: float | None = None,
-    ) -> PlannedRun:
-        """Choose a motion within limits [rad, rad/s, N m] by a policy, or by a design without one."""
 
 
 @dataclass(frozen=True)
@@ -129,17 +89,6 @@ class RobotFile(ABC):
     @abstractmethod
     def find_held_joint_motion(self, body: LinkedMechanism, recordings: Sequence[Recording]) -> list[HeldJointMotion]:
         """Find held joints that leave their position in recordings."""
-
-    @abstractmethod
-    def simulate(self, rate: float, counts: int, effects: Sequence[str], backend: str | None = None) -> SimulatedRobot:
-        """Return a simulated robot with hidden effects.
-
-        Args:
-            rate: samples per second [Hz].
-            counts: encoder counts per turn.
-            effects: texts of the hidden effects at joints.
-            backend: name of the simulator; None: one that suits the robot.
-        """
 
 
 class LinkReader(NamedTuple):

@@ -8,6 +8,7 @@ from agents.network import load
 from agents.observer import ARM
 from pendulum_env.reading import MAX_NUMBER
 from pendulum_env.recording import write_recording
+from pendulum_env.simulated_robot import simulate_robot
 from workbench.errors import InputError
 from workbench.outputs import report_files
 from workbench.robot import make_robot, report_held
@@ -32,7 +33,7 @@ def record_arm(
     robot = make_robot(arguments)
     body = robot.body()
     report_held(robot, body, [], terminal)
-    simulated = robot.simulate(rate, arguments.counts, arguments.effects, arguments.backend)
+    simulated = simulate_robot(body, rate, arguments.counts, arguments.effects, arguments.backend)
     limits = {"max_angle": arguments.max_angle, "max_speed": arguments.max_speed, "max_torque": arguments.amplitude}
     with terminal.progress("choosing the motion"):
         policy = load(arguments.policy or ARM) if arguments.excitation == LEARNT else None

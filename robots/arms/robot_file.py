@@ -12,7 +12,7 @@ import numpy as np
 
 from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.recording import Recording, Source
-from pendulum_env.robot_file import HeldJointMotion, LinkReader, RobotFile, SimulatedRobot
+from pendulum_env.robot_file import HeldJointMotion, LinkReader, RobotFile
 from robots.arms.body import Body, parse_body, read_body
 from robots.arms.reading import HELD_RANGE, find_logged_joints, read_arm_source
 from robots.arms.recording import ArmRecording
@@ -58,12 +58,6 @@ class ArmFile(RobotFile):
             if (off := float(np.max(np.abs(places - q)))) > HELD_RANGE:
                 motion.append(HeldJointMotion(joint, off, recording.name))
         return motion
-
-    def simulate(self, rate: float, counts: int, effects: Sequence[str], backend: str | None = None) -> SimulatedRobot:
-        """Return a simulated arm with hidden effects; see `simulate_body`."""
-        from robots.arms.runs import simulate_body  # slow to import
-
-        return simulate_body(self.body(), rate, counts, effects, backend)
 
 
 @lru_cache(maxsize=8)

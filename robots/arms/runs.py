@@ -13,7 +13,7 @@ from pendulum_env._typing import Array
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.excitation import LARGEST_TORQUE
 from pendulum_env.policy import Policy
-from pendulum_env.robot_file import PlannedRun, SimulatedRobot
+from pendulum_env.simulated_robot import PlannedRun, SimulatedRobot
 from robots.arms.body import Body, BodyError
 from robots.arms.design_env import plan_motion
 from robots.arms.env import PlanarArm, SimulatedArm, SpatialArm
