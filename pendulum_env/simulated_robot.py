@@ -14,7 +14,6 @@ from pendulum_env.policy import Policy
 from pendulum_env.recording import Recording
 
 SIMULATORS = "pendulum_ident.simulators"  # entry points of functions with the arguments of `simulate_robot`
-Progress = Callable[[str, float], None]  # text of the current work, share of the work that is done
 
 
 class PlannedRun(ABC):
@@ -31,9 +30,17 @@ class PlannedRun(ABC):
 
     @abstractmethod
     def record(
-        self, samples: int, max_torque: float | None, rng: np.random.Generator, name: str, progress: Progress
+        self,
+        samples: int,
+        max_torque: float | None,
+        rng: np.random.Generator,
+        name: str,
+        progress: Callable[[str, float], None],
     ) -> Recording:
-        """Simulate the robot that follows the motion, with torques up to `max_torque` [N m]."""
+        """Simulate the robot that follows the motion, with torques up to `max_torque` [N m].
+
+        `progress` receives the text of the current work, and the share that is done.
+        """
 
 
 class SimulatedRobot(ABC):
