@@ -1,4 +1,4 @@
-"""Texts of the findings of other packages, registered by the entry points `TEXTS`."""
+"""Texts of findings of other packages than the workbench, registered by the entry points `TEXTS`."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
