@@ -26,7 +26,7 @@ class FindingTexts:
     """
 
     findings: Mapping[Key, Text]
-    causes: Mapping[Key, Text] = field(default_factory=dict)
+    causes: Mapping[type[Finding], Text] = field(default_factory=dict)
 
 
 def find_text(key: Key) -> Text | None:
@@ -34,9 +34,9 @@ def find_text(key: Key) -> Text | None:
     return next((texts.findings[key] for texts in _list_texts() if key in texts.findings), None)
 
 
-def find_cause(key: Key) -> Text | None:
+def find_cause(kind: type[Finding]) -> Text | None:
     """Find the phrase of an installed package on a missing part of the machine; None without one."""
-    return next((texts.causes[key] for texts in _list_texts() if key in texts.causes), None)
+    return next((texts.causes[kind] for texts in _list_texts() if kind in texts.causes), None)
 
 
 def _list_texts() -> Iterator[FindingTexts]:
