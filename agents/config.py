@@ -25,14 +25,14 @@ class Config:
     """Configuration of a training.
 
     Attributes:
-        constraint: of the torque, "peak" or "rms"; "arm" for the motion of an arm.
-        robot: URDF or MJCF file of the arm; the links of `PlanarArm-v0` by default.
+        constraint: of the torque, "peak" or "rms"; "arm" for the motion of links.
+        robot: URDF or MJCF file of the links; those of `PlanarArm-v0` by default.
         seed: of plants, noise, network and exploration.
         steps: total number of decisions, rounded up to whole rollouts of all pendulums, see `total`.
-        pendulums: number of pendulums, or of motions of an arm, in a batch.
+        pendulums: number of pendulums, or of motions of links, in a batch.
         batch: decisions in a step of the optimiser.
         learning_rate: initial value; it falls linearly to zero.
-        gamma: discount per decision. For pendulums, 0.99 reaches 1 % in all parameters later than 0.97. For arms, only
+        gamma: discount per decision. For pendulums, 0.99 reaches 1 % in all parameters later than 0.97. For links, only
             the final information counts, so rewards are not discounted.
         hidden: width of the two hidden layers.
         rollout: decisions of each pendulum between updates.

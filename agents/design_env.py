@@ -141,7 +141,7 @@ class ExcitationDesign(Task):
         super().__init__(ExcitationDesignVector(1, **arguments))
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the arm, its torque and the reward of the episode (H, W, 3); return None in mode human."""
+        """Draw the pendulum, its torque and the reward of the episode (H, W, 3); return None in mode human."""
         observer, info = self._batch.observer, self._last_info
         measurement = {"time": TICK * observer.tick, "position": info["positions"][-1], "torque": info["torques"][-1]}
         return self._renderer.draw(measurement, observer.constraint.peak, (f"reward {self._episode_reward:.1f}",))

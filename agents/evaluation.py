@@ -122,7 +122,7 @@ def evaluate_policy(
 def compute_cramer_rao_bound(truth: Array, torque: Array) -> Array:
     """Compute the Cramer-Rao bound of the RMS relative error at `REPORT_TIMES` (M, N).
 
-    The measured torque is phi theta plus white noise of variance s^2 while the arm moves. The Fisher information is
+    The measured torque is phi theta plus white noise of variance s^2 during motion. The Fisher information is
     sum phi phi' / s^2, with rows phi of the exact motion under parameters (N, P) and torque at 1 kHz (T, N). The bound
     is infinite where the information is singular.
     """

@@ -30,7 +30,7 @@ class Network:
     Attributes:
         weights: of the layers, each (outputs, inputs).
         biases: of the layers, each (outputs,).
-        levels: torques as shares of the peak (L,); the one with the highest output is played. For an arm, speeds of a
+        levels: torques as shares of the peak (L,); the one with the highest output is played. With links, speeds of a
             joint as shares of the largest; each joint has L outputs.
         constraint: of the training: "peak", "rms" or "arm".
     """

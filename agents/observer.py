@@ -58,10 +58,10 @@ class Constraint:
     rms: float | None = None
 
 
-ARM = "arm"  # constraint of policies that choose the motion of an arm
+ARM = "arm"  # constraint of policies that choose the motion of links
 CONSTRAINTS = {
     "peak": Constraint(6.0),  # peak of the paper's two tones
-    "rms": Constraint(MAX_TORQUE, 3.0),  # root mean square of the two tones; the drive bounds the peak
+    "rms": Constraint(MAX_TORQUE, 3.0),  # root mean square of the two tones; the motor bounds the peak
 }
 
 
@@ -209,7 +209,7 @@ class Observer:
 
 
 class Pilot:
-    """Controller that drives a simulated or real pendulum by a policy of `ExcitationDesign`.
+    """Controller that moves a simulated or real pendulum by a policy of `ExcitationDesign`.
 
     It implements `pendulum_env.policy.Controller`: it takes the `info` of a step of any backend and returns the torque
     of the next step. A torque is held for 20 ms and stays within the constraint. An episode begins at time 0.

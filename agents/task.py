@@ -1,4 +1,4 @@
-"""Base classes of the excitation tasks of a pendulum (`agents.design_env`) and an arm (`robots.arms.design_env`).
+"""Base classes of the excitation tasks of `agents.design_env` and `robots.arms.design_env`.
 
 All episodes of a batch have the same length and end together. The reward is the gain of information.
 """

@@ -137,8 +137,8 @@ def make_task(config: Config) -> DiscreteActions:
     options: dict[str, Any] = {"num_envs": config.pendulums, "autoreset_mode": "SameStep"}
     if config.constraint == ARM:
         mode = gym.VectorizeMode.VECTOR_ENTRY_POINT
-        arms = gym.make_vec(ARM_DESIGN, vectorization_mode=mode, robot=config.robot or None, draw=True, **options)
-        return DiscreteActions(arms, config)
+        task = gym.make_vec(ARM_DESIGN, vectorization_mode=mode, robot=config.robot or None, draw=True, **options)
+        return DiscreteActions(task, config)
     return TrainingTask(ExcitationDesignVector(constraint=config.constraint, **options), config)
 
 

@@ -19,7 +19,7 @@ def align(recordings: Recordings, terms: Terms = BASE, *, criterion: Criterion =
 
     Args:
         recordings: one or more.
-        terms: of the model, or their ids; for an arm `arm_base(body)`. Effects are fitted together with the delay.
+        terms: of the model, or their ids; with links `robots.arms.arm_base(body)`. Effects are fitted with the delay.
         criterion: limits of the decisions.
 
     Returns:

@@ -144,7 +144,7 @@ def _read_input(given: Any, number: str, mechanism: Mechanism, format: Source) -
 def select_terms(given: Terms | Model | None) -> tuple[Term, ...]:
     """Return terms by object, or by id with default nonlinear parameters; None for the four of the paper.
 
-    After the links of an arm, terms are at its joints, by id as in `stribeck@elbow`.
+    After links, terms are at joints, by id as in `stribeck@elbow`.
     """
     if given is None:
         return BASE
@@ -176,7 +176,7 @@ def select_effects(
 ) -> dict[str, type[Term]]:
     """Select effects from a library, by default all known effects: `only` some, or all `without` some.
 
-    For an arm, `stribeck` selects this effect at each possible joint, `stribeck@elbow` at one joint.
+    With links, `stribeck` selects this effect at each possible joint, `stribeck@elbow` at one joint.
     """
     kinds = list_effects(mechanism) if library is None else library
     known = {kind.id: kind for kind in place_effects(kinds.values(), mechanism)}
@@ -289,7 +289,7 @@ ModelSource = Model | HasModel | str | Path
 
 
 def check_model(given: ModelSource) -> Model:
-    """Return a model, of a result or file if given these, and check that it has inertia or is of an arm."""
+    """Return a model, of a result or file if given these, and check that it has inertia or links."""
     if isinstance(given, str | Path):
         given = Model.load(given)
     if not isinstance(given := getattr(given, "model", given), Model):

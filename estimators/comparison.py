@@ -52,7 +52,7 @@ def compare(
 ) -> Comparison:
     """Compare a model with recordings without a fit: torque residual and free-running simulation.
 
-    A logged current is converted by the torque constant of the model, or else of the known loads. The errors of an arm
+    A logged current is converted by the torque constant of the model, or else of the known loads. Errors with links
     are those of the torque of each joint, for all recordings together.
 
     Args:
@@ -63,11 +63,11 @@ def compare(
         criterion: limits of the decisions on recordings and residuals.
 
     Raises:
-        IdentificationError: if a recording or a joint of an arm moves too little, a recording is shorter than the
+        IdentificationError: if a recording or a joint moves too little, a recording is shorter than the
             horizon, or no recording has a quantity that the model needs, for example a temperature.
         ModelError: if the model has no inertia, or is of a current and the recordings are not.
         TypeError: if an argument is no model or recording.
-        ValueError: if the horizon is not above zero, or is given for an arm.
+        ValueError: if the horizon is not above zero, or is given with links.
     """
     check_options(criterion)
     model = check_model(model)
@@ -85,7 +85,7 @@ def compare(
     motion = find_preparation(recordings).simulate(model, recordings)
     joint = compute_recording_errors("all", joined, model, motion)
     residual = joined.residual(model.terms, model.theta)
-    is_fitted = separate and not joint.errors.is_in_loop
+    is_fitted = separate and not joint.errors.is_of_motion
     fits = fit_each_recording([joined.data], model.terms, criterion) if is_fitted else []
     has_torque = any(recording.has_logged_torque for recording in recordings)
     n_regions = max(1, DATA.regions // len(joint.floors))  # of all joints together

@@ -58,13 +58,13 @@ def identify(
     Parameters are those of the joint without the known loads of the recordings. With a logged current, known loads
     determine the torque constant. Otherwise parameters are per ampere, and a finding states the reason.
 
-    An arm has the base parameters of its links, and those of the terms at its joints. A sample in which a joint sticks
+    With links, the model has their base parameters and those of the terms at joints. A sample in which a joint sticks
     is left out of the row of this joint alone. Joints with less noise have more weight.
 
     Args:
         recordings: one or more; filters restart in each, and noisier recordings have less weight.
-        terms: terms of the model with nonlinear parameters set, or their ids; for an arm `arm_base(body)`, or
-            `Links(body)` and terms at its joints.
+        terms: terms of the model with nonlinear parameters set, or their ids; with links
+            `robots.arms.arm_base(body)`, or `Links(body)` and terms at its joints.
         schemes: schemes or their ids; a scheme that borrows the parameters of the momentum follows its lender.
         fixed: known values by name of the parameter: `{"gravity": 2.01}`.
         bounds: limits of other parameters: `{"viscous": (0.0, None)}`, None for no limit; an estimate beyond a bound
@@ -73,7 +73,7 @@ def identify(
 
     Raises:
         IdentificationError: if the recordings have too little motion, or no torque.
-        ValueError: if a name is unknown, a term is at no joint of an arm, or a scheme comes before its lender.
+        ValueError: if a name is unknown, a term is at no joint of the links, or a scheme comes before its lender.
         TypeError: if an argument is not of recordings, terms or schemes.
     """
     check_options(criterion)

@@ -31,7 +31,7 @@ QUANTITIES = ("position", "torque", "predicted_torque", "residual", "simulated_p
 class Prediction:
     """A recording of N samples and its prediction by a model.
 
-    Arrays are (N,), for an arm with n joints (N, n). A sample without a value is NaN.
+    Arrays are (N,), for n joints with links (N, n). A sample without a value is NaN.
 
     Attributes:
         name: name of the recording.
@@ -41,7 +41,7 @@ class Prediction:
             reverses within the window, and near gaps.
         predicted_torque: torque of the model for the measured motion, averaged over the same windows (N,) [N m].
         simulated_position: position of free-running simulations of one second, each from the measured state (N,) [rad].
-            A servo is simulated over the whole recording, from its goal. An arm is not simulated.
+            With a controller, the whole recording is simulated from its reference. Links are not simulated.
             `position_rms` leaves out seconds in which a small error grows tenfold.
         is_counted: mask of the samples in `torque_rms`, half a window apart (N,).
         is_held_out: mask of the samples that were not fitted (N,); None in a comparison.
@@ -65,7 +65,7 @@ class Prediction:
 
     @property
     def columns(self) -> dict[str, Array]:
-        """Return time and all quantities by name, (N,) each; those of an arm by joint (`torque_elbow`)."""
+        """Return time and all quantities by name, (N,) each; those of several joints by joint (`torque_elbow`)."""
         named = {"time": self.time}
         for quantity in QUANTITIES:
             for at, values in zip(self.units, getattr(self, quantity).reshape(len(self.time), -1).T, strict=True):
@@ -91,7 +91,7 @@ def predict_recordings(model: Model, data: FitData | None) -> tuple[Prediction, 
     loop = find_preparation(data.all_recordings).simulate(model, data.all_recordings)
     if data.is_comparison:
         predictions = [replace(prediction, is_held_out=None) for prediction in predictions]
-    with suppress(*[IdentificationError] * bool(loop)):  # a servo may move too little for a regression of its torque
+    with suppress(*[IdentificationError] * bool(loop)):  # a joint may move too little for a regression of its torque
         fitted, held_out = data.parts
         _predict(model, fitted, predictions[: len(data.recordings)], False)
         if not data.is_comparison:

@@ -59,15 +59,15 @@ class Comparison(Summarised):
 
     Attributes:
         model: the compared model.
-        recording_errors: errors on each recording; empty for an arm.
+        recording_errors: errors on each recording; empty with links.
         joint: errors on all recordings together.
         profiles: residual torque over position, velocity, torque, time and frequency, all recordings together; empty
-            for an arm.
-        regions: regions with a residual above the noise, the most significant first; for an arm, joint by joint.
+            with links.
+        regions: regions with a residual above the noise, the most significant first; with links, joint by joint.
         findings: on data and model.
         torque_constant: ratio of torque and current, if a current was converted.
         data: the compared recordings.
-        horizon: length of free runs [s]; None for an arm.
+        horizon: length of free runs [s]; None with links.
     """
 
     model: Model

@@ -321,7 +321,7 @@ _HINTS: dict[type[Term], SearchHints] = {
         alternative_starts={f"order_{k}": 2.0 for k in range(2, 6)},
     ),
     Spring: SearchHints(
-        # gravity may replace the linear part of a hardening spring; gravity of an arm is that of its links
+        # gravity may replace the linear part of a hardening spring; gravity of a linked mechanism is that of its links
         lambda kind, x, residual: [kind()] if kind.at else [kind(), kind(3.0)],
         alternative_starts={"degree": 3.0},
     ),

@@ -31,7 +31,7 @@ def simulate(
 ) -> Recording:
     """Simulate the motion of a model under a torque, without noise.
 
-    Each torque is held until the next sample, as by a drive. Integration steps are at most 1 ms long; a joint that
+    Each torque is held until the next sample, as by a motor. Integration steps are at most 1 ms long; a joint that
     sticks stands still. `Recording.columns` has the arrays `time`, `position`, `velocity` and `torque` (N,). Friction
     that depends on temperature is that at 25 deg C.
 
@@ -48,7 +48,7 @@ def simulate(
     Raises:
         ModelError: if the model has no inertia, or the data did not determine it.
         TypeError: if the model is no model, or the torque or a number has another type.
-        ValueError: if the model is of an arm, a number is not finite or out of its range, or the duration is missing.
+        ValueError: if the model has links, a number is not finite or out of its range, or the duration is missing.
     """
     model = check_model(model)
     if not model.mechanism.can_simulate:

@@ -28,8 +28,8 @@ Action = NDArray[np.float32]
 class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
     """Direct-drive pendulum with a torque input and an encoder, without a task.
 
-    The reward is always 0. An episode ends at the end of a replayed recording (truncated) or at a fault of the rig's
-    drive (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`: its reward is the information of
+    The reward is always 0. An episode ends at the end of a replayed recording (truncated) or at a fault of the
+    rig (terminated). To train an agent, make `pendulum_env/ExcitationDesign-v0`: its reward is the information of
     the motion. Or wrap this environment in `EstimateParameters` and `InformationReward`, or in a custom reward, and
     give `gymnasium.make` a `max_episode_steps`.
 
@@ -142,7 +142,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         Args:
             seed: seed of the measurement noise.
             options: of a simulated plant: `position` [rad], `velocity` [rad/s], and `theta`, parameters of the plant
-                and its effects by name, for this and later episodes. Of a rig: `clear_fault`, True to enable the drive
+                and its effects by name, for this and later episodes. Of a rig: `clear_fault`, True to enable the motor
                 again after the cause of a fault is removed.
 
         Raises:

@@ -30,7 +30,7 @@ class Controller(Protocol):
     """Interface of controllers, which compute the torque from the measurements in `info`."""
 
     def torque(self, info: Mapping[str, Any]) -> float | Array:
-        """Return the torque of the next period [N m], of an arm (n,), from the environment's `info`."""
+        """Return the torque of the next period [N m], of n joints (n,), from the environment's `info`."""
 
 
 class OpenLoop:

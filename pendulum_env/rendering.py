@@ -1,4 +1,4 @@
-"""Picture of a pendulum or an arm: links, torques as arcs about the joints, and lines of text."""
+"""Picture of a mechanism: links, torques as arcs about the joints, and lines of text."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ WIDTH, HEIGHT = 600, 480  # [pixels]
 REACH, BOB = 173, 18  # [pixels], length of all links together, and radius of the discs at their ends
 LINE, MAX_LINES = 20, 15  # [pixels] between lines of text, and largest number of lines
 FRAMES = 50  # pictures per second of simulated time, in a window
-PAPER, INK, ARM, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 92, 40)
+PAPER, INK, LINK, TORQUE = (250, 249, 246), (40, 44, 52), (52, 101, 164), (204, 92, 40)
 
 
 class Renderer:
@@ -86,8 +86,8 @@ class Renderer:
                 turn = np.linspace(0.0, angle, 40)
                 arc = pivot + 0.36 * reach * share * np.column_stack([np.sin(turn), np.cos(turn)])
                 pygame.draw.lines(surface, TORQUE, False, arc.tolist(), 5)
-            pygame.draw.line(surface, ARM, pivot.tolist(), bob.tolist(), 12)
-            pygame.draw.circle(surface, ARM, bob.tolist(), BOB)
+            pygame.draw.line(surface, LINK, pivot.tolist(), bob.tolist(), 12)
+            pygame.draw.circle(surface, LINK, bob.tolist(), BOB)
             pygame.draw.circle(surface, INK, pivot.tolist(), 7)
             pivot = bob
         if self.mode == "rgb_array":

@@ -7,7 +7,7 @@ imitate late torque, because no effect acts before its cause. Several effects to
 
     tau(t) = u(t + delay)                    delay > 0: logged late; delay < 0: acts late, as after a dead time
     tau = u + lag u'                         lag > 0: logged through a low-pass filter
-    tau + |lag| tau' = u                     lag < 0: acts through a low-pass filter, as after the lag of a drive
+    tau + |lag| tau' = u                     lag < 0: acts through a low-pass filter, as after an actuator
 
 Torque that is sampled while it changes is half a sample late. An example is every tenth sample of a controller.
 """
@@ -100,7 +100,7 @@ class Alignment:
 
     @property
     def lag(self) -> float:
-        """Time constant of the filter in the log [s]; if negative, of the drive."""
+        """Time constant of the filter in the log [s]; if negative, of the actuator."""
         return self.channel.lag
 
     @property

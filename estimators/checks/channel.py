@@ -176,7 +176,7 @@ def estimate_alignment(
     residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
 
     Returns:
-        The alignment. It is `NO_ALIGNMENT` if the recordings are too short or a drive requested the torque. It is also
+        The alignment. It is `NO_ALIGNMENT` if the recordings are too short or a controller set the torque. It is also
         returned if the residual of a closed loop is not noise, or a delay replaces the inertia.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else recordings
@@ -251,7 +251,7 @@ def estimate_alignments(
 ) -> list[Alignment]:
     """Align all recordings together, or separately if they differ; see `estimate_alignment`.
 
-    All recordings have the same drive and log. The law of all, or of one recording, holds for all if more than half
+    All recordings have the same actuator and log. The law of all, or of one recording, holds for all if more than half
     agree with it. A recording that contradicts it keeps its own law, unless torque acts late by that law. In closed
     loops all share the law of all recordings. If they do not determine it, each must determine its own, because a
     delay fits the controller's answer more easily with less motion.
@@ -276,5 +276,5 @@ def estimate_alignments(
 
 
 def _acts_late(law: Alignment) -> bool:
-    """Return whether torque acts late, a property of the drive instead of the log."""
+    """Return whether torque acts late, a property of the actuator instead of the log."""
     return law.is_found and not law.is_late

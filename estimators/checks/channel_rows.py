@@ -49,7 +49,7 @@ def make_channel_rows(
 
     Args:
         recordings: with known torque.
-        terms: effects of the joint; for an arm all terms of the model, the links first. Fixed columns are left out.
+        terms: effects of the joint; with links all terms of the model, the links first. Fixed columns are left out.
         latest: largest delay [s].
         criterion: length of a block, and limits of driven and braked motion.
 

@@ -41,7 +41,7 @@ class Feedback(Finding):
 def find_feedback(recordings: Sequence[Recording], criterion: Criterion = Criterion()) -> list[Feedback]:
     """Find recordings in which torque reacts to unpredicted changes of position within a few samples.
 
-    A finding has the median gain of the recordings with one unit. Arms are not tested.
+    A finding has the median gain of the recordings with one unit. Several joints are not tested.
     """
     gains: dict[str, dict[str, float]] = {}
     for recording in (recording for recording in recordings if recording.position.ndim == 1):
@@ -55,7 +55,7 @@ def find_feedback(recordings: Sequence[Recording], criterion: Criterion = Criter
 
 
 def have_one_frequency(recordings: Sequence[Recording], criterion: Criterion = Criterion()) -> bool:
-    """Return whether all recordings of one joint have the same single frequency; an arm has not."""
+    """Return whether all recordings have the same single frequency; False for several joints."""
     if any(recording.position.ndim > 1 for recording in recordings):
         return False
     longest = [max(recording.segments, key=len) for recording in recordings]
@@ -80,7 +80,7 @@ def is_consistent(
     of the residual without it. If torque reacts to the motion, only noise is consistent.
 
     Args:
-        recordings: recordings of the fit; those of an arm are only tested for their frequencies.
+        recordings: recordings of the fit; those of several joints are only tested for their frequencies.
         data: their windows.
         residual: weighted residual of the fit (R,) [N m].
         untimed: the same without a correction of the time (R,) [N m].

@@ -75,7 +75,7 @@ def find_remedies(
     is_complete: bool = True,
     criterion: Criterion = Criterion(),
 ) -> list[Finding]:
-    """Find wrong columns by the model fitted to recordings, or else friction that drives.
+    """Find wrong columns by the model fitted to recordings, or else friction that accelerates.
 
     A shifted zero is not reported for an incomplete model, because a missing effect may imitate it. No column is
     reported if a tilt is ambiguous.

@@ -11,7 +11,7 @@ from pendulum_env.physics import Model
 
 @dataclass(frozen=True)
 class NegativeParameters(Finding):
-    """Parameters that came out negative, which no body has: friction, or gravity beside a spring."""
+    """Parameters that came out negative, which is unphysical: friction, or gravity beside a spring."""
 
     parameters: tuple[str, ...]
 

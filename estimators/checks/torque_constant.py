@@ -1,4 +1,4 @@
-"""Torque constant of a drive that logs its current, from known loads.
+"""Torque constant of a motor with logged current, from known loads.
 
 With a current i = tau / K, every parameter is fitted per ampere: motion alone does not determine K. A load of known
 inertia dI and gravity dmgl that differs between recordings determines it,
@@ -8,8 +8,8 @@ inertia dI and gravity dmgl that differs between recordings determines it,
 The torque of the known loads is a column, fitted together with the law of the torque channel. A varying load torque
 that is measured at the output belongs to the same column; one recording is then enough.
 
-Source: Gautier and Briot, Journal of Dynamic Systems, Measurement, and Control 136(5), 2014 (drive gains of robots from
-known payloads).
+Source: Gautier and Briot, Journal of Dynamic Systems, Measurement, and Control 136(5), 2014 (torque constants of robots
+from known payloads).
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from pendulum_env.recording import NEWTON_METRE, Recording, TorqueConstant
 
 @dataclass(frozen=True)
 class UnknownConstant(Finding):
-    """Unknown torque constant of a drive that logs another unit than N m.
+    """Unknown torque constant of a motor with torque logged in another unit than N m.
 
     Attributes:
         logged: unit of the log, "A" for example.
@@ -63,7 +63,7 @@ class GearLosses(Finding):
 
     Attributes:
         constant: the torque constant.
-        share: share of the motion that the motor drives.
+        share: share of the motion that the motor causes.
         is_braked: whether the load torque nearly always opposes the motion.
     """
 
@@ -153,7 +153,7 @@ def find_gain_doubts(
 ) -> list[Finding]:
     """Find errors that the torque constant of a model in N m may have.
 
-    Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the drive does not log amperes.
+    Gear losses may be part of it if nearly all motion is driven or braked, back-EMF if the log is not in amperes.
     """
     findings, share = list[Finding](), compute_driven_share(data, data.torque.recorded)
     is_braked = is_brake(data, criterion.columns)

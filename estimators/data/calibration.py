@@ -104,7 +104,7 @@ def convert_to_model_unit(
 ) -> Recordings:
     """Return recordings in the unit of torque of a model, with decided conventions of controllers.
 
-    A drive's own conventions come before those of the model. Currents are converted by the model's torque constant,
+    Conventions of a controller come before the model's. Currents are converted by the model's torque constant,
     else by known loads.
 
     Raises:

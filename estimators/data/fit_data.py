@@ -35,7 +35,7 @@ class FitData:
         doubt: finding if the torque constant, or the inertia of free swings, is unknown; else None.
         timing: time between torque and motion of each recording, fitted ones first. Empty before `with_timing`.
         cut: how recordings of a pendulum are cut into windows and segments.
-        terms: terms that may be fitted to an arm, the links first; empty for a pendulum.
+        terms: terms that may be fitted to a linked mechanism, the links first; empty for a pendulum.
         treatments: findings on each treatment, in order.
         excluded: disagreements of the recordings that were excluded from the fit.
         whole: the data before recordings were excluded; None without exclusion.
@@ -65,13 +65,13 @@ class FitData:
     ) -> Self:
         """Return data with torque in N m, by the known loads of fitted recordings.
 
-        Free swings alone are in N m if a parameter is known, else relative to the inertia. Currents of an arm, and of
+        Free swings alone are in N m if a parameter is known, else relative to the inertia. Currents with links, and of
         a controller with an integral part, are not converted.
 
         Args:
             recordings: to fit.
             holdout: to check on.
-            terms: of the base model; of an arm all terms that may be fitted, the links first.
+            terms: of the base model; with links all terms that may be fitted, the links first.
             known: known parameters by name, which scale free swings; by default those of the terms.
             criterion: limits of the decisions.
 
@@ -183,7 +183,7 @@ class FitData:
         return replace(self, cut=replace(self.cut, horizon=horizon)).with_parts((train, holdout))
 
     def without_history(self, terms: tuple[Term, ...] = ()) -> Self:
-        """Return the data without memoised results, `whole` and logged torque; those of an arm with `terms` instead."""
+        """Return the data without memoised results, `whole` and logged torque; with links, with `terms` instead."""
         timing = replace(self.timing, logged=())
         result = replace(self, terms=terms if self.terms else (), whole=None, timing=timing)
         if "parts" in vars(self):

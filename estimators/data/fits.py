@@ -106,7 +106,7 @@ def compute_parameter_changes(data: RegressionData, model: Model, change: Array)
 
 
 def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:
-    """Return the rows of the terms without the lower bounds of a body that parameters `theta` (P,) meet by noise alone.
+    """Return the rows of the terms without the bounds at zero that parameters `theta` (P,) meet by noise alone.
 
     A parameter meets its bound by noise if its fit without the bound is not significant. Without it, it has an error.
     """

@@ -36,10 +36,10 @@ class ResidualWithoutPlace(Finding):
     """Residual at no one speed, angle or time.
 
     Attributes:
-        residual: torque; of servos the mean position error of a simulation from the goals.
+        residual: torque; with controllers the mean position error of a simulation from the references.
         noise_ratio: its ratio to the noise floor, or to the noise of the encoder.
-        worst: error of the servo's recording with the largest; None for a single recording.
-        recording: name of that recording; empty without a servo.
+        worst: largest error of a recording; None for a single recording.
+        recording: name of that recording; empty without a controller.
     """
 
     residual: Quantity

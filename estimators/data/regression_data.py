@@ -38,8 +38,8 @@ class RegressionData:
 
     Attributes:
         data: windows of the recorded motion and torque.
-        segments: of each recording, for simulation; empty for an arm and with `rollouts`.
-        base: terms of the model that gives the inertia in the noise; the links of an arm come first.
+        segments: of each recording, for simulation; empty with links and with `rollouts`.
+        base: terms of the model that gives the inertia in the noise; links come first.
         rollouts: maker of rows of simulated positions; None for rows of torque.
     """
 
@@ -80,7 +80,7 @@ class RegressionData:
     def from_arm(
         cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term], block: float = BLOCK
     ) -> RegressionData:
-        """Cut recordings of an arm into windows for some terms, the links first; raises errors of `prepare_arm`."""
+        """Cut recordings of joints into windows for some terms, the links first; raises errors of `prepare_arm`."""
         return cls(prepare_arm(recordings, terms, block=block), base=list_base_terms(find_mechanism(terms)))
 
     @classmethod

@@ -54,7 +54,7 @@ class CutSettings:
 def split_arm(
     recordings: Sequence[Recording], holdout: Sequence[Recording] = ()
 ) -> tuple[list[Recording], list[Recording]]:
-    """Return fitted and held-out recordings of an arm; without `holdout`, the last 30 % of each is held out."""
+    """Return fitted and held-out recordings with links; without `holdout`, the last 30 % of each is held out."""
     if holdout:
         return list(recordings), list(holdout)
     pairs = [recording.split(1 - HELD_OUT) for recording in recordings]

@@ -29,7 +29,7 @@ class DataChange:
 
     @property
     def has_new_inputs(self) -> bool:
-        """Return whether it changes loads or goals: models with and without it have their own data."""
+        """Return whether it changes loads or references: models with and without it have their own data."""
         return False
 
     @property

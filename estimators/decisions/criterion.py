@@ -1,4 +1,4 @@
-"""Limits of all decisions: on models, recordings, timing, columns of a log and servos."""
+"""Limits of all decisions: on models, recordings, timing, columns of a log and controllers."""
 
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, cast
@@ -130,7 +130,7 @@ class ColumnLimits(Limits):
 
 @dataclass(frozen=True, repr=False)
 class LoopLimits(Limits):
-    """Limits for servos with their controller in the loop.
+    """Limits for recordings with a controller.
 
     Attributes:
         needed: least share of the squared error that an effect explains; sticking alone changes the error.
@@ -138,7 +138,7 @@ class LoopLimits(Limits):
         counts_p_value: largest p-value of a gain by which counts overrule exact positions: most controllers read
             counts.
         same: gain between two conventions below which their motion is equal [nat]: the output does not reach its limit.
-        faithful: ratio of a model's error to that of the encoder below which the reading of the goals is kept.
+        faithful: ratio of a model's error to that of the encoder below which the reading of the references is kept.
         slow_rate: assumed rate of a controller of unknown rate [Hz].
         torque_scale: relative difference of logged and requested torque that is reported.
     """

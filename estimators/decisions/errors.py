@@ -12,6 +12,7 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Term, list_loads
 
 Terms = tuple[Term, ...]
+FILE_NAMES = {"motion": "in_loop", "motion_rms": "in_loop_rms"}  # other names of attributes of `Errors` in files
 
 
 @dataclass(frozen=True, repr=False)
@@ -19,16 +20,16 @@ class Errors:
     """Errors of a model on some data; NaN if unknown.
 
     Attributes:
-        torque_rms: RMS of measured minus modelled torque over windows, the paper's norm (10) [N m]; NaN of an arm
-            in which some joints turn and others slide.
-        position_rms: RMS of measured minus simulated position of free runs over segments [rad]; NaN of an arm, or if
+        torque_rms: RMS of measured minus modelled torque over windows, the paper's norm (10) [N m]; NaN for links
+            of which some joints turn and others slide.
+        position_rms: RMS of measured minus simulated position of free runs over segments [rad]; NaN with links, or if
             the inertia is unknown.
         torque_fit: 100 (1 - torque_rms / standard deviation of the torque) [%]; 0 is as good as a constant.
         position_fit: the same of the position in segments [%].
         joints: torque RMS of each joint by name [N m].
         shares: torque RMS of each joint over the RMS of its torque; None without a motor.
-        in_loop: of servos, mean absolute position error of simulations with the controller in the loop [rad].
-        in_loop_rms: RMS of the same [rad].
+        motion: mean absolute position error of whole recordings, simulated from the reference of a controller [rad].
+        motion_rms: RMS of the same [rad].
     """
 
     torque_rms: float
@@ -37,34 +38,34 @@ class Errors:
     position_fit: float = np.nan
     joints: Mapping[str, float] = field(default_factory=dict)
     shares: Mapping[str, float | None] = field(default_factory=dict)
-    in_loop: float = np.nan
-    in_loop_rms: float = np.nan
+    motion: float = np.nan
+    motion_rms: float = np.nan
 
     def __repr__(self) -> str:
         errors = [f"{name}={value:.4g}" for name, value in self._totals.items()]
         errors += [f"{joint}={error:.4g}" for joint, error in self.joints.items() if joint]
         return f"<Errors: {', '.join(errors)}>"
 
-    def with_loop_errors(self, error: Array) -> Errors:
-        """Return the errors with those in the loop, of positions (R,) [rad]."""
+    def with_motion_errors(self, error: Array) -> Errors:
+        """Return the errors with those of simulated positions (R,) [rad]."""
         mean, rms = float(np.mean(np.abs(error))), float(np.sqrt(np.mean(error**2)))
-        return replace(self, in_loop=mean, in_loop_rms=rms)
+        return replace(self, motion=mean, motion_rms=rms)
 
     @property
-    def is_in_loop(self) -> bool:
-        """Return whether the errors include those of simulations with the controller in the loop."""
-        return bool(np.isfinite(self.in_loop))
+    def is_of_motion(self) -> bool:
+        """Return whether the errors include those of motion simulated with a controller."""
+        return bool(np.isfinite(self.motion))
 
     @property
-    def loop(self) -> tuple[float, ...]:
-        """Return mean and RMS of the error in the loop [rad]; empty without a controller."""
-        return (self.in_loop, self.in_loop_rms) if self.is_in_loop else ()
+    def motion_errors(self) -> tuple[float, ...]:
+        """Return mean and RMS of the error of motion [rad]; empty without a controller."""
+        return (self.motion, self.motion_rms) if self.is_of_motion else ()
 
     @property
     def kinds(self) -> dict[str, str]:
-        """Names of the errors that decide on a model, that of joints first, with their units."""
-        if self.is_in_loop:
-            return {"in_loop": "rad"}
+        """Names of the errors that decide on a model, as in files, that of joints first, with their units."""
+        if self.is_of_motion:
+            return {FILE_NAMES["motion"]: "rad"}
         return {"torque_rms": "N m"} | ({"position_rms": "rad"} if np.isfinite(self.position_rms) else {})
 
     @property
@@ -75,16 +76,22 @@ class Errors:
     @property
     def total(self) -> float:
         """Error of the first of the `kinds`, of all joints."""
-        return float(getattr(self, next(iter(self.kinds))))
+        return self.get_error(next(iter(self.kinds)))
+
+    def get_error(self, kind: str) -> float:
+        """Return the error of one of the `kinds`; NaN if unknown."""
+        attributes = {name: attribute for attribute, name in FILE_NAMES.items()}
+        return float(getattr(self, attributes.get(kind, kind)))
 
     def get_joint_error(self, joint: str) -> float:
-        """Return the torque error at a joint [N m]; without joints, the error in the loop [rad]."""
+        """Return the torque error at a joint [N m]; without joints, the error of motion [rad]."""
         return get_error_at(self.joints, joint, self.total)
 
     @property
     def _totals(self) -> dict[str, float]:
-        """Return the known errors of all joints together, by name."""
-        return {name: size for name, size in vars(self).items() if isinstance(size, float) and np.isfinite(size)}
+        """Return the known errors of all joints together, by name in files."""
+        errors = {FILE_NAMES.get(name, name): size for name, size in vars(self).items()}
+        return {name: size for name, size in errors.items() if isinstance(size, float) and np.isfinite(size)}
 
     def json(self) -> JSON:
         """Return a dictionary for JSON, without unknown errors."""
@@ -148,8 +155,8 @@ class ErrorFall(Finding):
     """Held-out errors that an effect lowers.
 
     Attributes:
-        changes: errors before and after, by kind; empty of an arm.
-        joint: joint of an arm; empty for a pendulum.
+        changes: errors before and after, by kind; empty with links.
+        joint: name of the joint; empty for a pendulum.
         ratio: torque error of that joint after over before; None for a pendulum.
     """
 
@@ -164,7 +171,7 @@ def compute_error_fall(before: Step, after: Step) -> ErrorFall:
     units = {kind: after.model.units().unit(unit) for kind, unit in (old.kinds | new.kinds).items()}
     return ErrorFall(
         {
-            kind: Change(Quantity(getattr(old, kind), unit=unit), Quantity(getattr(new, kind), unit=unit))
+            kind: Change(Quantity(old.get_error(kind), unit=unit), Quantity(new.get_error(kind), unit=unit))
             for kind, unit in units.items()
         }
     )

@@ -1,4 +1,4 @@
-"""Addition of one chosen effect to a model: by torque and free runs, or of servos in the loop."""
+"""Addition of one chosen effect to a model: by torque and free runs, or by motion with a controller."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def add(
 
     Args:
         model: to start from: a model, a result with a model, or the path of a model file.
-        id: of the effect or table (`torque_by_angle`); of an arm at a joint, `stribeck@elbow`.
+        id: of the effect or table (`torque_by_angle`); with links at a joint, `stribeck@elbow`.
         recordings: fitted jointly.
         holdout: confirm the effect; by default the last 30 % of each recording.
         progress: called with the present work and the share that is done.

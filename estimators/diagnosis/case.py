@@ -174,7 +174,7 @@ class Trial:
         return replace(step, model=step.model.mark_biased()) if is_final and self.unexplained else step
 
     def release_bounds(self, model: Model) -> Model:
-        """Return a model refitted within bounds of the laws alone, if a parameter is at a body's bound; else it."""
+        """Return a model refitted within bounds of the laws alone, if a parameter is at a bound of zero; else it."""
         has_bound = any(model.estimates[column.name].at_bound for column in model.columns if column.is_of_body)
         return fit_within_laws(self.evidence.train, model.terms) if has_bound else model
 

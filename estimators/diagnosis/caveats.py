@@ -39,7 +39,7 @@ class PartOfTurn(Finding):
 
 @dataclass(frozen=True)
 class UnknownScale(Finding):
-    """Unknown scale of all parameters, as friction by load would not show: `share` of the motion that torque drives."""
+    """Unknown scale of all parameters, as friction by load would not show: `share` of the motion that torque causes."""
 
     share: float
 
@@ -85,7 +85,7 @@ def _find_part_of_turn(evidence: Evidence, base: Model, model: Model, reach: flo
 
 
 def _find_unknown_scale(evidence: Evidence, terms: Terms, known: Sequence[Detectable]) -> list[Finding]:
-    """Return a finding if friction by load may scale all parameters: torque drives the motion and does not show it."""
+    """Return a finding if friction by load may scale all parameters: torque causes the motion and does not show it."""
     data, kinds = evidence.train.data, {id: kind for id, kind in evidence.library.items() if kind.can_hide_scale}
     share = compute_driven_share(data, data.torque.recorded)
     is_known = not kinds or any(term.can_hide_scale for term in terms)

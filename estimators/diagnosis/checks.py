@@ -50,7 +50,7 @@ class Subject:
         verb: function that made the model.
         case: case of the model and the recordings.
         data: recordings with their treatments, before recordings were excluded.
-        model: the model; of a diagnosis refitted without the bounds of a body.
+        model: the model; of a diagnosis refitted within bounds of the laws alone.
         doubts: findings of the fit: parameters that the recordings do not determine, and changed filters.
         fits: fits of single recordings, of `identify` and `compare`.
         rows: rows of the windows, of `identify`; None if too little of the motion is clear of stick.
@@ -129,7 +129,7 @@ def applies_to(*verbs: Verb, needs_sign: bool = False) -> Callable[[Check], Chec
 
 @applies_to("identify", "diagnose")
 def check_columns(subject: Subject) -> Iterable[Finding]:
-    """Find a column with a wrong sign or zero, or friction that drives."""
+    """Find a column with a wrong sign or zero, or friction that accelerates."""
     criterion = subject.data.criterion
     if subject.verb == "identify":
         return find_remedies(subject.model, subject.data.recordings, criterion=criterion)
@@ -146,7 +146,7 @@ def check_torque_constant(subject: Subject) -> Iterable[Finding]:
 
 @applies_to("diagnose")
 def check_gain(subject: Subject) -> Iterable[Finding]:
-    """Find gear losses and back-EMF in the torque constant of a drive."""
+    """Find gear losses and back-EMF in the torque constant."""
     data, constant, (_, diagnosis) = subject.data, subject.data.recordings[0].torque_constant, subject.found
     return [] if constant is None else find_gain_doubts(diagnosis.model, constant, data.parts[0].data, data.criterion)
 

@@ -27,7 +27,7 @@ class Incomplete(Finding):
         noise_ratio: largest ratio of residual and noise floor; None if the residual is noise.
         disagreement: largest difference of two schemes [standard errors]; None if they agree.
         parameters: names of the parameters on which the schemes disagree.
-        joints: names of the joints of an arm with a residual.
+        joints: names of the joints with a residual.
     """
 
     noise_ratio: float | None = None
@@ -52,7 +52,7 @@ class IdentifiedModel:
 
 
 def require_noise(after: IdentifiedModel, before: IdentifiedModel) -> Iterator[Gate]:
-    """Test the residual of each joint: at most `agreement.unexplained` noise floors, and of an arm no correlation."""
+    """Test the residual of each joint: at most `agreement.unexplained` noise floors, and with links no correlation."""
     rows, criterion = after.rows, after.criterion
     residual, inertias = rows.residual(after.terms), rows.inertias(after.terms)
     limit = criterion.agreement.unexplained

@@ -29,7 +29,7 @@ class Contact(Finding):
     """Contacts of a joint that no effect explains.
 
     Attributes:
-        joint: joint of an arm; empty for a pendulum.
+        joint: name of the joint; empty for a pendulum.
         count: number of contacts.
         torque, angle, time: unexplained torque of the largest, and its place.
         recording: name of its recording.

@@ -159,8 +159,8 @@ def suggest_experiment(
     if not limited_aims:
         return suggestion, aims, None
     units = model.units()
-    goal = None if place is None else Quantity(place, unit=units.unit("rad"))
-    return suggestion, aims, UnreachableAims(tuple(limited_aims), limits.list_quantities(units), goal)
+    target = None if place is None else Quantity(place, unit=units.unit("rad"))
+    return suggestion, aims, UnreachableAims(tuple(limited_aims), limits.list_quantities(units), target)
 
 
 def _choose_experiment(

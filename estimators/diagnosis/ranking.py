@@ -94,7 +94,7 @@ def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step
     least = evidence.criterion.tie_probability
     tied = sorted((id for id in odds if id != term.id and odds[id] > least), key=lambda id: -odds[id])
     score = evidence.criterion.max_score * share
-    if evidence.train.segments or before.errors["holdout"].is_in_loop:
+    if evidence.train.segments or before.errors["holdout"].is_of_motion:
         error_with, error_without = (step.errors["holdout"].get_joint_error(term.at) for step in (after, before))
         reason = compute_error_fall(before, after)
     else:  # without a simulation

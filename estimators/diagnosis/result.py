@@ -167,7 +167,7 @@ class Diagnosis(Summarised):
         steps: the base model, then one entry for each added effect.
         candidates: verdict on each effect of the library, selected effects first.
         ambiguous: groups of ids of effects that the data cannot distinguish, the selected one first.
-        unexplained: regions of the residual of the final model; empty if it is noise. An arm has one region for each
+        unexplained: regions of the residual of the final model; empty if it is noise. Links have one region for each
             joint with a residual.
         floors: noise floor of the held-out torque at each joint [N m]; in the loop the mean position error by the
             encoder [rad].
@@ -180,7 +180,7 @@ class Diagnosis(Summarised):
         detectable: absent effects that the data would have shown; none if a residual is unexplained.
         torque_constant: constant by which a current was converted; None if torque was logged, or it is unknown.
         data: data of the diagnosis, without excluded recordings; None if it was read from a file.
-        joint_residuals: residual of joints of an arm that is not noise [N m], see `find_joint_residuals`.
+        joint_residuals: residual of joints with links that is not noise [N m], see `find_joint_residuals`.
         treatments: tried treatments of the recordings, in order; those of the preparation are in `data`.
         refit: refit to free-running motion over a horizon; None without a horizon.
         evidence: fits and scores of the search; `evidence.fits.fit_model(candidate.terms)` is a candidate. Not pickled.

@@ -57,12 +57,13 @@ def diagnose(
     fitted. Known loads are not part of the model; with a logged current they determine the torque constant. Without
     known loads, parameters are per ampere.
 
-    Effects of an arm are searched at its joints by torque alone, without simulation or suggested experiments.
+    With links, effects are searched at the joints by torque alone, without simulation or suggested experiments.
 
     Args:
         recordings: fitted jointly.
         holdout: confirm effects; by default the last 30 % of each recording, or of its motion if that comes late.
-        base: at least one term to start from, or its id; for an arm `arm_base(body)`, or `Links(body)` first.
+        base: at least one term to start from, or its id; with links `robots.arms.arm_base(body)`, or `Links(body)`
+            first.
         progress: called with the present work and the share that is done.
         max_torque: bound of the experiment's torque [N m]. The default is the largest recorded torque, or, if larger,
             the smaller of 6 N m and ten times the largest. Logs in other units use the largest recorded torque.
@@ -70,7 +71,7 @@ def diagnose(
             recorded range, or for a joint that makes whole turns, as many turns in either direction.
         max_speed: largest speed [rad/s]; by default the highest recorded speed.
         library: effects that may be selected, by id; by default all registered effects.
-        only: ids of the searched effects; by default all. For an arm `stribeck`, or `stribeck@elbow` at one joint.
+        only: ids of the searched effects; by default all. With links `stribeck`, or `stribeck@elbow` at one joint.
         without: ids of effects that are not searched.
         fixed: known values by name of the parameter: `{"gravity": 2.01}`.
         bounds: of other parameters: `{"stribeck": (0.0, 0.5), "cogging.order": (10, None)}`; None is no limit.
@@ -81,7 +82,7 @@ def diagnose(
     Raises:
         IdentificationError: if the recordings hold too little motion, or are shorter than the horizon.
         ValueError: if a name is unknown, the horizon is not above zero, or the horizon or bounds of the experiment are
-            given for an arm or for servos.
+            given with links or for recordings with a controller.
         TypeError: if an argument is neither recordings nor terms.
     """
     check_options(criterion, progress)

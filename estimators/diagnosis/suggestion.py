@@ -73,14 +73,14 @@ class Suggestion:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""
-        drive = {"signal": encode_signal(self.signal)} if self.signal is not None else {"release": self.release}
+        excitation = {"signal": encode_signal(self.signal)} if self.signal is not None else {"release": self.release}
         return {
             "settles": [{"effect": aim.effect, "instead": aim.instead} for aim in self.settles],
             "seconds": self.seconds,
             "peak_torque": self.peak_torque,
             "reach": list(self.reach),
             "peak_speed": self.peak_speed,
-            **drive,
+            **excitation,
         }
 
     @classmethod

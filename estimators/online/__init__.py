@@ -4,7 +4,7 @@
                  |
                Binner -> bins of motion -> Diagnoser: missing effects, changed parameters
 
-A stream converts samples of B pendulums (`stream`), or samples of an arm in chunks (`arm_stream`), into equations. Both
+A stream converts samples of B pendulums (`stream`), or with links in chunks (`arm_stream`), into equations. Both
 take samples by `take(time, position, torque)`, and restart by `reset(which)`. `stream_recording` takes a recording.
 """
 

@@ -1,4 +1,4 @@
-"""Conversion of samples of an arm into the equations of all its joints, chunk by chunk."""
+"""Conversion of samples of a linked mechanism into the equations of all its joints, chunk by chunk."""
 
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ from pendulum_env.recording import Recording
 
 
 class ArmStream:
-    """Conversion of samples of an arm into the equations of schemes, equal to those of `identify`.
+    """Conversion of samples of a linked mechanism into the equations of schemes, equal to those of `identify`.
 
     A sample gives one equation per joint. An energy scheme gives one equation per sample, with the last joint.
 
@@ -133,10 +133,10 @@ def make_stream(
     batch: int,
     noise: float = 0.0,
 ) -> Stream | ArmStream:
-    """Create the stream of B pendulums, or of an arm if a term is its links, which ignores `noise`.
+    """Create the stream of B pendulums, or of a linked mechanism if a term is its links, which ignores `noise`.
 
     Raises:
-        ValueError: if `batch` is not 1 for an arm.
+        ValueError: if `batch` is not 1 with links.
     """
     if any(isinstance(term, Links) for term in terms):
         if batch != 1:

@@ -258,7 +258,7 @@ class Bins:
         y: mean torque divided by `scale` (R,) [N m].
         plant: joints and layout of the bins.
         at: name of the joint of each bin (R,).
-        link_columns: mean columns of the links of an arm, not divided by `scale` (R, G) [N m]; G = 0 for a pendulum.
+        link_columns: mean columns of the links, not divided by `scale` (R, G) [N m]; G = 0 for a pendulum.
         scale: error scale of the joint of each bin, relative to the mean of all joints (R,).
         slices: mean torque in slices, see `Bin` (R, K) [N m].
         torque_noise: standard deviation of the noise of y (R,) [N m]; NaN while it is unknown.

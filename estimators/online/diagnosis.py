@@ -81,7 +81,7 @@ class OnlineDiagnosis:
         none: probability that no effect predicts better than the running model.
         motion: time of motion since the model began to run [s].
         error: root mean square a-priori error of the running model over the last seconds of motion [N m].
-        floor: part of the error by noise and discretisation [N m]; NaN while it is unknown, and of an arm.
+        floor: part of the error by noise and discretisation [N m]; NaN while it is unknown, and with links.
         added: ids of effects added to the running model.
         not_run: effects without online diagnosis, with the reason.
         changed: change and standard error of each changed parameter in its unit, the most significant first; empty
@@ -116,7 +116,7 @@ class OnlineDiagnosis:
 
 
 class Diagnoser:
-    """Online diagnosis of B pendulums, or of an arm, one sample of each per step.
+    """Online diagnosis of B pendulums, or of a linked mechanism, one sample of each per step.
 
     Attributes:
         each: monitors, one per plant.
@@ -142,7 +142,7 @@ class Diagnoser:
 
         Args:
             rate: samples per second [Hz].
-            terms: of the model, with values of their nonlinear parameters; for an arm, the links come first.
+            terms: of the model, with values of their nonlinear parameters; links come first.
             batch: number B of pendulums.
             library: effects by id; None for all known effects.
             smoothing: smoothing of the measurement; by default, that of the paper's encoder at this rate.

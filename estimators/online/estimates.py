@@ -26,7 +26,7 @@ class Estimates:
         state: state of the recursion; its theta is not corrected for encoder noise.
         error: a-priori prediction errors in the unit of the scheme, 0 where the equation was not used (B, S).
         usable: mask of the used equations (B, S).
-        regressor: phi of the torque balance at this sample, 0 in stick (B, P); None for an arm.
+        regressor: phi of the torque balance at this sample, 0 in stick (B, P); None with links.
         compute_covariance: function that computes the covariance without bias (B, S, P, P).
         compute_correction: function that computes the correction of theta for encoder noise, and its remaining bias.
     """

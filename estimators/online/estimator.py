@@ -1,4 +1,4 @@
-"""The six schemes online, for one pendulum, a batch of pendulums, or an arm."""
+"""The six schemes online, for one pendulum, a batch of pendulums, or a linked mechanism."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ class SampleBuffer:
         self._n_moving: Array = np.zeros(1)  # number of samples in motion (N,)
 
     def take(self, time: Array, position: Array, torque: Array) -> float | None:
-        """Add a sample: time, position and torque of N pendulums, or of an arm.
+        """Add a sample: time, position and torque of N pendulums, or of a linked mechanism.
 
         Returns:
             The largest standard deviation of the position noise [rad]; None before the motion suffices.
@@ -81,7 +81,7 @@ class OnlineEstimator:
 
         Args:
             rate: samples per second [Hz].
-            terms: terms of the model, with values of nonlinear parameters; for an arm, `arm_base(body)` comes first.
+            terms: terms of the model, with values of nonlinear parameters; links come first.
             schemes: schemes to run; a `JointState`, for pendulums only, is the last in the estimates.
             batch: number B of pendulums.
             counts: encoder counts per turn, which set smoothing and `position_noise`; 0 measures exactly.
@@ -144,15 +144,15 @@ class OnlineEstimator:
             self._estimates = self._make_initial_estimates()
 
     def take(self, time: Array, position: Array, torque: Array) -> Estimates:
-        """Add a sample of every pendulum, or of an arm, and return the estimates.
+        """Add a sample of every pendulum, or of a linked mechanism, and return the estimates.
 
-        The estimates are `delay` samples old; their index is -1 until the encoder noise is known. Those of an arm
+        The estimates are `delay` samples old; their index is -1 until the encoder noise is known. With links, they
         change every 50 ms. After a sample that is not finite, or a gap in time, the estimates are held until samples
         suffice. For rows of a recording, with torque that acts until the next row, use `stream_recording`.
 
         Args:
             time: (B,) [s].
-            position: (B,) [rad], unwrapped; (1, n) for an arm.
+            position: (B,) [rad], unwrapped; (1, n) for n joints with links.
             torque: applied over the period that ends with the sample, with the shape of `position` [N m].
         """
         if self._buffer is not None:

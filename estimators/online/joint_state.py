@@ -193,7 +193,7 @@ class _Filter:
     def _compute_process_noise(self) -> Array:
         """Compute the process noise of one period (S, S), of position, velocity and parameters.
 
-        White torque noise drives position and velocity. `exp(log_variance)` is the variance of its mean over a period
+        White torque noise acts on position and velocity. `exp(log_variance)` is the variance of its mean over a period
         [(N m)^2]. Parameters have no process noise.
         """
         ukf, period = self._ukf, self._period

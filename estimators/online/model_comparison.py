@@ -115,7 +115,7 @@ class ModelComparison:
         return np.asarray(np.sqrt(np.median(self._squares, axis=0)[1:-1]) / 0.6745)
 
     def compute_floor(self, accuracy: float) -> float:
-        """Return the RMS error by noise and discretisation [N m]; NaN while it is unknown, and of an arm.
+        """Return the RMS error by noise and discretisation [N m]; NaN while it is unknown, and with links.
 
         Discretisation leaves the share `accuracy` of the torque. A command that changes in each sample looks like
         noise. Therefore, noise of the torque is at most the scatter of the errors from bin to bin, and the floor at

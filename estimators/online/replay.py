@@ -12,7 +12,7 @@ Result = TypeVar("Result", covariant=True)
 
 
 class OnlineAlgorithm(Protocol[Result]):
-    """`OnlineEstimator` or `Diagnoser`: takes samples of B pendulums, or of an arm, at a rate [Hz]."""
+    """`OnlineEstimator` or `Diagnoser`: takes samples of B pendulums, or of a linked mechanism, at a rate [Hz]."""
 
     rate: float
     batch: int
@@ -33,7 +33,7 @@ def stream_recording(
 
     Args:
         algorithm: an `OnlineEstimator` or a `Diagnoser`.
-        recordings: of a pendulum or an arm, or one for each of B pendulums, with the same number of rows.
+        recordings: of one mechanism, or one for each of B pendulums, with the same number of rows.
 
     Raises:
         ValueError: if the number of recordings, or their rate, is not that of the algorithm, or their lengths differ.

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """Samples that give the noise of sensors, and samples of an arm that are converted together."""
+    """Samples that give the noise of sensors, and samples of a linked mechanism that are converted together."""
 
     noise: int = 256  # number of samples that give the noise, in motion of one joint if the encoder is unknown
     moving_share: float = 0.25  # least number of samples in motion of another joint, relative to `noise`
     longest: int = 2048  # largest number of waiting samples, including rest
-    arm_chunk: float = 0.05  # [s], samples of an arm; the cost is nearly independent of their number
+    arm_chunk: float = 0.05  # [s], samples with links; the cost is nearly independent of their number
     arm_transient: float = 0.1  # [s] before them for filters: exp(-20) of the transient remains at 200 rad/s
 
 

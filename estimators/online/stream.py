@@ -51,7 +51,7 @@ class StreamEquations(NamedTuple):
         copies: phi and, in the last column, y (C, B, S, P + 1); the next sample overwrites them. The first copy is as
             measured. If the noise is known, two more have noise added to the position, and its negative.
         usable: mask of the usable equations (B, S).
-        regressor: phi of the torque balance at the sample, 0 in stick (B, P); None for an arm.
+        regressor: phi of the torque balance at the sample, 0 in stick (B, P); None with links.
         restarted: mask of the plants that restarted with the newest sample (B,).
         next_instant: time, position, velocity, acceleration, torque and held of the next instant, as in `Measurements`,
             and filtered forces (6 + F, B); a view of a ring buffer.

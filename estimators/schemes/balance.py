@@ -38,7 +38,7 @@ Segments = Sequence[Sequence[Joints]]  # by recording, then by segment
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Equations of all recordings (R,); those of the joints of an arm at one instant are adjacent.
+    """Equations of all recordings (R,); those of several joints at one instant are adjacent.
 
     Attributes:
         equations: R equations in P unknowns.
@@ -80,7 +80,7 @@ def _compute_link_columns(joints: Joints, mechanism: LinkedMechanism, view: str)
 
 
 def adapt_to_arms(schemes: Sequence[Regressor]) -> tuple[Scheme, ...]:
-    """Remove the guard of energy schemes for an arm: one of its joints is always near a reversal."""
+    """Remove the guard of energy schemes for a linked mechanism: one of its joints is always near a reversal."""
     adapted = []
     for scheme in schemes:
         if not isinstance(scheme, Scheme):
@@ -165,7 +165,7 @@ def add_joint_states(joints: Joints, terms: Sequence[Term]) -> Joints:
 def make_regressions(terms: Sequence[Term]) -> Callable[[Regressor, Joints], list[Regression]]:
     """Make the function that computes the regressions of joints from a scheme and their measurements.
 
-    Balances of an arm are memoised by the identity of `joints`.
+    Balances with links are memoised by the identity of `joints`.
     """
     balances: dict[tuple[int, str], list[Equations]] = {}
 

@@ -224,7 +224,7 @@ def withhold_estimates(
 
 
 def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, terms: Sequence[Term]) -> None:
-    """Raise an `IdentificationError` if a joint of an arm never moves, or torque never moves a pendulum."""
+    """Raise an `IdentificationError` if a joint with links never moves, or torque never moves a pendulum."""
     measured = [joints for group in segments for joints in group]
     mechanism = terms[0].mechanism
     for k, joint in enumerate(mechanism.joints if isinstance(mechanism, LinkedMechanism) else ()):
@@ -243,7 +243,7 @@ def refuse_idle_joints(recordings: Sequence[Recording], segments: Segments, term
 
 
 def _find_dependent_terms(segments: Segments, terms: Sequence[Term]) -> tuple[Finding, ...]:
-    """Find the dependent columns of the torque of an arm; see `find_dependent_columns`."""
+    """Find the dependent columns of the torque with links; see `find_dependent_columns`."""
     data = stack_equations(segments, partial(make_regressions(terms), scheme("dynamic")))
     columns = [column.name for term in terms for column in term.columns]
     phi = data.equations.phi

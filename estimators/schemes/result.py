@@ -22,7 +22,7 @@ from pendulum_env.physics import Mechanism, Model
 from pendulum_env.recording.channel import NEWTON_METRE, TorqueConstant
 
 SCHEMA = "pendulum-ident/identification@3"
-SAVED_SCHEME = "filtered_dynamic"  # scheme of the saved model of an arm
+SAVED_SCHEME = "filtered_dynamic"  # scheme of the saved model with links
 MAX_NAMES = 3  # largest number of printed names of recordings
 
 
@@ -37,7 +37,7 @@ class Identification(Mapping[str, Identified], Shown):
         ends: total duration of the recordings up to the end of each; empty if unknown [s].
         torque_unit: `N m`, or the unit of a current; parameters are then per unit of current.
         torque_constant: ratio of torque and current, if a current was converted; standard errors include its error.
-        data: windows of the recordings; None if too little motion is clear of stick, and for an arm.
+        data: windows of the recordings; None if too little motion is clear of stick, and with links.
     """
 
     schemes: Mapping[str, Identified]
@@ -76,7 +76,7 @@ class Identification(Mapping[str, Identified], Shown):
 
     @property
     def is_of_scheme(self) -> bool:
-        """Return whether `model` is that of a scheme: of an arm, or with one scheme."""
+        """Return whether `model` is that of a scheme: with links, or with one scheme."""
         return len(self.schemes) == 1 or not self.mechanism.can_simulate
 
     @cached_property

@@ -239,7 +239,7 @@ class Scheme:
 
     @property
     def adds_up(self) -> bool:
-        """Return whether the balances of the joints of an arm are added."""
+        """Return whether the balances of several joints are added."""
         return self.view == "energy"
 
     @property

@@ -280,7 +280,7 @@ def compare_errors(after: Step, before: Step, motions: Mapping[str, Samples], to
         return violated
     gates = [Gate("physical_bounds", 0, 0, True)]
     angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
-    errors = [(kind.removesuffix("_rms"), getattr(new, kind), getattr(old, kind), angle) for kind in kinds]
+    errors = [(kind.removesuffix("_rms"), new.get_error(kind), old.get_error(kind), angle) for kind in kinds]
     for joint_name in (joint for joint in new.joints if joint in joints):
         unit = after.model.units(joint_name).unit("N m")
         limit = (1.0 + torque_margin) * old.get_joint_error(joint_name)

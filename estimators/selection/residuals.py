@@ -118,7 +118,7 @@ class Residuals:
 
     @cached_property
     def has_feedback(self) -> bool:
-        """Return whether the recorded torque of a pendulum reacts to the motion; simulated rows depend on goals."""
+        """Return whether the recorded torque of a pendulum reacts to the motion; simulated rows have a reference."""
         recordings = [*self.train.recordings, *self.holdout.recordings]
         return self._is_pendulum and bool(find_feedback(recordings, self.criterion))
 
@@ -127,7 +127,7 @@ class Residuals:
 
         The update is the least squares fit to both parts, to first order; each part is weighted by its residual. So
         parameters that the training data poorly determine cause no residual. Covariances by clusters would be singular:
-        an arm has more parameters than a short recording has clusters. Tables by angle that do not cover the held-out
+        links have more parameters than a short recording has clusters. Tables by angle that do not cover the held-out
         data are refitted to them.
         """
         if self.are_refitted(terms) and all(term.axis == "position" for term in terms if isinstance(term, Table)):

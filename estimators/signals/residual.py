@@ -62,7 +62,7 @@ class Region:
         residual: mean residual [N m]; over frequency the amplitude.
         significance: absolute mean over its standard error by noise.
         unit: unit of the axis; empty for a constant.
-        at: joint of an arm; empty for a pendulum.
+        at: name of the joint; empty for a pendulum.
         units: names of the joint's units.
         is_profiled: whether the interval comes from a profile; else the residual is not limited to it.
         held_out_recordings: names of the recordings, if only held-out data have the residual.

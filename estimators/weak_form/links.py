@@ -1,6 +1,6 @@
-"""Windowed equations of an arm, grouped by joint, with columns of links that depend on all joints.
+"""Windowed equations of several joints, grouped by joint, with columns of links that depend on all joints.
 
-A window of a joint is clear of stick and reversals of this joint; other joints may stick. The rigid body's columns are
+A window of a joint is clear of stick and reversals of this joint; other joints may stick. The columns of links are
 linear in the acceleration, <w Y(q, q', q'')> = <w M(q) q''> + <w Y(q, q', 0)>. The first part averages raw second
 differences of the positions; the second is smooth.
 """
@@ -33,7 +33,7 @@ def prepare_arm(
     margin: float = 0.0,
     block: float = BLOCK,
 ) -> TorqueWindows:
-    """Cut recordings of an arm into windows, with the columns of its links and couplings; `margin` is that of `cut`.
+    """Cut recordings into windows, with the columns of links and couplings; `margin` is that of `cut`.
 
     A `block` of the score lasts so long [s].
 
@@ -64,7 +64,7 @@ def prepare_arm(
 
 
 def join_recording(entries: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:
-    """Join the windows of the joints of one recording of an arm, with the columns of its links and couplings."""
+    """Join the windows of the joints of one recording, with the columns of links and couplings."""
     return _join_joints([entries], [_compute_link_columns(entries, find_linked_mechanism(terms))], terms)
 
 

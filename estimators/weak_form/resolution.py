@@ -62,12 +62,12 @@ class Resolution:
 
     precision: float = 5e-4  # error of smoothing and integration, share of the standard deviation of torque
     fewest: int = 10  # least number of windows, to estimate errors
-    fewest_of_joint: int = 20  # the same of each joint of an arm, whose links have more parameters
+    fewest_of_joint: int = 20  # the same of each of several joints, whose links have more parameters
     light: float = 0.05  # inertia that scales encoder noise for the weights of recordings, before a fit [kg m^2]
     least_noise: float = 0.003  # least noise in these weights, share of the torque: no recording outweighs all others
     pieces: int = 30  # least number of clusters of all recordings, to estimate errors
-    clusters: int = 4  # least number of clusters per parameter of an arm's links
-    shortest: int = 4  # least length of a cluster of an arm, above the correlation time of errors [half windows]
+    clusters: int = 4  # least number of clusters per parameter of links
+    shortest: int = 4  # least length of a cluster with links, above the correlation time of errors [half windows]
     longest: float = 0.5  # longest cluster [s]: above the correlation time of errors
     wrong_zero: float = 2.0  # residual of the base model from which the zero may be wrong [noise floors]
     tilted: float = 0.5  # residual with tilted gravity, share of that without, if the zero of the position is wrong

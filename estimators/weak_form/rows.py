@@ -1,6 +1,6 @@
 """Rows of regressions y = phi(terms) theta: their layout and noise, and the interface of their makers.
 
-Windows of torque make rows of one joint or of the joints of an arm (`TorqueRows`). Rollouts of a servo make rows that
+Windows of torque make rows of one or several joints (`TorqueRows`). Rollouts with a controller make rows that
 are linearised at the fit of each set of terms (`RolloutRows`).
 """
 

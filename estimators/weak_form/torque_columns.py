@@ -97,7 +97,7 @@ class TorqueColumns:
 
     @cached_property
     def _motion_share(self) -> Array:
-        """Share of the motion in the variance of each equation's noise (R,); 0 for an arm or insignificant inertia."""
+        """Share of the motion in the variance of each equation's noise (R,); 0 with links or insignificant inertia."""
         data = self.data
         if any(w.at or w.recording.known_inertia for w in data.windows):
             return np.zeros(len(data.weights))

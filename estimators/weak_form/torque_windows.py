@@ -38,7 +38,7 @@ class TermColumns(NamedTuple):
 
 
 class PayloadColumns(NamedTuple):
-    """Windowed torque of known payloads of an arm.
+    """Windowed torque of known payloads on links.
 
     Attributes:
         torque: sum of all payloads (R,) [N m].
@@ -60,7 +60,7 @@ class TorqueWindows:
         link_states: samples with the estimated states of a link, per recording, by id of the link. States of other
             terms are simulated along the measured motion.
         shared_columns: columns of terms at several joints, by id.
-        payload: torque of known payloads of an arm, or None.
+        payload: torque of known payloads on links, or None.
         block: length of a block of folds and score [s].
     """
 
@@ -136,7 +136,7 @@ class TorqueWindows:
     def blocks(self, length: float) -> tuple[Index, Index, Index]:
         """Return block and entry of each equation (R,), and the recording of each block (S,).
 
-        A block lasts about `length` seconds; the joints of an arm share their blocks. An entry is an index of
+        A block lasts about `length` seconds; joints with links share their blocks. An entry is an index of
         `windows`.
         """
         block, entry = number_blocks(self.windows, length), self.recording_of_window
@@ -234,7 +234,7 @@ def find_largest_sizes(data: TorqueWindows, term: Term) -> Array:
 
 
 def compute_negligible_residual(data: TorqueWindows, at: str) -> float:
-    """Return the residual below which a joint of an arm has no structure [N m]; 0 for a pendulum."""
+    """Return the residual below which a joint with links has no structure [N m]; 0 for a pendulum."""
     if not data.shared_columns:
         return 0.0
     share = RESOLUTION.width.negligible * float(np.std(data.part(at).torque.recorded))

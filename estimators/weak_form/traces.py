@@ -14,7 +14,7 @@ from pendulum_env.physics.term import trace_variants
 
 
 def select_driving_samples(w: Windows, kind: type[Term]) -> Samples:
-    """Return the samples (N,) that drive an effect: raw positions for impacts and transmissions, else smoothed."""
+    """Return the input samples (N,) of an effect: raw positions for impacts and transmissions, else smoothed."""
     return w.unsmoothed if kind.has_impacts or kind.kind == "transmission" else w.samples
 
 

@@ -39,7 +39,7 @@ class WindowColumns:
 
     @cached_property
     def _unsmoothed(self) -> Samples:
-        """Concatenated samples of all recordings that drive an effect with impacts."""
+        """Concatenated samples of all recordings, the inputs of an effect with impacts."""
         return concatenate_samples([w.unsmoothed for w in self.windows])
 
     def trace(self, variants: Sequence[Term]) -> list[Samples]:

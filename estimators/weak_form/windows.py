@@ -69,10 +69,10 @@ class Windows:
         stick: other windows, which include stick.
         moving: mask of samples with a speed above its noise (N,).
         noise: noise of a window.
-        first, stop: range of samples with windows; earlier samples only drive terms with memory.
-        at: name of the recorded joint of an arm; empty for a pendulum.
-        run: number of the arm's recording, which its joints share; None for a pendulum.
-        payload: known payload of the arm.
+        first, stop: range of samples with windows; earlier samples are inputs of terms with memory alone.
+        at: name of the recorded joint; empty for a pendulum.
+        run: number of the recording, which joints with links share; None for a pendulum.
+        payload: known payload on a link.
         scale: factor on the equation about each sample (N,), below one for uncertain torque; None if all are one.
         inertia: known inertia of the joint without load, which scales encoder noise [kg m^2]; None if the base model
             gives it.

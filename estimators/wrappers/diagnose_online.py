@@ -57,15 +57,15 @@ class DiagnoseOnline(MeasurementWrapper):
         Args:
             env: the environment.
             terms: terms of the model, ids or `Term` objects. By default those of `model`, or the four of the paper, or
-                the links of the arm with viscous and Coulomb friction at each joint.
-            candidates: ids of possible effects, or one id; None for all of the library. Of an arm, `stribeck` is
+                the links with viscous and Coulomb friction at each joint.
+            candidates: ids of possible effects, or one id; None for all of the library. With links, `stribeck` is
                 possible at each joint, `stribeck@elbow` at one.
             rate: sampling rate [Hz]; None reads it from the environment, as the encoder.
             alarms_per_hour: accepted mean number of false alarms per hour of motion.
             model: identified model, or its file, instead of `terms`. Parameters of the plant that differ
                 significantly from those of the model are reported as changed after five seconds of motion. `add`,
                 `undo` and an accepted change end this comparison until the next reset.
-            robot: URDF or MJCF file of an arm; None reads it from the environment.
+            robot: URDF or MJCF file of the links; None reads it from the environment.
             criterion: limits of the decisions, as of `diagnose`; `env.spec` of an environment cannot hold them.
 
         Raises:

@@ -34,8 +34,8 @@ class EstimateParameters(MeasurementWrapper):
     - `regressor`: row of the torque balance at this sample (P,), 0 in stick.
     - `parameters`: names in the order of the arrays.
 
-    For an arm, base parameters come first, estimates change every 50 ms, and `regressor` is absent. Arms need the extra
-    `arms`.
+    With links, base parameters come first, estimates change every 50 ms, and `regressor` is absent. Links need the
+    extra `arms`.
 
     Examples:
         >>> import gymnasium as gym
@@ -64,12 +64,12 @@ class EstimateParameters(MeasurementWrapper):
             schemes: ids of schemes, or schemes; "all" for the six. `joint_state_ukf`, with position, velocity and
                 parameters in one state, is the last in the estimates and has no delay, see `JointState`.
             terms: all terms of the model, ids or `Term` objects, such as `(*BASE, Stribeck(stribeck_velocity=0.4))`;
-                None for the four of the paper. A term without linear parameters, such as `dead_time`, is known. For an
-                arm, terms at joints, such as `viscous@elbow`; None for viscous and Coulomb friction at each joint.
+                None for the four of the paper. A term without linear parameters, such as `dead_time`, is known. With
+                links, terms at joints, such as `viscous@elbow`; None for viscous and Coulomb friction at each joint.
             rate: sampling rate [Hz]; None reads it from the environment. The resolution of the encoder is `counts`, or
                 that of the environment, or estimated from the first samples of motion.
             in_observation: append theta and the standard errors of all schemes to a Box observation.
-            robot: URDF or MJCF file of an arm, for lengths and axes; None reads it from the environment.
+            robot: URDF or MJCF file of the links, for lengths and axes; None reads it from the environment.
             options: of `estimators.online.OnlineEstimator`: `forgetting` (factor per equation, 1 for no forgetting),
                 `prior` (P(0) on the diagonal), `counts` (encoder counts per turn), `smoothing`, and `recursion`
                 ("KalmanFilter" for filterpy).

@@ -99,10 +99,10 @@ class Plant:
 
     @classmethod
     def from_env(cls, env: AnyEnv, rate: float | None = None, robot: str | None = None) -> Plant:
-        """Read the plant of an environment; an arm has an attribute `joints`, or a robot file.
+        """Read the plant of an environment, with links if it has an attribute `joints` or a robot file is given.
 
         Raises:
-            ValueError: if the rate or the links of an arm are unknown, or the environment is a vector of arms.
+            ValueError: if the rate or the links are unknown, or the environment is a vector of linked mechanisms.
         """
         own_rate, mechanism = _get_attribute(env, "rate") if rate is None else rate, PENDULUM
         if own_rate is None:
@@ -122,7 +122,7 @@ class Plant:
         return cls(rate, noise, smoothing, batch, mechanism, NEWTON_METRE)
 
     def terms(self, terms: Sequence[str | Term] | None) -> tuple[Term, ...]:
-        """Return the terms of the model of a pendulum or an arm, with viscous and Coulomb friction by default.
+        """Return the terms of the model of a mechanism, with viscous and Coulomb friction by default.
 
         Raises:
             ValueError: if a term or its joint is unknown.
@@ -132,7 +132,7 @@ class Plant:
     def effects(self, names: Sequence[str] | None) -> dict[str, type[Term]]:
         """Return possible effects by id, by default all that need only the columns of `info`.
 
-        For an arm, `stribeck` selects this effect at each joint.
+        With links, `stribeck` selects this effect at each joint.
 
         Raises:
             ValueError: if an effect or joint is unknown.

@@ -1,4 +1,4 @@
-"""MuJoCo backend: a body on a hinge, with dry friction as a MuJoCo constraint.
+"""MuJoCo backend: a pendulum on a hinge, with dry friction as a MuJoCo constraint.
 
 All other torques are the model's terms, evaluated at the start of a step. MuJoCo integrates by semi-implicit Euler, of
 first order; the pymunk backend is of second order.
@@ -57,7 +57,7 @@ class ConstrainedBody:
         world.opt.timestep = h
         world.dof_solref[0] = STEPS * h, 1.0
         world.dof_frictionloss[0] = max(float(balance.dry(x)), 0.0)
-        world.dof_M0[0] = balance.mass(x)  # inertia of a body with one joint
+        world.dof_M0[0] = balance.mass(x)  # inertia about the single joint
         data.qfrc_applied[0] = balance.net(x)
         import_mujoco().mj_step(world, data)
         speed = min(max(data.qvel[0], -UNBOUNDED), UNBOUNDED)

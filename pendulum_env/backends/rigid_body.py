@@ -1,8 +1,8 @@
-"""Pymunk backend: a rigid body on a pivot, with dry friction as a pymunk constraint.
+"""Pymunk backend: a rigid pendulum on a pivot, with dry friction as a pymunk constraint.
 
-A `SimpleMotor` of rate zero, with its force bounded by fc, is set-valued Coulomb friction: it stops the body exactly if
-it can, and otherwise brakes it with fc. All other torques are the model's terms, evaluated at the midpoint of the step.
-Two corrections make pymunk's scheme second order. The angle follows the trapezoidal rule. If the body reverses within a
+A `SimpleMotor` of rate zero, with its force bounded by fc, is set-valued Coulomb friction: it stops the motion exactly
+if it can, and otherwise brakes with fc. All other torques are the model's terms, evaluated at the midpoint of the step.
+Two corrections make pymunk's scheme second order. The angle follows the trapezoidal rule. If the motion reverses in a
 step, the torque is corrected for the friction before the reversal, because the motor acts only in the new direction.
 State variables advance by half a midpoint step before pymunk's step and by half a step after it; both halves are
 compiled.
@@ -36,7 +36,7 @@ def make_body(balance: TorqueBalance, longest_step: float) -> Engine:
 class RigidBody:
     """Engine of a pendulum in pymunk."""
 
-    at_rest = 1e-12  # [rad/s], rounding error of the velocity of a stopped body
+    at_rest = 1e-12  # [rad/s], rounding error of the velocity of a stopped pendulum
 
     def __init__(self, balance: TorqueBalance, longest_step: float) -> None:
         """Set the torque balance and the longest step [s]; raise an exception if a law is not symbolic."""
@@ -52,37 +52,37 @@ class RigidBody:
             half.inputs["constants"][:, 0] = *balance.theta, *nonlinear
 
     def place(self, x: Samples) -> None:
-        # a new body, so that equal runs are bitwise equal
+        # a new space, so that equal runs are bitwise equal
         self._time, self._position, self._velocity = float(x.time), float(x.position), float(x.velocity)
         self._inertia, self._dry = float(self._balance.mass(x)), 0.0
         self._first.inputs["memory"][:, 0] = _flatten_samples(x)
         # its centre of mass is at the pivot; gravity is a term of the model
         self._space = pymunk.Space()
         self._space.iterations = 1  # exact for one motor and an unloaded pivot
-        self._body = pymunk.Body(1.0, self._inertia)
-        self._body.angle, self._body.angular_velocity = self._position, self._velocity
-        self._motor = pymunk.SimpleMotor(self._space.static_body, self._body, 0.0)
+        self._pendulum = pymunk.Body(1.0, self._inertia)
+        self._pendulum.angle, self._pendulum.angular_velocity = self._position, self._velocity
+        self._motor = pymunk.SimpleMotor(self._space.static_body, self._pendulum, 0.0)
         self._motor.max_force = self._dry
-        pivot = pymunk.PivotJoint(self._space.static_body, self._body, (0.0, 0.0))
-        self._space.add(self._body, pivot, self._motor)
+        pivot = pymunk.PivotJoint(self._space.static_body, self._pendulum, (0.0, 0.0))
+        self._space.add(self._pendulum, pivot, self._motor)
 
     def step(self, torque: float, h: float) -> tuple[float, float]:
-        q, v, body = self._position, self._velocity, self._body
+        q, v, pendulum = self._position, self._velocity, self._pendulum
         first, second = self._first, self._second
         first.inputs["state"][:, 0] = self._time, q, v, torque, h
         first.step()
-        body.torque, dry, inertia, motion_time, middle_velocity = first.states["step_torque"][:, 0].tolist()
+        pendulum.torque, dry, inertia, motion_time, middle_velocity = first.states["step_torque"][:, 0].tolist()
         if inertia != self._inertia:
-            body.moment = self._inertia = inertia
+            pendulum.moment = self._inertia = inertia
         if dry != self._dry:
             self._motor.max_force = self._dry = dry
         self._space.step(h)
-        velocity = float(body.angular_velocity)
+        velocity = float(pendulum.angular_velocity)
         if not self.at_rest < abs(velocity) < UNBOUNDED:
             velocity = 0.0 if abs(velocity) <= self.at_rest else math.copysign(UNBOUNDED, velocity)
-            body.angular_velocity = velocity
+            pendulum.angular_velocity = velocity
         rest_of_step = h if motion_time == h else h - motion_time
-        body.angle = self._position = q + 0.5 * (v * motion_time + velocity * rest_of_step)
+        pendulum.angle = self._position = q + 0.5 * (v * motion_time + velocity * rest_of_step)
         if self._balance.has_states:
             mean = 0.5 * (middle_velocity + velocity)
             second.inputs["state"][:, 0] = self._time + 0.5 * h, q + 0.5 * h * v, mean, torque, h
@@ -99,14 +99,14 @@ class StepTorque(NamedTuple):
     torque: float  # mean torque without dry friction [N m]
     dry: float  # largest dry friction [N m]
     inertia: float  # [kg m^2]
-    motion_time: float  # time until the body reverses, or the step [s]
+    motion_time: float  # time until the motion reverses, or the step [s]
     middle_velocity: float  # velocity at the middle of the step [rad/s]
 
 
 def _compute_step_torque(balance: TorqueBalance, x: Samples, h: Any) -> tuple[StepTorque, Samples]:
     """Return the torque of a step and the samples at the middle of the step, of numbers or symbols.
 
-    If the body reverses within the step, the torque is corrected for the friction before the reversal.
+    If the motion reverses within the step, the torque is corrected for the friction before the reversal.
     """
     v: Any = x.velocity
     direction, middle = move_half_way(balance, x, h)

@@ -20,7 +20,7 @@ class Inertia(Term):
 
 @dataclass(frozen=True)
 class Gravity(Term):
-    """Weight on its lever arm, mgl sin q; stores mgl (1 - cos q)."""
+    """Weight at a distance from the axis, mgl sin q; stores mgl (1 - cos q)."""
 
     id = "gravity"
     law = "mgl sin q"

@@ -315,15 +315,15 @@ def _write_program(
 def _build_loop(builder: ir.IRBuilder, count: Any, stride: int = 1) -> Iterator[Any]:
     """Yield the index of a loop from 0 to `count` by a stride."""
     before = builder.block
-    body, after = builder.append_basic_block(), builder.append_basic_block()
-    builder.cbranch(builder.icmp_signed(">", count, WHOLE(0)), body, after)
-    builder.position_at_end(body)
+    inner, after = builder.append_basic_block(), builder.append_basic_block()
+    builder.cbranch(builder.icmp_signed(">", count, WHOLE(0)), inner, after)
+    builder.position_at_end(inner)
     index = builder.phi(WHOLE)
     index.add_incoming(WHOLE(0), before)
     yield index
     following = builder.add(index, WHOLE(stride))
     index.add_incoming(following, builder.block)
-    builder.cbranch(builder.icmp_signed("<", following, count), body, after)
+    builder.cbranch(builder.icmp_signed("<", following, count), inner, after)
     builder.position_at_end(after)
 
 

@@ -86,7 +86,7 @@ class LoadDependentFriction(Term):
     """Dry friction that grows with the load of a gear, (mu |tau| + mu_o |w sin q|) sgn q'.
 
     Each side of the teeth has its own coefficient: mu for the motor torque without the back-EMF, mu_o for the load,
-    which is the model's gravity w plus the known load. If the motor drives all motion, mu and the scale of the torque
+    which is the model's gravity w plus the known load. If the motor causes all motion, mu and the scale of the torque
     are indistinguishable.
     Source: Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo Actuators, 2024.
     """

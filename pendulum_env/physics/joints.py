@@ -45,7 +45,7 @@ class Rotor(Term):
 
 
 def is_possible_at_joint(kind: type[Term], is_prismatic: bool = False) -> bool:
-    """Return whether an effect is possible at a revolute or linear joint of an arm."""
+    """Return whether an effect is possible at a revolute or linear joint of a linked mechanism."""
     return kind.is_decentralised and not (is_prismatic and kind.is_revolute_only)
 
 
@@ -85,7 +85,7 @@ def _make_placed_effect(effect: type[Term], joint: str, is_prismatic: bool) -> t
 
 @dataclass(frozen=True)
 class Coupling(Term):
-    """Inertia and friction of a motor at q_a + s q_b of two joints, s = 1 or -1, as in geared wrists and cable drives.
+    """Inertia and friction of a motor at q_a + s q_b of two joints, s = 1 or -1, as in geared wrists and with cables.
 
     Its torque acts on joint a, and s times that torque on joint b. Made by `get_coupling`.
     Source: Gautier, Janot and Vandanjon, IEEE Transactions on Control Systems Technology 21(2), 2013 (Staubli TX40).
@@ -161,34 +161,34 @@ def list_friction_terms(mechanism: Mechanism) -> tuple[Term, ...]:
 
 
 def list_base_terms(mechanism: Mechanism) -> tuple[Term, ...]:
-    """Return the base terms: links of an arm, or inertia and gravity, with viscous and Coulomb friction."""
+    """Return the base terms: links, or inertia and gravity, with viscous and Coulomb friction."""
     return arrange_terms(list_friction_terms(mechanism), mechanism) if isinstance(mechanism, LinkedMechanism) else BASE
 
 
 def arrange_terms(terms: Sequence[T], mechanism: Mechanism) -> tuple[T | Links, ...]:
-    """Return the terms of a model; for an arm, with its links in front."""
+    """Return the terms of a model, with the links of a linked mechanism in front."""
     return (Links(mechanism), *terms) if isinstance(mechanism, LinkedMechanism) else tuple(terms)
 
 
 def find_mechanism(terms: Sequence[object]) -> Mechanism:
-    """Return the mechanism of a model from its first term; links have a body, other terms a pendulum."""
+    """Return the mechanism of a model from its first term: that of the links, else a pendulum."""
     return terms[0].mechanism if terms and isinstance(terms[0], Term) else PENDULUM
 
 
 def find_linked_mechanism(terms: Sequence[object]) -> LinkedMechanism:
-    """Return the body of an arm's terms."""
+    """Return the mechanism of terms with links."""
     mechanism = find_mechanism(terms)
     assert isinstance(mechanism, LinkedMechanism)
     return mechanism
 
 
 def list_effects(mechanism: Mechanism) -> dict[str, type[Term]]:
-    """Return the effects that a body's joints can have, by id."""
+    """Return the effects that the joints of a mechanism can have, by id."""
     return list_joint_effects() if isinstance(mechanism, LinkedMechanism) else list_nameable()
 
 
 def list_joint_effects() -> dict[str, type[Term]]:
-    """Return the library effects of an arm's joint, its rotor, and the coupling of two joints, by id."""
+    """Return the library effects of a joint with links, its rotor, and the coupling of two joints, by id."""
     effects = {id: effect for id, effect in list_nameable().items() if is_possible_at_joint(effect)}
     return effects | {kind.id: kind for kind in (Rotor, Coupling)}
 
@@ -215,7 +215,7 @@ def place_effects(kinds: Iterable[type[Term]], mechanism: Mechanism) -> list[typ
 
 
 def find_kind(text: str, mechanism: Mechanism, library: Mapping[str, type[Term]] | None = None) -> type[Term]:
-    """Find an effect or table by name: `stribeck`, of an arm `stribeck@elbow` or `coupling@elbow,-wrist`.
+    """Find an effect or table by name: `stribeck`, at a joint `stribeck@elbow` or `coupling@elbow,-wrist`.
 
     `library` holds the allowed effects at joints by id, by default all effects and tables.
 
@@ -280,7 +280,7 @@ def _refuse_prismatic(kind: type[Term], joints: Iterable[str], prismatic_joints:
 
 @dataclass(frozen=True)
 class Links(Term):
-    """Rigid body of an arm as a term: one column per base parameter, which depends on the motion of all joints."""
+    """Rigid links as a term: one column per base parameter, which depends on the motion of all joints."""
 
     mechanism: LinkedMechanism = field()  # type: ignore[misc]  # in the place of a class variable
 

@@ -36,7 +36,7 @@ class Model(Mapping[str, Estimate], Shown):
         terms: ordered terms, with nonlinear parameters as their fields.
         estimates: all parameters by name; linear ones have the name of their column, nonlinear ones `id.name`.
         torque_unit: `N m`, or the unit of the recorded current in place of torque.
-        is_prismatic: whether the joint of a pendulum is linear; `body` has the joints of an arm.
+        is_prismatic: whether the joint of a pendulum is linear; `mechanism` has the joints of other models.
         torque_constant: constant that converted a current to the fitted torque; None without one. The standard errors
             of the estimates include its error.
         correlation: correlation matrix of the estimates, in their order; empty if unknown.
@@ -198,7 +198,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def mechanism(self) -> Mechanism:
-        """Return the mechanism: the joint of a pendulum, or the joints of an arm."""
+        """Return the mechanism: the joint of a pendulum, or several joints with links."""
         return self.terms[0].mechanism if self.terms else PENDULUM
 
     def with_values(self, values: Mapping[str, float]) -> Self:
@@ -248,10 +248,10 @@ class Model(Mapping[str, Estimate], Shown):
 
     @property
     def has_known_inertia(self) -> bool:
-        """Return whether the inertia is positive and determined by the data; True for an arm."""
+        """Return whether the inertia is positive and determined by the data; True with links."""
         inertia = self.estimates.get("inertia")
         if inertia is None:
-            return any(term.kind == "inertial" for term in self.terms)  # the links of an arm
+            return any(term.kind == "inertial" for term in self.terms)  # the links
         return not inertia.is_unknown and inertia.value > 0
 
     def refuse_unknown_inertia(self) -> None:

@@ -21,7 +21,7 @@ from pendulum_env.reading import Number, Text, convert, read_json
 from pendulum_env.settings import format_setting
 
 SCHEMA = "pendulum-ident/model@1"
-ARM_SCHEMA = "pendulum-ident/arm-model@2"  # model of an arm, read by `robots.arms`
+ARM_SCHEMA = "pendulum-ident/arm-model@2"  # model with links, read by `robots.arms`
 OLD_ARM_SCHEMA = "pendulum-ident/arm-model@1"  # the same of version 1.0, with terms as mappings
 
 

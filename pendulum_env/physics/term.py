@@ -91,9 +91,9 @@ class Column:
         force: torque as a smooth function of time, position, velocity and commanded torque.
         dry: magnitude of set-valued dry friction; at rest, friction is any torque up to it.
         of_torque: whether the column is proportional to the commanded torque.
-        is_of_body: whether no body has a negative parameter. Fits keep it from being negative, unless the user bounds
+        is_of_body: whether a physical value is never negative. Fits keep it from being negative, unless the user bounds
             it, or friction of free form is at the joint. Without this bound, a negative fit is evidence about the data.
-        is_of_weight: whether the column needs the weight of a pendulum; an effect at a joint of an arm lacks it.
+        is_of_weight: whether the column needs the weight of a pendulum; a joint with links has none.
         potential: stored energy U with force = dU/dq + loss, without further torque; None: all work of the force is
             dissipated.
         loss: dissipative part of the force, for a column with a potential.
@@ -198,7 +198,9 @@ class Term:
     """
 
     id: ClassVar[str]
-    at: ClassVar[str] = ""  # joint of an arm, the end of the id, `stribeck@elbow`; of a term at two joints, both names,
+    at: ClassVar[str] = (
+        ""  # name of the joint, the end of the id, `stribeck@elbow`; of a term at two joints both names,
+    )
     # the second with its sign, `coupling@elbow,-wrist`
     mechanism: ClassVar[Mechanism] = PENDULUM  # of a model with this term as its first
     is_prismatic: ClassVar[bool] = False  # whether the joint is linear
@@ -209,13 +211,13 @@ class Term:
     needs: ClassVar[str] = ""  # further quantity that a recording must have
     link: ClassVar[bool] = False  # whether the states are position and velocity of a link behind the motor
     is_decentralised: ClassVar[bool] = True  # whether the torque depends on the motion and torque of one joint alone,
-    # so that the effect is possible at a joint of an arm
+    # so that the effect is possible at a joint of a linked mechanism
     is_revolute_only: ClassVar[bool] = False  # whether the law is one of a turn, impossible at a linear joint
     has_impacts: ClassVar[bool] = False  # whether the torque acts for less time than the motion is smoothed
     typical_size: ClassVar[str] = ""  # typical size, `sin=0.15,cos=0.1`; by default from the units
     is_weight: ClassVar[bool] = False  # whether the torque is part of the joint's weight: gravity may have any sign
     is_restoring: ClassVar[bool] = False  # whether the torque must not fall with the angle
-    can_hide_scale: ClassVar[bool] = False  # whether the torque may be a share of the torque that drives the motion, so
+    can_hide_scale: ClassVar[bool] = False  # whether the torque may be a share of the torque that moves the joint, so
     # that the scale of all parameters is unknown
     is_free_form: ClassVar[bool] = False  # whether the law is any function, so that base friction may have any sign
     is_common: ClassVar[bool] = False  # whether a diagnosis reports its smallest detectable size
@@ -319,13 +321,13 @@ class Term:
 
     @classmethod
     def get_full_name(cls, part: str) -> str:
-        """Return the full name of a nonlinear parameter, `stribeck.stribeck_velocity`, at an arm with `@elbow`."""
+        """Return the full name of a nonlinear parameter, `stribeck.stribeck_velocity`, at a joint with `@elbow`."""
         effect, at, joint = cls.id.partition("@")
         return f"{effect}.{part}{at}{joint}"
 
     @classmethod
     def name_memory(cls, memory: Memory) -> dict[str, Memory]:
-        """Return the states by id, as in `Samples.memory`; of an arm, by the id with and without the joint."""
+        """Return the states by id, as in `Samples.memory`; at a named joint, by the id with and without the joint."""
         return {cls.id.partition("@")[0]: memory, cls.id: memory}
 
     @property

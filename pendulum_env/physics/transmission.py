@@ -11,7 +11,7 @@ motion of the motor: with w^2 = k / J, damping c = d / J, g = mgl / J, f = fl / 
 
     ql'' = a(q - ql, q' - ql') - g sin ql - f sgn ql' - b ql',     a = w^2 s + c s'
 
-where s is the extension of the transmission. Controller and log of a servo with its encoder at the output read ql
+where s is the extension of the transmission. A controller and a log with the encoder at the output read ql
 and ql', and q is simulated: see `read_encoder`. Source: Spong, ASME Journal of Dynamic Systems 109(4), 1987.
 
 Behind a play, the damping c s' begins with a jump at each contact. An integrator of fixed steps would err by up to a

@@ -87,7 +87,7 @@ MOTOR = Actuator()
 
 
 def parse_actuator(settings: Mapping[str, Any]) -> Actuator | None:
-    """Make the actuator of the settings `drive` of a study by an installed package; None without settings.
+    """Make the actuator of the table `drive` of a study by an installed package; None without settings.
 
     The setting `kind` names the entry point, if several packages have one.
     """

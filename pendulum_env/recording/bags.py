@@ -1,4 +1,4 @@
-"""Read bags of ROS 1 and 2 and MCAP; each number in a message is a column named by its path, `/arm/effort[0]`.
+"""Read bags of ROS 1 and 2 and MCAP; each number in a message is a column named by its path, `/robot/effort[0]`.
 
 Joint states are named by joint, `/joint_states/elbow/position`, because their order may change. Time is that of the
 message's header, or else of its reception. Quantities of other topics than position are converted to the times of

@@ -43,7 +43,7 @@ def build_recordings(
     name: str,
     tables: Mapping[str, RawTable],
     unwrap: bool,
-    drive: Actuator | None,
+    controller: Actuator | None,
     named_columns: Mapping[str, Mapping[str, str]],
     log_format: JSON,
 ) -> dict[str, Recording]:
@@ -56,11 +56,11 @@ def build_recordings(
         name: name of the recordings.
         tables: of the columns of each joint, by its name; the name of a single joint may be empty.
         unwrap: whether jumps of a turn in position are undone.
-        drive: controller of the joint; None without one.
+        controller: of the joint; None without one.
         named_columns: columns that the user named, by joint and quantity.
         log_format: reading options of the file.
     """
-    joints, actuator = list[JointLog](), drive or MOTOR
+    joints, actuator = list[JointLog](), controller or MOTOR
     for joint, table in tables.items():
         with name_errors(joint):
             joints.append(_open_log(joint, table, unwrap, actuator, named_columns[joint]))
@@ -79,7 +79,7 @@ def build_recordings(
     recordings = dict[str, Recording]()
     for item in joints:
         with name_errors(item.joint):
-            recording = _make_recording(item, name, drive, log_format)
+            recording = _make_recording(item, name, controller, log_format)
             if not jumps[item.joint]:  # jumps of 2 pi confirm the unit
                 recording = replace(recording, notes=(*recording.notes, *_find_doubts(recording, item.origin)))
             recordings[item.joint] = recording
@@ -99,7 +99,7 @@ def _open_log(
     is_output = unit == actuator.logged_unit
     noted_columns = [column for column in columns.values() if not (is_output and column.quantity == "torque")]
     if "torque" not in values:
-        values["torque"] = np.zeros_like(values["position"])  # with a drive, computed below
+        values["torque"] = np.zeros_like(values["position"])  # with a controller, computed below
         if not actuator.is_controller:
             notes.append(Note(NoteKind.NO_TORQUE if "torque" in named_columns else NoteKind.NO_TORQUE_COLUMN))
     notes = [*(note for column in noted_columns for note in column.notes), *notes]
@@ -107,7 +107,7 @@ def _open_log(
     return JointLog(joint, log, origin, unit, table.date)
 
 
-def _make_recording(item: JointLog, name: str, drive: Actuator | None, log_format: JSON) -> Recording:
+def _make_recording(item: JointLog, name: str, controller: Actuator | None, log_format: JSON) -> Recording:
     """Make the recording of a joint of its cleaned log; refuse implausible values."""
     log, origin, date = item.log, item.origin, item.date
     if "enabled" in log.values:
@@ -118,7 +118,7 @@ def _make_recording(item: JointLog, name: str, drive: Actuator | None, log_forma
         notes=tuple(log.notes),
         starts=log.starts,
         torque_unit=item.unit,
-        drive=drive,
+        drive=controller,
         origin=origin,
         log_format=log_format,
         start_date=find_date(log.start) or (date and date + timedelta(seconds=log.start)),

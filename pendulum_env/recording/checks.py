@@ -25,15 +25,15 @@ from pendulum_env.settings import format_setting
 class Bounds:
     """Plausible limits of recordings of a pendulum."""
 
-    shortest: float = 1.0  # [s]; about one swing of an arm of 0.3 m
+    shortest: float = 1.0  # [s]; about one swing of a pendulum of 0.3 m
     fewest: int = 100  # samples
-    slowest: float = 10.0  # [Hz]; an arm swings at about 1 Hz
-    fastest: float = 500.0  # [rad/s], of a bare motor; direct-drive arms reach some 40
+    slowest: float = 10.0  # [Hz]; a pendulum swings at about 1 Hz
+    fastest: float = 500.0  # [rad/s], of a bare motor; a pendulum without a gear reaches some 40
     window: float = 0.02  # [s] over which speeds are taken: longer than encoder steps, shorter than a swing
     largest_current: float = 200.0  # [A], of the motor of a joint
     least_constant: float = 0.01  # [N m/A], least torque constant at a joint
     counter_values: int = 50  # different torques, from which whole numbers alone are those of a counter
-    goal_distance: float = 6 * np.pi  # [rad] by which a position may stay away from its goal
+    reference_distance: float = 6 * np.pi  # [rad] by which a position may stay away from its reference
     equal_correlation: float = 0.95  # correlation of two torques beyond which they may be one
 
 
@@ -70,7 +70,7 @@ def refuse_large_current(values: Array, origin: Origin) -> None:
 
 
 def refuse_torque_counts(values: Array, origin: Origin) -> None:
-    """Refuse a torque of many whole numbers without a unit: drives log per mille of a rated torque, or mN m."""
+    """Refuse a torque of many whole numbers without a unit: amplifiers log per mille of a rated torque, or mN m."""
     column, finite = origin.columns["torque"], values[np.isfinite(values)]
     if column.has_unit or column.expression.name or (finite != np.round(finite)).any():
         return
@@ -192,7 +192,7 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
 def check_unit(recording: Recording, origin: Origin) -> tuple[Note, ...]:
     """Refuse an angle in another unit than it was read in; return a note if the unit is uncertain.
 
-    Turns are tested only with logged torque, because the commanded torque of a drive is too inexact.
+    Turns are tested only with logged torque, because the torque computed from a controller is too inexact.
     """
     part, column = max(recording.segments, key=len), origin.columns["position"]
     if column.unit in UNITS["position"] and abs(column.scale) != 1.0 and not column.expression.factors:
@@ -226,11 +226,11 @@ def _suggest_position_unit(origin: Origin, unit: str = "deg", *, confirms: bool 
 
 
 def refuse_foreign_reference(recording: Recording, origin: Origin) -> None:
-    """Refuse a goal that is turns away from the position, due to another unit or zero."""
-    if (goal := recording.goal) is None:
+    """Refuse a reference that is turns away from the position, due to another unit or zero."""
+    if (reference := recording.goal) is None:
         return
-    distance = float(np.median(np.abs(goal - recording.position)))
-    if distance > BOUNDS.goal_distance:
+    distance = float(np.median(np.abs(reference - recording.position)))
+    if distance > BOUNDS.reference_distance:
         raise ColumnError(
             f"the goal is {distance:.3g} rad away from the position, as if in another unit or from another zero: give "
             f"it the unit and zero of the position, {_format_columns(origin.change_column('reference', unit='deg'))} "

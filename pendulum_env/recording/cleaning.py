@@ -16,7 +16,7 @@ from pendulum_env.recording.vocabulary import QUANTITIES
 OPTIONAL = QUANTITIES[3:]  # optional quantities
 TURN = 2 * np.pi  # [rad]
 WRAPPED_RANGE = 1.016  # range of a wrapped position, in turns, with noise
-GOAL_STEP = 0.125  # turns between two samples from which a reference steps to another goal
+REFERENCE_STEP = 0.125  # turns between two samples from which a change of the reference is a step
 TRAVEL_ROWS = 5  # rows over which travel is measured, to find a joint that stands still
 HELD = ("torque", "enabled")  # quantities that are held until the next value
 
@@ -351,16 +351,16 @@ def _unwrap_reference(reference: Array, position: Array, turn: float, jumps: int
     """Put a reference (N,) on the turns of the unwrapped position (N,), which had `jumps`.
 
     An error of control may exceed half a turn of an encoder before a gear. There the reference is unwrapped alone, in
-    parts between steps to another goal. Each part is moved by whole turns until its median is nearest to position.
+    parts between its steps. Each part is moved by whole turns until its median is nearest to position.
     """
     if turn == TURN:
         return reference + turn * np.round((position - reference) / turn)
     if not jumps:
         return reference
     reference = np.unwrap(reference, period=turn)
-    steps = np.flatnonzero(np.abs(np.diff(reference)) > GOAL_STEP * turn) + 1
+    steps = np.flatnonzero(np.abs(np.diff(reference)) > REFERENCE_STEP * turn) + 1
     parts = zip(np.split(reference, steps), np.split(position, steps), strict=True)
-    return np.concatenate([goals + turn * np.round(np.median(positions - goals) / turn) for goals, positions in parts])
+    return np.concatenate([part + turn * np.round(np.median(measured - part) / turn) for part, measured in parts])
 
 
 def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> Note:

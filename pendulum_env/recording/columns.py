@@ -327,7 +327,7 @@ def _suggest_column(quantity: str, headers: Sequence[str], unused: Sequence[str]
 def can_be_torque(header: str, place: int) -> bool:
     """Return whether an unrecognised column may be torque: its name has no unit or quantity of another kind.
 
-    A goal, a supply or a power switch implies a motor, whose torque is unknown.
+    A reference, a supply or a power switch implies a motor, whose torque is unknown.
     """
     bare, words = header.strip(), set(split_words(header))
     if not bare or bare.lower() in INDICES:

@@ -214,7 +214,7 @@ def resample_slow_encoder(log: Log) -> None:
 
     Position is sampled at the times of this clock. Torque with the same clock is sampled too, other torque is averaged.
     Runs without enough motion to find the times of their samples are dropped. A log with a reference is
-    unchanged, because goals have another clock.
+    unchanged, because references have another clock.
     """
     if "reference" in log.values:
         return

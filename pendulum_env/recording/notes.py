@@ -89,7 +89,7 @@ class Note:
 
     Attributes:
         kind: kind of the note.
-        quantities: quantities of the recording; of an arm, with the joint.
+        quantities: quantities of the recording; of several joints, with the joint.
         numbers: numbers by name, see `NoteKind`.
         headers: names of columns of the file or of topics.
         places: first `NAMED` rows of the file, from 1, or times [s].

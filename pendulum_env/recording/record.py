@@ -72,11 +72,11 @@ class Recording(Shown):
     velocity: Array | None = None  # (N,) [rad/s], of the sensor; None if not recorded
     notes: tuple[Note, ...] = ()  # changes and guesses while reading
     starts: tuple[int, ...] = (0,)  # index of the first sample of each segment
-    reference: Array | None = None  # (N,) goal of the controller [rad], of a speed controller [rad/s]
+    reference: Array | None = None  # (N,) of the controller [rad], of a speed controller [rad/s]
     supply: Array | None = None  # (N,) [V], bus voltage
     enabled: Array | None = None  # (N,), 1 while the motor is on and 0 while it is off
     temperature: Array | None = None  # (N,) [deg C], temperature of the joint
-    load_torque: Array | None = None  # (N,) [N m], measured at the output, positive if it drives the joint forward
+    load_torque: Array | None = None  # (N,) [N m], measured at the output, positive if it moves the joint forward
     load: Load | None = None  # known load on the joint; None if unknown
     torque_unit: str = NEWTON_METRE  # or the unit of a current with unknown gain, `A`
     torque_constant: TorqueConstant | None = None  # constant that converted a current to the torque
@@ -208,7 +208,7 @@ class Recording(Shown):
 
     @property
     def link_load(self) -> LinkLoad | None:
-        """Return the known body on a link; None for a joint without links."""
+        """Return the known load on a link; None for a joint without links."""
         return None
 
     @property
@@ -245,7 +245,7 @@ class Recording(Shown):
 
     @property
     def actuator(self) -> Actuator:
-        """Return the drive of the joint, or a motor with logged torque."""
+        """Return the controller of the joint, or a motor with logged torque."""
         return self.drive or MOTOR
 
     @property
@@ -260,11 +260,11 @@ class Recording(Shown):
 
     @property
     def goal(self) -> Array | None:
-        """Return the goal of a position controller (N,) [rad], or None."""
+        """Return the reference of a position controller (N,) [rad], or None."""
         return self.reference if self.actuator.acts_on_position else None
 
     def convert_to_newton_metres(self, constant: TorqueConstant) -> Self:
-        """Return the recording with torque in N m; the torque constant becomes the gain of its drive."""
+        """Return the recording with torque in N m; the torque constant becomes the gain of its controller."""
         torque, drive = constant.value * self.torque, self.drive and self.drive.with_gain(constant.value, constant.of)
         return replace(self, torque=torque, torque_unit=NEWTON_METRE, torque_constant=constant, drive=drive)
 

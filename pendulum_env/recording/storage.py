@@ -81,7 +81,7 @@ def read_rows(
     drive = parse_actuator(drive) if isinstance(drive, Mapping) else drive
     named_columns = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
     log_format = describe_reading(named_columns, unwrap, drive)
-    return read_joint_rows(source, {"": named_columns}, log_format, unwrap=unwrap, drive=drive, name=name)[""]
+    return read_joint_rows(source, {"": named_columns}, log_format, unwrap=unwrap, controller=drive, name=name)[""]
 
 
 def read_joint_rows(
@@ -90,7 +90,7 @@ def read_joint_rows(
     log_format: JSON,
     *,
     unwrap: bool,
-    drive: Actuator | None = None,
+    controller: Actuator | None = None,
     name: str | None = None,
 ) -> dict[str, Recording]:
     """Read a recording of each joint of a file, with the same instants; `columns` are by joint and quantity.
@@ -101,12 +101,12 @@ def read_joint_rows(
     tables = dict[str, RawTable]()
     try:
         for joint, named_columns in columns.items():
-            output = None if drive is None else drive.output_name
+            output = None if controller is None else controller.output_name
             find = partial(find_columns, named_columns=named_columns, output=output)
             with name_errors(joint):
                 tables[joint] = read_table(source, find)
         return build_recordings(
-            name or (find_stem(Path(label)) if is_file else label), tables, unwrap, drive, columns, log_format
+            name or (find_stem(Path(label)) if is_file else label), tables, unwrap, controller, columns, log_format
         )
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__

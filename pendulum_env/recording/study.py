@@ -1,12 +1,12 @@
 """Read and write studies: files `study.toml` with the reading options and the role of each recording.
 
-joints = ["lift", "elbow"]       # moving joints of an arm; see `robots.arms.read_body`
+joints = ["lift", "elbow"]       # moving joints with links; see `robots.arms.read_body`
 
 [columns]                        # columns of all recordings, as in `expression.py`
 position = "-motor_angle:deg/6"
 torque = "current:A*0.091"
 
-[drive]                          # controller that follows the goal, of an installed package
+[drive]                          # controller that follows the reference, of an installed package
 preset = "xl330"
 
 [[recording]]
@@ -92,7 +92,7 @@ class _Study(Struct, forbid_unknown_fields=True):
     recording: list[_Recording] = []
 
 
-Sliced = TypeVar("Sliced", bound=Recording)  # recording of a pendulum or an arm
+Sliced = TypeVar("Sliced", bound=Recording)  # recording of one or several joints
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Source:
     range: tuple[float, float] | None = None  # [s] from the first sample; None: all of it
     load: Load | None = None  # known load on the joint
     drive: Actuator | None = None  # controller that follows the reference
-    joints: tuple[str, ...] | None = None  # moving joints of an arm; None: all movable joints
+    joints: tuple[str, ...] | None = None  # moving joints with links; None: all movable joints
     is_of_study: bool = field(default=False, compare=False)  # whether a study has all options
     format_source: str = ""  # model file that supplied missing options
 
@@ -159,14 +159,14 @@ def _read_pendulum(source: Source) -> Recording:
 def collect_log_format(recordings: Sequence[Recording]) -> JSON:
     """Return the common reading options of all recordings, for the next log of the same machine.
 
-    The result also has the `conventions` of the drive that were given or decided.
+    The result also has the `conventions` of the controller that were given or decided.
     """
     loads = ({} if recording.load is None else {"load": asdict(recording.load)} for recording in recordings)
     formats: list[JSON] = [{**recording.log_format, **load} for recording, load in zip(recordings, loads, strict=True)]
     shared_keys = (key for key in FORMAT if formats and all(other.get(key) == formats[0].get(key) for other in formats))
-    drives = [recording.actuator.conventions for recording in recordings if recording.actuator.conventions]
-    first = drives[0] if drives else {}
-    decided = {name: value for name, value in first.items() if value and all(d.get(name) == value for d in drives)}
+    conventions = [recording.actuator.conventions for recording in recordings if recording.actuator.conventions]
+    first = conventions[0] if conventions else {}
+    decided = {name: value for name, value in first.items() if value and all(c.get(name) == value for c in conventions)}
     return {key: formats[0][key] for key in shared_keys if key in formats[0]} | decided
 
 

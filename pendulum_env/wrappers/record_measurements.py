@@ -29,7 +29,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
     interval = 0.5  # [s] of measured time between writes
 
     def __init__(self, env: gym.Env[Any, Any], path: str | Path, *, overwrite: bool = False) -> None:
-        """Wrap an environment of a pendulum or an arm, with `time`, `position` and `torque` in `info`.
+        """Wrap an environment with `time`, `position` and `torque` in `info`.
 
         Raises:
             ValueError: if the path does not end in .csv.
@@ -41,7 +41,7 @@ class RecordMeasurements(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstr
         if self.path.suffix.lower() != ".csv":
             raise ValueError(f"{path}: measurements are appended to a CSV file: let the name end in .csv")
         self._overwrite, self._episode = overwrite, 0
-        self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # names of an arm's joints
+        self._joints: Sequence[str] | None = getattr(env.unwrapped, "joints", None)  # names of several joints
         self._file: FileIO | None = None  # unbuffered: a killed process loses no written rows
         self._rows: list[str] = []
         self._write_error: OSError | None = None  # write error of this episode

@@ -39,7 +39,7 @@ def require_share_in_loop(after: Hypothesis, before: Hypothesis) -> Iterator[Gat
     adds_link = any(term.link for term in after.terms if term.id not in ids)
     least = limits.dominant if adds_link and not evidence.residuals.is_noise(after.terms) else limits.needed
     models = [evidence.fits.fit_model(each.terms) for each in (after, before)]
-    errors = [[compute_errors(part, model).loop[0] for model in models] for part in evidence.fits.parts]
+    errors = [[compute_errors(part, model).motion_errors[0] for model in models] for part in evidence.fits.parts]
     share = min(1.0 - (new / old) ** 2 for new, old in errors)
     yield Gate("explained_share", share, least, share > least)
 

@@ -72,7 +72,7 @@ def test_a_servo_in_the_loop_is_predicted_by_its_position():
     found = compare(off, servo)
     (own,) = found.recordings
     assert np.mean(np.isfinite(own.simulated_position)) > 0.98
-    assert np.mean(np.abs(missed(own))) == pytest.approx(found.errors.in_loop, rel=0.02)
+    assert np.mean(np.abs(missed(own))) == pytest.approx(found.errors.motion, rel=0.02)
     with pytest.raises(ValueError, match="horizon"):
         diagnose(servo, horizon=1.0)
 

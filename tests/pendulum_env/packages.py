@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pendulum_env.backends.hardware.drive import ENTRY_POINTS
+from pendulum_env.backends.hardware.adapter import ENTRY_POINTS
 from tools.prose import ROOT, blocks
 
 PAGE = ROOT / "docs" / "how-to" / "drive.md"

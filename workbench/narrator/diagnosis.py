@@ -109,8 +109,8 @@ def describe_result(diagnosis: Diagnosis) -> str:
     place = f" at {joints}" if joints else ""
     groups = [cause for finding in diagnosis.findings if (cause := describe_cause(finding))]
     groups += [join_words([name_effect(id) for id in group], "or") for group in diagnosis.effects]
-    if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_in_loop:
-        before, after = (diagnosis.steps[k].errors["holdout"].loop[0] for k in (0, -1))
+    if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_of_motion:
+        before, after = (diagnosis.steps[k].errors["holdout"].motion_errors[0] for k in (0, -1))
         is_coarse = after > WRONG_DRIVE * max(diagnosis.floors.values(), default=0.0)
         if is_coarse and after > before / 3:  # effects do not explain wrong settings of the drive
             verb = "explains" if len(groups) == 1 else "explain"
@@ -138,7 +138,7 @@ def describe_result(diagnosis: Diagnosis) -> str:
 def describe_errors(diagnosis: Diagnosis) -> str:
     """State the held-out errors before and after with the noise floor, and the part held out by default."""
     first, last = (step.errors["holdout"] for step in (diagnosis.steps[0], diagnosis.steps[-1]))
-    kind, source = ("in the loop", "encoder noise") if last.is_in_loop else ("torque", "noise floor")
+    kind, source = ("in the loop", "encoder noise") if last.is_of_motion else ("torque", "noise floor")
 
     def format_fall(before: float, after: float, unit: str) -> str:
         is_new = len(diagnosis.steps) > 1 and not (np.isnan(before) and np.isnan(after))
@@ -149,7 +149,7 @@ def describe_errors(diagnosis: Diagnosis) -> str:
     floors = {at: to_shown_unit(floor, units[at])[0] for at, floor in diagnosis.floors.items()}
     changes = {at: format_fall(first.get_joint_error(at), last.get_joint_error(at), unit) for at, unit in units.items()}
     falls = [f"{at or kind} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
-    if diagnosis.model.mechanism.can_simulate and not last.is_in_loop:
+    if diagnosis.model.mechanism.can_simulate and not last.is_of_motion:
         angle = diagnosis.model.units().unit("rad")
         falls.append(f"free-running position {format_fall(first.position_rms, last.position_rms, angle)}")
     part = " (last 30 %)" if diagnosis.data is not None and not diagnosis.data.holdout else ""
@@ -264,7 +264,7 @@ def describe_loop(comparison: Comparison) -> str | None:
     """State the error in the loop; None if the loop was not simulated."""
     error = Quantity(comparison.joint.errors.total, unit=comparison.model.units().unit("rad"))
     text = f"Simulated from its goals alone, the model is off by {measure(error)} on average."
-    return text if comparison.joint.errors.is_in_loop else None
+    return text if comparison.joint.errors.is_of_motion else None
 
 
 def describe_addition(addition: Addition) -> str:
@@ -274,7 +274,7 @@ def describe_addition(addition: Addition) -> str:
         return f"{addition.after.added} {objection}: these recordings give no reason to keep it."
     before, after = addition.before.errors["holdout"], addition.after.errors["holdout"]
     joint = next(iter(list_loads((addition.after.added or "").partition("@")[2])))
-    shares = {kind: getattr(after, kind) / getattr(before, kind) for kind in after.kinds if kind in before.kinds}
+    shares = {kind: after.get_error(kind) / before.get_error(kind) for kind in after.kinds if kind in before.kinds}
     shares[next(iter(shares))] = after.get_joint_error(joint) / before.get_joint_error(joint)
     falls = [f"{ERRORS[kind]}{f' at {joint}' if joint else ''} to {share:.1%}" for kind, share in shares.items()]
     return f"{addition.after.added} lowers the held-out errors: {', '.join(falls)} of before."

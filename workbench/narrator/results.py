@@ -234,7 +234,7 @@ def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[P
 
 def describe_fit(steps: Sequence[Step]) -> str:
     """State the fit [%] of held-out torque and motion of the first and the last model."""
-    if steps[0].errors["holdout"].is_in_loop:
+    if steps[0].errors["holdout"].is_of_motion:
         return "in the loop: mean distance between the recorded motion and a simulation from the goal alone"
     first, last = (step.errors["holdout"] for step in (steps[0], steps[-1]))
     course = " -> " if len(steps) > 1 else ""

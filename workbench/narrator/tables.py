@@ -48,8 +48,8 @@ def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextT
         name, (factor, unit) = ERRORS[kind], to_shown_unit(1.0, units.unit(unit))
         headers += [f"{name}, fitted [{unit}]", f"{name}, held out [{unit}]", "ratio"]
         for row, step in zip(rows, steps, strict=True):
-            train, holdout = (getattr(step.errors[part], kind) for part in ("train", "holdout"))
-            ratio = format_quantity(holdout / max(getattr(base, kind), 1e-300), 3)
+            train, holdout = (step.errors[part].get_error(kind) for part in ("train", "holdout"))
+            ratio = format_quantity(holdout / max(base.get_error(kind), 1e-300), 3)
             row += [format_quantity(factor * train, 4), format_quantity(factor * holdout, 4), ratio]
     return TextTable([*headers, ""], [[*row, draw_bar(float(row[3]))] for row in rows], left=("",))
 
@@ -93,14 +93,14 @@ def tabulate_recordings(comparison: Comparison) -> TextTable:
     over = "" if comparison.horizon in (None, HORIZON) else f" over {comparison.horizon:g} s"
     free_running = f"free-running position{over} [{angle}]"
     headers = ["recording", f"torque [{unit}]", "fit [%]", f"noise floor [{unit}]", free_running, "fit [%]"]
-    if comparison.joint.errors.is_in_loop:
+    if comparison.joint.errors.is_of_motion:
         headers += [f"in the loop, mean [{angle}]", f"RMS [{angle}]"]
     rows = []
     for item in rows_of_errors:
         errors = item.errors
         torque = [f"{size:.4g}" for size in (errors.torque_rms, errors.torque_fit, item.noise_floor)]
         motion = [format_quantity(size, 4) for size in (factor * errors.position_rms, errors.position_fit)]
-        loop = [f"{factor * size:.4g}" for size in errors.loop]
+        loop = [f"{factor * size:.4g}" for size in errors.motion_errors]
         rows.append((item.name, *torque, *motion, *loop))
     return TextTable(headers, rows)
 

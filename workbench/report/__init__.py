@@ -37,7 +37,7 @@ def render(diagnosis: Diagnosis, command: str = "") -> str:
     case = ReportData(diagnosis, command=command)
     if not diagnosis.model.mechanism.can_simulate:
         sections = _make_arm_sections(case)
-    elif diagnosis.steps[0].errors["holdout"].is_in_loop:
+    elif diagnosis.steps[0].errors["holdout"].is_of_motion:
         sections = [make_loop_diagnosis(case), make_candidates(case), make_parameters(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]

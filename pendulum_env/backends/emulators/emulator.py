@@ -22,17 +22,17 @@ TICK = 0.01  # [s], longest sleep, and delay of the log; the watchdog acts on ti
 
 
 class Wire:
-    """Emulated serial cable: the drive's end of a pseudo-terminal.
+    """Emulated serial cable: the device's end of a pseudo-terminal.
 
     Attributes:
         path: path of the host's end.
-        descriptor: file descriptor of the drive's end; -1 after `disconnect`.
+        descriptor: file descriptor of the device's end; -1 after `disconnect`.
     """
 
     chunk = 4096  # bytes per read
 
     def __init__(self, answer: Callable[[bytes], bytes]) -> None:
-        """Set the function that returns the drive's answer to received bytes."""
+        """Set the function that returns the device's answer to received bytes."""
         try:
             import pty
             import tty

@@ -1,8 +1,8 @@
-"""DM1015B rig: interface of its drives and the adapters."""
+"""DM1015B rig: interface of its adapters."""
 
-from pendulum_env.backends.hardware.drive import (
+from pendulum_env.backends.hardware.adapter import (
     OPENING_TIMEOUT,
-    Drive,
+    Adapter,
     DriveError,
     Reading,
     Sent,
@@ -14,7 +14,7 @@ from pendulum_env.backends.hardware.drive import (
 
 __all__ = [
     "OPENING_TIMEOUT",
-    "Drive",
+    "Adapter",
     "DriveError",
     "Reading",
     "Sent",

@@ -53,13 +53,13 @@ class GuardLimits:
     overruns: Annotated[int, Meta(ge=0, le=2**31)] = 1000  # most missed ticks of an episode
     stall_torque: NonNegative = 4.0  # [N m], above the sum of gravity and dry friction
     stall_time: NonNegative = 0.5  # [s], longest standstill of the counts under stall_torque
-    reply: Annotated[float, Meta(ge=0.001, le=5.0)] = 0.02  # [s], timeout of the drive's answer
-    watchdog: Annotated[float, Meta(ge=0.005, le=5.0)] = 0.08  # [s], timeout of the drive's watchdog
+    reply: Annotated[float, Meta(ge=0.001, le=5.0)] = 0.02  # [s], timeout of the device's answer
+    watchdog: Annotated[float, Meta(ge=0.005, le=5.0)] = 0.08  # [s], timeout of the device's watchdog
 
 
 @dataclass(frozen=True)
 class FaultReaction:
-    """Reaction to a fault while drive and encoder still work."""
+    """Reaction to a fault while amplifier and encoder still work."""
 
     action: Literal["zero", "brake"] = "zero"
     gain: NonNegative = 0.5  # [N m s/rad], gain of the braking torque
@@ -90,12 +90,12 @@ class SerialSettings:
 
 @dataclass(frozen=True)
 class DaqSettings:
-    """National Instruments card with the analogue drive of the Dynaserv."""
+    """National Instruments card with the amplifier of the Dynaserv."""
 
     torque: Text  # analogue output, +-10 V
     encoder: Text  # counter
-    enable: Text  # digital output line to servo-enable, cleared by the card's watchdog
-    fault: Text | None = None  # digital input line from the drive's fault output
+    enable: Text  # digital output line to the enable input, cleared by the card's watchdog
+    fault: Text | None = None  # digital input line from the amplifier's fault output
     fault_active: Literal["low", "high"] = "low"
     newton_metres_per_volt: Annotated[float, Meta(ge=0.001, le=MAX_NUMBER)] = 1.5  # 15 N m at 10 V
     volts_offset: Annotated[float, Meta(ge=-1.0, le=1.0)] = 0.0  # [V], voltage of zero torque

@@ -1,7 +1,7 @@
 """Angle and torque at the ticks of a loop, from readings and commands with varying delays.
 
 Counts are read shortly after each tick, and a torque acts shortly after its command. At 10 rad/s, a delay of 0.1 ms is
-an error of 1 mrad or 160 counts. Therefore the time of a reading comes from the drive's clock, if it has one, and the
+an error of 1 mrad or 160 counts. Therefore the time of a reading comes from the device's clock, if it has one, and the
 angle is interpolated to the tick.
 """
 
@@ -76,8 +76,8 @@ class Encoder:
         return angle
 
 
-class DriveClock:
-    """Map from the microseconds of a drive to this computer's monotonic clock.
+class DeviceClock:
+    """Map from the microseconds of a device to this computer's monotonic clock.
 
     A reading is taken between its request and its answer, with half of this time as its uncertainty. Clocks are
     therefore compared at the quickest answers, as in the clock filter of NTP (RFC 5905).
@@ -97,7 +97,7 @@ class DriveClock:
         return self._uncertainty if self._uncertainty < math.inf else 0.0
 
     def convert_time(self, microseconds: int, request_time: float, answer_time: float) -> float:
-        """Return the monotonic time [s] of a reading of the drive's clock, between request and answer [s]."""
+        """Return the monotonic time [s] of a reading of the device's clock, between request and answer [s]."""
         elapsed = 0.0 if self._last is None else 1e-6 * ((microseconds - self._last) % TURNOVER)
         self._last = microseconds
         self._time += elapsed

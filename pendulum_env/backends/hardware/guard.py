@@ -1,4 +1,4 @@
-"""Guard between torque command and drive.
+"""Guard between torque command and adapter.
 
 The guard does not replace an emergency stop, which cuts the power.
 """
@@ -8,7 +8,7 @@ import math
 import time
 from datetime import datetime
 
-from pendulum_env.backends.hardware import Drive, DriveError, Sent
+from pendulum_env.backends.hardware import Adapter, DriveError, Sent
 from pendulum_env.backends.hardware.config import RigConfig
 from pendulum_env.backends.hardware.encoder import Encoder
 from pendulum_env.backends.hardware.plausibility import PlausibilityCheck
@@ -23,15 +23,15 @@ class Fault(Exception):
 
 
 class Guard:
-    """Drive with limits; after a fault, torque and power stay off until `clear` is called.
+    """Adapter with limits; after a fault, torque and power stay off until `clear` is called.
 
     `fault` is the text of the fault with its remedy, or None.
     """
 
     max_rise = 1.0  # [rad/s], largest gain of speed against stall_torque or a brake
 
-    def __init__(self, motor: Drive, config: RigConfig) -> None:
-        """Set the motor's drive and the configuration."""
+    def __init__(self, motor: Adapter, config: RigConfig) -> None:
+        """Set the adapter of the motor and the configuration."""
         self.motor, self.config, self.limits = motor, config, config.limits
         self.encoder = Encoder(config.encoder, config.limits.hard_velocity)
         self.fault: str | None = None
@@ -46,7 +46,7 @@ class Guard:
         self.encoder.reset_velocity()
         self._plausibility.reset()
         self._command_time: float | None = None  # time of the last command [s]
-        self._drive_time = 0.0  # [s], time spent in calls of the drive since the last command
+        self._adapter_time = 0.0  # [s], time spent in calls of the adapter since the last command
         self._standstill_start: float | None = None  # start of a standstill under stall_torque [s]
         # torque [N m] and velocity [rad/s] at the start of motion against the torque
         self._reverse_motion: tuple[float, float] | None = None
@@ -55,7 +55,7 @@ class Guard:
         """Connect, and read the position of the pendulum.
 
         Raises:
-            DriveError: if the drive cannot be reached; the guard is then closed.
+            DriveError: if the device cannot be reached; the guard is then closed.
         """
         try:
             self._is_open = True
@@ -71,12 +71,12 @@ class Guard:
         self.log_message("opened")
 
     def clear(self) -> None:
-        """Reconnect the drive and clear the fault, after its cause is removed.
+        """Reconnect the device and clear the fault, after its cause is removed.
 
         Zero stays at its count. After the counter's supply was off, close and open the rig instead.
 
         Raises:
-            DriveError: if the drive cannot be reached.
+            DriveError: if the device cannot be reached.
         """
         if self.fault is not None:
             self.motor.close()
@@ -118,7 +118,7 @@ class Guard:
             sent = self.motor.write(sign * torque)
         except DriveError as error:
             raise self.trip(str(error)) from error
-        self._command_time, self._drive_time, self.torque = start, time.monotonic() - start, sign * sent.torque
+        self._command_time, self._adapter_time, self.torque = start, time.monotonic() - start, sign * sent.torque
         self._plausibility.add_command(self.torque)
         return Sent(sent.time, self.torque)
 
@@ -126,7 +126,7 @@ class Guard:
         """Return time [s] and position [rad] of a credible reading.
 
         Raises:
-            Fault: if a fault is kept, the drive reports one or does not answer, or the motion is too fast or
+            Fault: if a fault is kept, the device reports one or does not answer, or the motion is too fast or
                 implausible.
         """
         self._raise_kept_fault()
@@ -134,7 +134,7 @@ class Guard:
         try:
             reading = self.motor.read()
             duration = time.monotonic() - start
-            self._drive_time += duration
+            self._adapter_time += duration
             if self.powered and reading.fault is not None:
                 is_late = duration > self.limits.gap
                 delay = f", after {1e3 * duration:.0f} ms in which it did not answer" if is_late else ""
@@ -172,7 +172,7 @@ class Guard:
     def _trip_late(self, message: str, limit: str, allowed: str) -> Fault:
         return self.trip(
             f"{message}, {allowed} are allowed (limits.{limit}); the drive took "
-            f"{1e3 * self._drive_time:.0f} ms to answer. The program was held up or is too slow for its rate: lower "
+            f"{1e3 * self._adapter_time:.0f} ms to answer. The program was held up or is too slow for its rate: lower "
             "the rate, free the machine of other work, ask for real-time priority (realtime = true), and check the "
             "cable if it was the drive",
             can_brake=True,
@@ -209,7 +209,7 @@ class Guard:
 
         Args:
             message: text of the fault, with its remedy.
-            can_brake: whether drive and encoder still work, as braking requires.
+            can_brake: whether amplifier and encoder still work, as braking requires.
         """
         self.fault = message
         if self.powered:
@@ -272,7 +272,7 @@ class Guard:
             )
 
 
-def _brake_pendulum(drive: Drive, encoder: Encoder, config: RigConfig, max_rise: float) -> list[Exception]:
+def _brake_pendulum(motor: Adapter, encoder: Encoder, config: RigConfig, max_rise: float) -> list[Exception]:
     """Brake the pendulum until it is slow, gains `max_rise` [rad/s], or the time is over.
 
     Return the errors.
@@ -282,9 +282,9 @@ def _brake_pendulum(drive: Drive, encoder: Encoder, config: RigConfig, max_rise:
     try:
         while time.monotonic() < deadline and config.rest.velocity < abs(encoder.velocity) <= slowest + max_rise:
             torque = min(max(-config.fault.gain * encoder.velocity, -config.max_torque), config.max_torque)
-            drive.write(config.torque_sign * torque)
+            motor.write(config.torque_sign * torque)
             time.sleep(BRAKE_PERIOD)
-            reading = drive.read()
+            reading = motor.read()
             if reading.fault is not None:
                 break
             encoder.add_reading(reading.time, reading.counts)

@@ -1,7 +1,7 @@
-"""National Instruments card: torque by voltage, encoder counts, and servo-enable by a digital line.
+"""National Instruments card: torque by voltage, encoder counts, and the amplifier's enable input by a digital line.
 
 Samples are on demand and unbuffered; each task is started once. The watchdog of an X-series card does not cover
-analogue outputs. It clears the line to servo-enable, without which the drive gives no current.
+analogue outputs. It clears the line to the enable input, without which the amplifier gives no current.
 """
 
 import math
@@ -35,7 +35,7 @@ class _Timeout(grpc.UnaryUnaryClientInterceptor):  # type: ignore[misc]
 
 
 class NiDaq:
-    """Analogue drive of the Dynaserv, connected to a card."""
+    """Amplifier of the Dynaserv with an analogue input, connected to a card."""
 
     settings = DaqSettings
     full_scale = 10.0  # [V]
@@ -56,7 +56,7 @@ class NiDaq:
         self._typical_duration = math.inf  # usual duration of a reading [s]
 
     def open(self) -> None:
-        """Reserve the channels, at zero volts and without servo-enable."""
+        """Reserve the channels, at zero volts and not enabled."""
         self._call_timeout.seconds = max(OPENING_TIMEOUT, self._reply)
         with self._driver_errors(is_opening=True):
             self._reserve_channels()
@@ -100,7 +100,7 @@ class NiDaq:
         return nidaqmx.GrpcSessionOptions(grpc.intercept_channel(self._channel, self._call_timeout), "")
 
     def enable(self) -> None:
-        """Set zero volts, start the watchdog, and set servo-enable."""
+        """Set zero volts, start the watchdog, and enable the amplifier."""
         with self._driver_errors():
             self._set_voltage(0.0)
             with suppress(nidaqmx.errors.DaqError):

@@ -12,7 +12,7 @@ with weight w, holds for the angles without a derivative:
 
 Each parameter has a range, dry friction at rest is any torque up to fc, a command acts after up to `delay`, readings
 are uncertain by their duration, and `slack` bounds all other torques. If a change of velocity is outside the resulting
-range over any of several spans, the encoder or the drive fails, or the pendulum is pushed. Short spans detect jumps
+range over any of several spans, the encoder or the amplifier fails, or the pendulum is pushed. Short spans detect jumps
 early; long spans detect small torques.
 """
 

@@ -1,4 +1,4 @@
-"""Backend of the DM1015B rig: a guarded drive with a paced loop and a lock."""
+"""Backend of the DM1015B rig: a guarded motor with a paced loop and a lock."""
 
 import logging
 import math
@@ -18,7 +18,7 @@ class Rig:
 
     A step sends its torque, waits for the next tick and reads the encoder. Time, position and torque of a sample are
     those at the tick. After a fault, every sample has its text until the fault is cleared. The motor has power from the
-    first step of a run to its end, so a program may wait before the first step. After the last step, the drive's
+    first step of a run to its end, so a program may wait before the first step. After the last step, the device's
     watchdog removes the power if the program does not.
     """
 
@@ -44,7 +44,7 @@ class Rig:
         """Lock the device and connect, without power.
 
         Raises:
-            DriveError: if another process holds the lock, or the drive cannot be reached.
+            DriveError: if another process holds the lock, or the device cannot be reached.
         """
         self._owner.acquire()
         try:
@@ -62,7 +62,7 @@ class Rig:
         """Wait until the pendulum rests; return the measurement at time 0. The first torque switches the power on.
 
         Raises:
-            DriveError: if a fault is kept, the drive cannot be reached, or the pendulum does not come to rest.
+            DriveError: if a fault is kept, the device cannot be reached, or the pendulum does not come to rest.
         """
         self.disable()
         if start.clear_fault:

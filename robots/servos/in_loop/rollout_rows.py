@@ -67,7 +67,7 @@ class RolloutRows:
             block=self.criterion.block,
             noise=lambda at, inertia: noise.floor,
             structure=lambda at, residual, inertia: positions.measure_structure(residual),
-            errors=Errors(np.nan, np.nan).with_loop_errors,
+            errors=Errors(np.nan, np.nan).with_motion_errors,
             predicts_torque=False,
             has_fast_fits=False,
         )

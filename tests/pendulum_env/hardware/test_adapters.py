@@ -10,7 +10,7 @@ from pendulum_env.backends.emulators.motor import Motor
 from pendulum_env.backends.emulators.serial import Firmware
 from pendulum_env.backends.hardware import DriveError, find_adapter, frames
 from pendulum_env.backends.hardware.config import load
-from pendulum_env.backends.hardware.encoder import DriveClock
+from pendulum_env.backends.hardware.encoder import DeviceClock
 from pendulum_env.plant import paper_plant
 from pendulum_env.registration import PENDULUM
 from tests.pendulum_env.rigs import PATIENT
@@ -80,8 +80,8 @@ def test_no_run_ends_for_an_answer_that_is_lost_or_late(tmp_path, monkeypatch, l
     (tmp_path / "rig.toml").write_text(rig)
     config = load(tmp_path / "rig.toml")
     drive, port = find_adapter(config.adapter)(config), Port(late)
-    drive._port, drive._sequence, drive._clock, drive._splitter = port, 0, DriveClock(), frames.Splitter()
-    monkeypatch.setattr("pendulum_env.backends.hardware.serial_drive.time", port)
+    drive._port, drive._sequence, drive._clock, drive._splitter = port, 0, DeviceClock(), frames.Splitter()
+    monkeypatch.setattr("pendulum_env.backends.hardware.serial_adapter.time", port)
     port.firmware.answer = lambda data, answer=port.firmware.answer: answer(data) if port.now or not lost else b""
     assert drive.read().counts == 0
     assert port.now < 0.6 * config.limits.gap

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pendulum_env.backends.hardware import DriveError
 from pendulum_env.backends.hardware.config import EncoderSettings
-from pendulum_env.backends.hardware.encoder import DriveClock, Encoder, Ticks, subtract_counts
+from pendulum_env.backends.hardware.encoder import DeviceClock, Encoder, Ticks, subtract_counts
 
 
 @given(st.integers(-(2**40), 2**40), st.integers(-(2**31), 2**31 - 1))
@@ -92,7 +92,7 @@ def test_a_loop_that_was_held_up_catches_up():
 def test_the_clock_of_a_drive_is_told_although_answers_are_late():
     """Some answers come far too late, and the counter of microseconds rolls over."""
     rng = np.random.default_rng(1)
-    clock, errors = DriveClock(), []
+    clock, errors = DeviceClock(), []
     asked = 1000.0
     for _ in range(5000):
         asked += 1e-3

@@ -27,7 +27,7 @@ class Clock:
         self.now += seconds
 
 
-class FakeDrive:
+class FakeAdapter:
     """Turns as fast as it is told, and hangs for as long at each reading."""
 
     noise = 0.0
@@ -81,7 +81,7 @@ def make(clock, tmp_path):
             load(path), checked=checked, torque_sign=torque_sign, limits=replace(GuardLimits(), **limits),
             fault=on_fault or FaultReaction(), plant=plant,
         )  # fmt: skip
-        guard = Guard(FakeDrive(clock), config)
+        guard = Guard(FakeAdapter(clock), config)
         guard.open()
         guard.enable()
         guard.write(0.0)

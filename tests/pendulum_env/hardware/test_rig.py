@@ -176,7 +176,7 @@ def test_a_missing_extra_is_named_with_the_command(monkeypatch, tmp_path):
     path = tmp_path / "rig.toml"
     path.write_text('adapter = "serial"\n[serial]\nport = "/dev/none"\n')
     monkeypatch.setitem(sys.modules, "serial", None)
-    monkeypatch.delitem(sys.modules, "pendulum_env.backends.hardware.serial_drive", raising=False)
+    monkeypatch.delitem(sys.modules, "pendulum_env.backends.hardware.serial_adapter", raising=False)
     with pytest.raises(ModuleNotFoundError, match=r"pip install 'pendulum-ident\[hardware\]'"):
         gym.make(PENDULUM, backend="dm1015b", config=path)
 

@@ -115,8 +115,8 @@ def test_rows_around_a_fit_are_derivatives_of_simulations(rollouts: Rollouts):
 def test_a_law_without_a_name_is_kept_as_a_table_of_a_servo():
     rubs = recorded({"friction_spot": {"spot_f": 0.08, "spot_q": 0.3, "spot_w": 0.2}})
     added = add(MODEL, "friction_by_angle", rubs[:2], rubs[2:])
-    assert added.objection is None and added.after.errors["holdout"].is_in_loop
-    before, after = (step.errors["holdout"].in_loop for step in (added.before, added.after))
+    assert added.objection is None and added.after.errors["holdout"].is_of_motion
+    before, after = (step.errors["holdout"].motion for step in (added.before, added.after))
     assert after < 0.5 * before
     curve = added.after.model.tables["friction_by_angle"][1]
     assert abs(curve.x[np.argmax(curve.value)] - 0.3) < 0.1
@@ -124,12 +124,12 @@ def test_a_law_without_a_name_is_kept_as_a_table_of_a_servo():
 
 def test_parameters_come_back_from_goals_and_positions(plain):
     found = diagnose(plain[:2], plain[2:], only=FEW)
-    assert describe_result(found) == "Nothing is missing" and found.steps[0].errors["holdout"].is_in_loop
+    assert describe_result(found) == "Nothing is missing" and found.steps[0].errors["holdout"].is_of_motion
     for name, value in TRUE.items():
         own = found.model.estimates[name]
         assert own.value == pytest.approx(value, rel=0.02)
         assert abs(own.value - value) < 5 * own.std + 0.002 * value  # the two simulators differ by a bit
-    assert found.steps[-1].errors["holdout"].in_loop < 2e-3  # the encoder has 1.5e-3 rad a count
+    assert found.steps[-1].errors["holdout"].motion < 2e-3  # the encoder has 1.5e-3 rad a count
 
 
 def test_standard_errors_hold_what_a_late_log_does(plain):
@@ -166,7 +166,7 @@ def test_friction_that_grows_with_the_load_is_named_and_the_error_falls(pressed)
     found = diagnose(pressed[:2], pressed[2:], only=FEW)
     assert found.selected == ("load_dependent_friction",)
     first, last = found.steps[0].errors["holdout"], found.steps[-1].errors["holdout"]
-    assert last.in_loop < 0.3 * first.in_loop and np.isnan(last.torque_rms)
+    assert last.motion < 0.3 * first.motion and np.isnan(last.torque_rms)
     own = found.model.estimates["load_dependent_friction.output"].value * found.model.estimates["gravity"].value
     assert own == pytest.approx(0.3, rel=0.25)
     json.dumps(found.json(), allow_nan=False)
@@ -429,8 +429,8 @@ def test_an_effect_is_added_without_objection_only_where_it_hides(pressed, plain
 def test_errors_of_a_comparison_are_those_of_whole_recordings(plain):
     wrong = MODEL.with_values({"gravity": 0.6})
     right, off = (compare(model, plain).joint.errors for model in (MODEL, wrong))
-    assert right.in_loop < 2e-3 < 0.02 < off.in_loop
-    assert right.in_loop <= right.in_loop_rms
+    assert right.motion < 2e-3 < 0.02 < off.motion
+    assert right.motion <= right.motion_rms
 
 
 def test_fit_finds_the_likeliest_parameters_from_far_away_and_a_limit_that_is_too_low_is_where_one_ends(rollouts):
@@ -488,7 +488,7 @@ def test_parameters_of_an_unknown_gain_are_per_volt_and_compared_so(plain, tmp_p
     assert found.model.estimates["gravity"].value == pytest.approx(TRUE["gravity"], rel=0.02)
     in_torque = replace(MODEL, torque_constant=Estimate(1.0, 0.01, "N m/V"))  # whose constant is the drive's gain
     for model in (Model.from_json(found.model.json()), in_torque):
-        assert compare(model, gain_of_one).joint.errors.in_loop < 2e-3
+        assert compare(model, gain_of_one).joint.errors.motion < 2e-3
 
 
 @pytest.mark.parametrize(
@@ -554,7 +554,7 @@ def test_log_of_goals_and_positions_needs_no_torque(plain, tmp_path):
     own = read_recording(path, drive=plain[0].drive)
     assert own.torque == pytest.approx(plain[0].torque, abs=1e-6) and not own.has_logged_torque
     compared = compare(MODEL.with_values({"gravity": 0.5}), own)
-    assert not compared.is_torque_logged and not compared.regions and compared.joint.errors.in_loop > 0.02
+    assert not compared.is_torque_logged and not compared.regions and compared.joint.errors.motion > 0.02
     with pytest.raises(RecordingError, match="no column for torque"):
         read_recording(path)
     np.savetxt(path, rows * [1, 1, 2048 / np.pi], delimiter=",", header="time,position,goal", comments="")

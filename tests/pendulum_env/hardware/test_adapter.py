@@ -2,8 +2,8 @@
 
 import pytest
 
+from pendulum_env.backends.hardware.adapter import BUILT_IN, list_adapters
 from pendulum_env.backends.hardware.config import ConfigError, load
-from pendulum_env.backends.hardware.drive import BUILT_IN, list_adapters
 from tests.pendulum_env.packages import install, install_bench
 
 

@@ -8,11 +8,11 @@ import serial
 
 from pendulum_env.backends.hardware import OPENING_TIMEOUT, DriveError, Reading, Sent, driver_errors, frames
 from pendulum_env.backends.hardware.config import RigConfig, SerialSettings
-from pendulum_env.backends.hardware.encoder import DriveClock
+from pendulum_env.backends.hardware.encoder import DeviceClock
 
 
-class SerialDrive:
-    """Analogue drive of the motor, connected to a microcontroller."""
+class SerialAdapter:
+    """Amplifier with an analogue input, connected to a microcontroller."""
 
     settings = SerialSettings
     noise = 0.0  # readings have a time stamp
@@ -31,7 +31,7 @@ class SerialDrive:
     def open(self) -> None:
         """Open the port, wait for the board, which may restart, and set the watchdog."""
         link, self._is_on = self._link, False
-        self._sequence, self._clock, self._splitter = 0, DriveClock(), frames.Splitter()
+        self._sequence, self._clock, self._splitter = 0, DeviceClock(), frames.Splitter()
         with driver_errors(f"serial port {link.port} cannot be opened", "check serial.port"):
             self._port = serial.Serial(
                 link.port,

@@ -1,4 +1,4 @@
-"""Interface of adapters: drives with a torque command and encoder counts.
+"""Interface of adapters, which send torque to an amplifier and read encoder counts.
 
 Adapters do not check or pace: `Guard` limits the torque, and `Rig` waits for the next sample. Installed packages add
 adapters by entry points of the group `ENTRY_POINTS`; see docs/how-to/drive.md.
@@ -16,14 +16,14 @@ from pendulum_env.lookup import find
 ENTRY_POINTS = "pendulum_ident.drives"
 PACKAGE = "pendulum_env.backends.hardware"
 BUILT_IN = {
-    "serial": EntryPoint("serial", f"{PACKAGE}.serial_drive:SerialDrive", ENTRY_POINTS),
+    "serial": EntryPoint("serial", f"{PACKAGE}.serial_adapter:SerialAdapter", ENTRY_POINTS),
     "nidaq": EntryPoint("nidaq", f"{PACKAGE}.nidaq:NiDaq", ENTRY_POINTS),
 }
-OPENING_TIMEOUT = 2.0  # [s], least timeout of an answer while a drive opens and may initialise
+OPENING_TIMEOUT = 2.0  # [s], least timeout of an answer while an adapter opens and the amplifier may initialise
 
 
 class DriveError(RuntimeError):
-    """Error of a drive; the message has the fault and the remedy."""
+    """Error of an adapter or its amplifier; the message has the fault and the remedy."""
 
 
 @contextmanager
@@ -42,33 +42,36 @@ def driver_errors(fault: str, remedy: str) -> Iterator[None]:
 
 
 class Reading(NamedTuple):
-    """Reading of a drive."""
+    """Reading of an adapter."""
 
     time: float  # time of the counts on this computer's monotonic clock [s]
     counts: int  # encoder counts, modulo 2^32
-    fault: str | None = None  # text of the drive's fault
+    fault: str | None = None  # text of the amplifier's fault
 
 
 class Sent(NamedTuple):
     """Torque that was sent."""
 
     time: float  # start of its action on this computer's monotonic clock [s]
-    torque: float  # after the rounding of the drive [N m]
+    torque: float  # after the rounding of the command [N m]
 
 
-class Drive(Protocol):
-    """Drive in torque mode: `open, enable, (write, read) ..., disable, close`. All but `close` may raise DriveError."""
+class Adapter(Protocol):
+    """Connection to an amplifier in torque mode. Order of calls: `open, enable, (write, read) ..., disable, close`.
+
+    All but `close` may raise DriveError.
+    """
 
     noise: float  # standard deviation of the time at which counts are taken [s]
 
     def open(self) -> None:
-        """Connect, without power, and start the drive's watchdog if it has one."""
+        """Connect, without power, and start the watchdog of the device if it has one."""
 
     def enable(self) -> None:
-        """Clear faults of the drive and switch the power on, at zero torque."""
+        """Clear faults of the amplifier and switch the power on, at zero torque."""
 
     def write(self, torque: float) -> Sent:
-        """Set the torque [N m] and restart the drive's watchdog."""
+        """Set the torque [N m] and restart the watchdog of the device."""
 
     def read(self) -> Reading:
         """Return current counts and faults, with or without power."""
@@ -88,13 +91,13 @@ class Settings(Protocol):
         """Return the name of the device, which one process at a time may use."""
 
 
-class Adapter(Protocol):
-    """Class of a drive, called with the `RigConfig`; its `link` has the settings."""
+class AdapterClass(Protocol):
+    """Class of an adapter, called with the `RigConfig`; its `link` has the settings."""
 
     settings: type[Settings]
 
-    def __call__(self, config: Any, /) -> Drive:
-        """Make the drive, not connected."""
+    def __call__(self, config: Any, /) -> Adapter:
+        """Make the adapter, not connected."""
 
 
 def list_adapters() -> dict[str, EntryPoint]:
@@ -102,8 +105,8 @@ def list_adapters() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)} | BUILT_IN
 
 
-def find_adapter(name: str) -> Adapter:
-    """Load the adapter of a name.
+def find_adapter(name: str) -> AdapterClass:
+    """Load the class of an adapter by its name.
 
     Raises:
         UserError: if the name is unknown, or the adapter cannot be loaded.
@@ -111,7 +114,7 @@ def find_adapter(name: str) -> Adapter:
     """
     point = find("adapter", name, list_adapters())
     try:
-        adapter: Adapter = point.load()
+        adapter: AdapterClass = point.load()
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # also SystemExit of another package
