@@ -23,9 +23,9 @@ from estimators.schemes.six import SCHEMES
 from pendulum_env.formatting import capitalise, join_words
 from pendulum_env.physics import BASE, effects, list_nameable
 from pendulum_env.physics.description import Symptom
+from pendulum_env.physics.effect_texts import find_description, find_look_alikes, name_effect
 from workbench.cli import COMMANDS, main
 from workbench.commands.effects import list_parameters
-from workbench.narrator.effects import find_description, find_look_alikes, name_effect
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same
@@ -271,7 +271,7 @@ def which_effect() -> str:
         "excitation: mean residual torque over angle, velocity, torque and time, and the range of noise (grey). The "
         "[app](app.md) and `pendulum-ident compare --report` draw the same four curves for your recordings. An effect "
         "that looks flat here needs another motion. A motor that turns with two joints of an arm causes "
-        "friction of the sum of their speeds, [a coupling](how-to/arms.md#diagnose). A residual that no "
+        "friction of the sum of their speeds, [a coupling](robots/arms.md#diagnose). A residual that no "
         "effect explains can be [modelled by a table](how-to/unknown-law.md).",
     ]
     parts[2] += "".join(f"\n| {symptom} | {', '.join(ids)} |" for symptom, ids in rows.items())

@@ -1,4 +1,4 @@
-"""Findings on data, a model or the next step: the base of their families; the narrator of the workbench has the texts.
+"""Findings on data, a model or the next step: the base of their families; see `estimators.texts` for their texts.
 
 A family is a frozen dataclass with typed fields, beside the function that finds it.
 """

@@ -8,6 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pendulum_env.quantity import Quantity
+from pendulum_env.units import to_shown_unit
+
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -85,3 +88,23 @@ def format_percent(share: float) -> str:
 def format_quantity(value: float, digits: int, unit: str = "") -> str:
     """Format a number with its unit; NaN becomes `unknown`."""
     return "unknown" if math.isnan(value) else f"{value:.{digits}g}{f' {unit}' if unit else ''}"
+
+
+def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> str:
+    """Format a quantity in its displayed unit, with its standard error if known."""
+    factor, unit = to_shown_unit(1.0, quantity.unit, is_parameter)
+    value, std = factor * quantity.value, factor * quantity.std
+    text = format_estimate(value, std) if std else format_quantity(value, digits)
+    return f"{text} {unit}".rstrip()
+
+
+def measure_change(before: Quantity, after: Quantity, digits: int = 3) -> str:
+    """Format two values in one unit: `0.2 -> 0.1 rad`."""
+    value, _ = to_shown_unit(before.value, before.unit)
+    return f"{format_quantity(value, digits)} -> {measure(after, digits)}"
+
+
+def measure_range(low: float, high: float, unit: str, digits: int = 3) -> str:
+    """Format a range in its displayed unit: `-1.2 to 0.9 rad`."""
+    ends = [to_shown_unit(end, unit) for end in (low, high)]
+    return f"{ends[0][0]:.{digits}g} to {ends[1][0]:.{digits}g} {ends[0][1]}".rstrip()

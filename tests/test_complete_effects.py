@@ -14,10 +14,10 @@ from benchmarks.independent_plant import Plant, random_case, simulate
 from benchmarks.truth import Truth
 from estimators.search_hints import SearchHints, find_hints
 from pendulum_env.physics import Column, NonlinearParameter, Term, effects, list_nameable
+from pendulum_env.physics.effect_texts import find_description
 from pendulum_env.physics.library import BUILT_IN, MEASURED
 from tests.cases import CASES
 from tools.prose import README, ROOT
-from workbench.narrator.effects import find_description
 
 EXACT = {"seconds": 4.0, "excitation": "two_tone", "counts": None, "torque_noise": 0.0}
 
@@ -99,7 +99,7 @@ class Part:
 
 PLANT = "benchmarks/independent_plant.py"
 PARTS = (
-    Part(is_described, "add a Description with all texts", "workbench/narrator/effects.py", "EFFECTS: "),
+    Part(is_described, "add a Description with all texts", "pendulum_env/physics/effect_texts.py", "EFFECTS: "),
     Part(can_be_searched, "add hints, since bounds are infinite", "estimators/search_hints.py", "_HINTS: "),
     Part(lambda id: id in independent_plant.EFFECTS, "add parameters that switch it off", PLANT, "EFFECTS: "),
     Part(has_random_size, "add a random size", PLANT, "def _random_effect("),

@@ -74,6 +74,16 @@ def test_packages_depend_one_way():
     assert not upward
 
 
+def test_the_workbench_meets_robots_by_entry_points_alone():
+    importing = [
+        (module, other)
+        for module, imported in find_imports().items()
+        for other in imported
+        if module.startswith("workbench") and other.partition(".")[0] == "robots"
+    ]
+    assert not importing
+
+
 def test_help_waits_for_no_library_but_gymnasium_s_own():
     code = (
         "import sys; from workbench.cli import main; main(['--help']); "

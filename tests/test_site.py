@@ -12,8 +12,8 @@ import pytest
 
 from estimators.schemes.six import SCHEMES
 from pendulum_env.physics import effects
+from pendulum_env.physics.effect_texts import find_description
 from workbench.cli import COMMANDS
-from workbench.narrator.effects import find_description
 
 for module in ("mkdocs", "material", "mkdocstrings", "latex2mathml"):
     pytest.importorskip(module, reason="building the pages needs the extra docs")

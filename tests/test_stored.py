@@ -12,7 +12,8 @@ from pendulum_env.physics import Model
 from pendulum_env.reading import read_toml
 from pendulum_env.recording.channel import Load
 from pendulum_env.recording.study import Source, read_sources, write_study
-from robots.arms.model import ArmModel, ModelOptions
+from pendulum_env.robot_file import RobotOptions
+from robots.arms.model import ArmModel
 from robots.servos import ServoDrive
 from tests.two_link import body
 from workbench.runs import read_suggestion
@@ -41,7 +42,7 @@ def test_a_model_of_an_arm():
     assert [(term.id, term.nonlinear_values) for term in old.terms[1:]] == [
         (f"{term['id']}@{term['joint']}", term["shape"]) for term in content["terms"]
     ]
-    assert ModelOptions.read_from_model(STORED / "arm-model.json").log_format == model.log_format != {}
+    assert RobotOptions.read_from_model(STORED / "arm-model.json").log_format == model.log_format != {}
 
 
 def test_a_diagnosis():

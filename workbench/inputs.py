@@ -10,17 +10,17 @@ from typing import TypeVar
 from estimators.arguments import check_model
 from estimators.data.calibration import convert_to_model_unit
 from estimators.data.fit_data import FitData
+from estimators.data.preparation import find_preparation
 from estimators.decisions.criterion import Criterion
 from estimators.free_swings import find_known_values
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import PENDULUM, Mechanism, Model, ModelError
 from pendulum_env.physics.joints import list_base_terms
 from pendulum_env.physics.limits import collect_limits
-from pendulum_env.physics.model import load_model
+from pendulum_env.physics.model import complete_model, load_model
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources
-from robots.arms.model import ArmModel, ModelOptions
-from robots.servos.in_loop import list_decisions
+from pendulum_env.robot_file import RobotOptions
 from workbench.errors import InputError
 from workbench.narrator import describe
 from workbench.narrator.findings import describe_timing
@@ -146,7 +146,7 @@ class Inputs:
         known_values = find_known_values(self.model.terms) | dict(fixed or {})
         own = self.recordings, self.holdout, self.model.terms
         data = FitData.from_recordings(*own, known=known_values, criterion=criterion)
-        for finding in list_decisions(data.treatments):
+        for finding in find_preparation(data.all_recordings).list_decisions(data.treatments):
             terminal.print(describe(finding))
         if not self.body.can_simulate:
             align = align or None  # the test is slow for arms: only with --align
@@ -194,7 +194,7 @@ def report_timing(data: FitData, align: bool | None, terminal: Terminal) -> FitD
 
 def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: str, terminal: Terminal) -> Inputs:
     """Read the model, if given, and the recordings of an arm."""
-    saved = ModelOptions.read_from_model(path)
+    saved = RobotOptions.read_from_model(path)
     sources = [apply_log_format(source, saved.log_format, path) for source in sources]
     requested = make_robot(arguments, sources, saved)
     robot = requested.keep_logged_joints(sources)
@@ -203,8 +203,8 @@ def _open_arm(arguments: argparse.Namespace, sources: Sequence[Source], path: st
     body = robot.body(saved.held) if saved.held else robot.hold_joints(recordings)
     if robot is not requested:
         terminal.print("joints without columns of torque in the log are held; --joints names those that move")
-    report_held(body, recordings, terminal)
-    model = ArmModel.load(path, body) if path else ArmModel(list_base_terms(body))
+    report_held(robot, body, recordings, terminal)
+    model = load_model(body, path) if path else complete_model(body, Model(list_base_terms(body)))
     n_fitted = sum(source.role == "fit" for source in sources)
     return Inputs(model, [*recordings[:n_fitted]], [*recordings[n_fitted:]], robot.read)
 
@@ -216,5 +216,5 @@ def make_body(arguments: argparse.Namespace) -> Mechanism:
     """
     if arguments.robot is None:
         return PENDULUM
-    saved = ModelOptions.read_from_model(arguments.model)
+    saved = RobotOptions.read_from_model(arguments.model)
     return make_robot(arguments, saved=saved).body(saved.held)

@@ -13,9 +13,9 @@ from pendulum_env.lookup import find
 from pendulum_env.physics import Model, Term, list_nameable
 from pendulum_env.plant import hide, paper_plant, read_parameters
 from pendulum_env.reading import MAX_NUMBER, quote_value
+from pendulum_env.recording.actuator import Actuator, list_actuators, parse_actuator
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
 from pendulum_env.recording.vocabulary import UNIT_NAMES
-from robots.servos import KEYS, TEXT_KEYS, ServoDrive
 from workbench.errors import InputError
 from workbench.terminal import parse_json_output
 
@@ -24,7 +24,6 @@ COUPLING = "coupling"  # effect between two joints
 ARM_EFFECTS = (COUPLING, "rotor")  # only arms have them
 FORMATS = "CSV, Parquet, NPZ, JSON, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
-DRIVE = f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
 OF_ARMS = ("rotors", "joints", "no_gravity")  # options that need --robot
 OF_PENDULUMS = ("drive", "theta", "fixed", "bounds")  # options that exclude --robot
 
@@ -133,11 +132,16 @@ def parse_bounds(text: str) -> dict[str, tuple[float, float]]:
     return bounds
 
 
-def parse_drive(text: str) -> ServoDrive:
+def parse_drive(text: str) -> Actuator | None:
     """Parse the settings of a drive, `preset=xl330,kp=200`; raises ValueError if they are invalid."""
     pairs = _split_pairs(text, "KEY=VALUE, such as kp=200")
-    words = ("preset", *TEXT_KEYS)
-    return ServoDrive.from_settings({name: value if name in words else _parse_bound(value) for name, value in pairs})
+    words = {"kind", *(name for kind in list_actuators().values() for name in kind.text_settings)}
+    return parse_actuator({name: value if name in words else _parse_bound(value) for name, value in pairs})
+
+
+def describe_drives() -> str:
+    """Describe the settings of all installed kinds of drives."""
+    return "; ".join(kind.describe_settings() for kind in list_actuators().values())
 
 
 def parse_columns(text: str) -> dict[str, str]:
@@ -179,7 +183,7 @@ def _parse_bound(text: str) -> float:
     return value
 
 
-SHARED: dict[str, dict[str, Any]] = {  # arguments of `add_argument`
+SHARED: dict[str, dict[str, Any]] = {  # arguments of `add_argument`; `help` may be a function that returns it
     "model": {"metavar": "MODEL.json", "help": "what identify, diagnose or add wrote with -o"},
     "recordings": {"metavar": "RECORDING", "nargs": "+", "help": f"{KINDS}; several are of one machine"},
     "--holdout": {
@@ -200,7 +204,9 @@ SHARED: dict[str, dict[str, Any]] = {  # arguments of `add_argument`
     "--drive": {
         "metavar": "KEY=VALUE,...",
         "type": keep_message(parse_drive),
-        "help": f"the controller that followed the reference, {DRIVE}; the closed loop is then simulated",
+        "help": lambda: (
+            f"the controller that followed the reference, {describe_drives()}; the closed loop is then simulated"
+        ),
     },
     "--effect": {
         "metavar": "ID[=VALUE,...]",
@@ -261,7 +267,9 @@ SEARCH, PLANT = ("--model", "--only", "--without"), ("--effect", "--theta")
 def declare(parser: argparse.ArgumentParser, *names: str, **changed: Any) -> None:
     """Declare options of `SHARED`; `changed` replaces arguments of `add_argument`, for example `help`."""
     for name in names:
-        parser.add_argument(name, **(SHARED[name] | changed))
+        settings = SHARED[name] | changed
+        about = settings["help"]
+        parser.add_argument(name, **settings | {"help": about() if callable(about) else about})
 
 
 def add_verbose(parser: argparse.ArgumentParser) -> None:

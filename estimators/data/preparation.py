@@ -53,6 +53,10 @@ class Preparation:
         """Return recordings with the settings on which their torque depends, decided by fits of a base model."""
         return Prepared(recordings, holdout)
 
+    def list_decisions(self, findings: Sequence[Finding]) -> Sequence[Finding]:
+        """List the last decisions on open settings among findings on recordings."""
+        return ()
+
     def simulate(self, model: Model, recordings: Sequence[Recording]) -> WholeMotion:
         """Simulate whole recordings under a model, from what moves them, without their torque."""
         return NOT_SIMULATED

@@ -17,6 +17,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import fit_within_laws
 from estimators.data.preparation import Preparation
 from estimators.decisions.errors import Step, Terms
+from estimators.diagnosis.links import LinkPayload, NearestLinks
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis, HorizonRefit
 from estimators.findings import Finding
@@ -94,6 +95,20 @@ class Case(Preparation, ABC):
     def show_effect(self, data: FitData, base: Terms, kind: type[Term]) -> FitData:
         """Return data that show an effect beside base terms, for `add`; by default unchanged."""
         return data
+
+    def find_nearest_links(self, model: Model) -> NearestLinks | None:
+        """Find the possible links that are nearest to the parameters of a model; None for a machine without links."""
+        return None
+
+    def find_payload(
+        self, model: Model, carrying: Sequence[Recording], without: Sequence[Recording] = (), joint: str | None = None
+    ) -> LinkPayload | None:
+        """Find the body at a link in some recordings, by default at the last; None for a machine without links.
+
+        Raises:
+            IdentificationError: if the recordings have too little motion.
+        """
+        return None
 
     def refit_to_horizon(self, trial: Trial) -> HorizonRefit | None:
         """Refit the final model to free-running motion over the horizon of the options; None without one."""

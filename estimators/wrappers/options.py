@@ -18,8 +18,9 @@ from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
 from pendulum_env.physics import PENDULUM, Mechanism, Term
 from pendulum_env.physics.joints import Coupling, arrange_terms, find_kinds, list_base_terms, list_effects
-from pendulum_env.physics.mechanism import LinkedMechanism, find_link_reader
+from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.recording import NEWTON_METRE, Recording
+from pendulum_env.robot_file import find_link_reader
 
 Names = str | Sequence[str | Scheme | JointState]
 AnyEnv = gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]

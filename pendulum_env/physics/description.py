@@ -1,4 +1,4 @@
-"""Texts of effects for readers; `workbench.narrator` has those of the built-in effects."""
+"""Texts of effects for readers; `effect_texts` has those of the built-in effects."""
 
 from __future__ import annotations
 

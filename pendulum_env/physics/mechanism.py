@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.plugins import load_plugins, make_missing_error
 from pendulum_env.units import TURNING, JointUnits
-
-READERS = "pendulum_ident.links"  # entry points of link readers
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +61,20 @@ class BaseParameter:
         return words
 
 
+@dataclass(frozen=True, eq=False)
 class LinkedMechanism(Mechanism, ABC):
     """Joints with rigid links, whose balance is linear in P base parameters.
 
     Regressors take N samples of q, v and a, each (N, n) in rad, rad/s, rad/s^2 (m for linear joints). They have one
     column per base parameter (P).
+
+    Attributes:
+        name: name of the robot.
+        held: positions of fixed joints [rad] or [m], by name.
     """
+
+    name: str
+    held: Mapping[str, float]
 
     can_simulate: ClassVar[bool] = False
     can_limit: ClassVar[bool] = False
@@ -79,6 +83,11 @@ class LinkedMechanism(Mechanism, ABC):
     @abstractmethod
     def base(self) -> tuple[BaseParameter, ...]:
         """Return the base parameters with their combinations."""
+
+    @property
+    def impossible_text(self) -> str:
+        """Return a sentence that names the links with an impossible inertia; empty without any."""
+        return ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -122,21 +131,6 @@ class LinkLoad:
 
     joint: str
     standard: Array
-
-
-class LinkReader(NamedTuple):
-    """Reader of links of an installed package: of a file, and of the text of a URDF file."""
-
-    read: Callable[[str | Path], LinkedMechanism]
-    parse: Callable[[str], LinkedMechanism]
-
-
-def find_link_reader() -> LinkReader:
-    """Return the reader of an installed package, the first by the name of its entry point."""
-    readers = [reader for reader in load_plugins(READERS).values() if isinstance(reader, LinkReader)]
-    if not readers:
-        raise make_missing_error(READERS, "reads links")
-    return readers[0]
 
 
 def describe_joints(names: Sequence[str]) -> str:

@@ -20,6 +20,7 @@ class Actuator:
 
     is_controller: ClassVar[bool] = False  # whether the torque follows a reference
     convention_names: ClassVar[tuple[str, ...]] = ()  # settings that a fit may decide
+    text_settings: ClassVar[tuple[str, ...]] = ()  # settings with a text; others have a number
 
     @property
     def acts_on_speed(self) -> bool:
@@ -63,10 +64,19 @@ class Actuator:
         """Return the actuator with a torque per `unit`; unchanged if its torque is in another unit."""
         return self
 
+    def complete_conventions(self, settings: Mapping[str, Any]) -> Self:
+        """Return the actuator with the settings of a log format that it leaves open; unchanged without conventions."""
+        return self
+
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Make an actuator of the settings of a study; raises a UserError if they are invalid."""
         return cls(**settings)
+
+    @classmethod
+    def describe_settings(cls) -> str:
+        """Describe the settings for the help of the command line: an example and the names."""
+        return ""
 
     def get_settings(self) -> dict[str, str | float]:
         """Return the settings of a study that make the actuator."""
@@ -83,7 +93,7 @@ def parse_actuator(settings: Mapping[str, Any]) -> Actuator | None:
     """
     if not settings:
         return None
-    kinds, others = _list_kinds(), {name: value for name, value in settings.items() if name != "kind"}
+    kinds, others = list_actuators(), {name: value for name, value in settings.items() if name != "kind"}
     if not kinds:
         raise make_missing_error(ENTRY_POINTS, "has drives")
     if len(kinds) > 1 and "kind" not in settings:
@@ -94,10 +104,10 @@ def parse_actuator(settings: Mapping[str, Any]) -> Actuator | None:
 
 def list_conventions() -> set[str]:
     """List the names of the conventions of all installed actuators."""
-    return {name for kind in _list_kinds().values() for name in kind.convention_names}
+    return {name for kind in list_actuators().values() for name in kind.convention_names}
 
 
-def _list_kinds() -> dict[str, type[Actuator]]:
+def list_actuators() -> dict[str, type[Actuator]]:
     """List the installed classes of actuators by the name of their entry point."""
     plugins = load_plugins(ENTRY_POINTS)
     return {name: kind for name, kind in plugins.items() if isinstance(kind, type) and issubclass(kind, Actuator)}

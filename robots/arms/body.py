@@ -26,7 +26,7 @@ import numpy as np
 from pendulum_env._typing import Array, Index
 from pendulum_env.formatting import join_words
 from pendulum_env.physics.joints import find_mechanism
-from pendulum_env.physics.mechanism import BaseParameter, LinkedMechanism, LinkReader
+from pendulum_env.physics.mechanism import BaseParameter, LinkedMechanism
 from robots.arms.robot import BodyError, import_pinocchio, read_robot
 
 STANDARD = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")  # of a link in its joint's frame
@@ -47,8 +47,6 @@ class Body(LinkedMechanism):
     """Links of an arm with n revolute or linear joints, in a tree on a fixed base; made by `read_body`.
 
     Attributes:
-        name: name of the robot.
-        held: positions of fixed joints [rad] or [m], by name.
         links: names of the joints that move a link: `joints`, and joints that follow them.
         model: Pinocchio model of the links.
         ratios: R, speed of each link's joint per speed of each independent joint (links, n).
@@ -56,8 +54,6 @@ class Body(LinkedMechanism):
         rotors: whether each joint has a rotor inertia.
     """
 
-    name: str
-    held: Mapping[str, float]
     links: tuple[str, ...]
     model: Any
     ratios: Array
@@ -311,6 +307,3 @@ def find_body(terms: Sequence[object]) -> Body:
     body = find_mechanism(terms)
     assert isinstance(body, Body)
     return body
-
-
-READER = LinkReader(read_body, parse_body)

@@ -28,13 +28,15 @@ from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult
 from estimators.signals.residual import Region
 from estimators.weak_form.averages import concatenate_samples
-from pendulum_env.physics import TABLES, Term, list_ids
+from pendulum_env.physics import TABLES, Model, Term, list_ids
 from pendulum_env.physics.joints import Rotor, find_mechanism, place_effects
 from pendulum_env.recording import Recording
 from robots.arms.body import find_body
 from robots.arms.carried_payload import CarriedPayload, include_payload
 from robots.arms.conclusion import MissingRotors, conclude_arm, find_joint_residuals
 from robots.arms.contacts import find_arm_contacts
+from robots.arms.payload import Payload, find_payload
+from robots.arms.standard import Nearest, nearest_body
 
 
 @applies_to("diagnose")
@@ -123,6 +125,16 @@ class Arm(Case):
     def present(self, trial: Trial, step: Step, is_final: bool) -> Step:
         """Return a step with the standard error of the timing."""
         return replace(step, model=widen_by_timing(step.model, trial.data, trial.evidence.train))
+
+    def find_nearest_links(self, model: Model) -> Nearest:
+        """Find the links with the base parameters of a model, or the nearest ones."""
+        return nearest_body(model)
+
+    def find_payload(
+        self, model: Model, carrying: Sequence[Recording], without: Sequence[Recording] = (), joint: str | None = None
+    ) -> Payload:
+        """Identify the body that the arm carries; see `robots.arms.payload.find_payload`."""
+        return find_payload(model, carrying, without, joint)
 
     def conclude(self, trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         """Add the residual of each joint, tables that explain it, and the next step."""

@@ -6,20 +6,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msgspec import Struct, structs
+from msgspec import Struct
 
 from pendulum_env._typing import JSON
-from pendulum_env.errors import FileError, UserError
+from pendulum_env.errors import UserError
 from pendulum_env.physics import Model, ModelError
 from pendulum_env.physics.joints import FRICTION, Links, find_kind, list_joint_effects
 from pendulum_env.physics.model import complete_model, load_model
 from pendulum_env.physics.model_file import ARM_SCHEMA, OLD_ARM_SCHEMA, ModelFile, build_terms
 from pendulum_env.physics.table import TABLES
-from pendulum_env.reading import Number, Text, convert, read_json
+from pendulum_env.reading import Text, convert, read_json
+from pendulum_env.robot_file import HINT, RobotOptions
 from pendulum_env.settings import format_setting
 from robots.arms.body import Body, find_body
-
-HINT = "identify or diagnose the arm to have one"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,28 +85,7 @@ class ArmModel(Model):
         return cls.from_content(data, (Links(body), *terms))
 
 
-class ModelOptions(Struct, frozen=True):
-    """Options of a model file: moving and held joints, rotors, gravity and log format."""
-
-    joints: tuple[Text, ...] | None = None
-    held: dict[str, Number] = {}
-    rotors: bool | None = None
-    weightless: bool = False
-    log_format: dict[str, Any] = {}
-
-    @classmethod
-    def read_from_model(cls, path: str | Path | None) -> ModelOptions:
-        """Read the options from a model file; empty without one, or if the file is not a model."""
-        if not path:
-            return cls()
-        try:
-            options = convert(read_json(path, HINT), cls)
-        except FileError:
-            return cls()  # `load` raises the error
-        return options if options.held else structs.replace(options, joints=None)
-
-
-class _ArmFile(ModelOptions, frozen=True, kw_only=True):
+class _ArmFile(RobotOptions, frozen=True, kw_only=True):
     """Content of the model file of an arm, in addition to that of each model."""
 
     base: dict[str, Any]

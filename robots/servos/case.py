@@ -128,6 +128,10 @@ class Servo(Case):
         """Decide conventions if the torque of a recording is that requested by its drive, and depends on them."""
         return decide_open_torque(recordings, holdout, base, criterion)
 
+    def list_decisions(self, findings: Sequence[Finding]) -> Sequence[Finding]:
+        """List the last decisions on the conventions of drives."""
+        return list_decisions(findings)
+
     def simulate(self, model: Model, recordings: Sequence[Recording]) -> WholeMotion:
         """Simulate whole recordings with their controllers in the loop."""
         return simulate_in_loop(model, recordings)

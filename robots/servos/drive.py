@@ -95,6 +95,7 @@ class ServoDrive(Actuator):
     derivative: Derivative | None = None
     is_controller: ClassVar[bool] = True
     convention_names: ClassVar[tuple[str, ...]] = CONVENTIONS
+    text_settings: ClassVar[tuple[str, ...]] = ("preset", *CHOICES)
 
     def __post_init__(self) -> None:
         for name, literal in CHOICES.items():
@@ -207,6 +208,11 @@ class ServoDrive(Actuator):
         if not values.keys() & {"kp", "ki"}:
             raise UserError("the controller has no gain: give kp (or ki)")
         return cls(**values)
+
+    @classmethod
+    def describe_settings(cls) -> str:
+        """Describe the settings by two examples and all names."""
+        return f"as preset=xl330,kp=200 or output=duty,kp=0.6,supply=12: {', '.join(KEYS)}"
 
     def get_settings(self) -> dict[str, str | float]:
         """Return the settings that differ from the defaults, for `from_settings`."""

@@ -7,19 +7,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from estimators import add, compare, diagnose, identify
+from estimators import add, compare, diagnose, identify, texts
 from estimators.data import preparation
+from estimators.data.treatment import Treatment
 from estimators.diagnosis import cases
 from estimators.diagnosis.cases import choose_case, list_cases, register_case
 from estimators.diagnosis.pendulum import PENDULUM, Pendulum
-from estimators.findings import Finding, Quantity
+from estimators.findings import Quantity
+from estimators.identification import CoarseEncoder
+from estimators.texts import FindingTexts
 from pendulum_env import plugins
 from pendulum_env.errors import UserError
+from pendulum_env.export.exporter import find_exporter
+from pendulum_env.export.request import Request
 from pendulum_env.physics import BASE
-from pendulum_env.physics.mechanism import find_link_reader
+from pendulum_env.plant import paper_plant
 from pendulum_env.recording.actuator import parse_actuator
+from pendulum_env.robot_file import find_link_reader
 from robots.servos import ServoDrive
+from robots.servos.export import ServoExporter
 from tests.cases import CASES, recording
+from workbench.narrator.findings import describe_cause
 
 WITHOUT_ROBOTS = """
 import sys, warnings
@@ -44,6 +52,11 @@ assert abs(found.model["gravity"].value - 2.0) < 0.01, found.model
 assert compare(found, run).errors.torque_rms < 0.05
 assert diagnose(run, only=["stribeck", "cogging"]).selected == ()
 assert add(found, "cogging", run).objection is not None
+from workbench.cli import main
+from workbench.export import export
+
+assert main(["identify", "run.csv"]) != 0  # there is no such file
+assert "def step" in export(found.model, "python").content
 assert not [name for name in sys.modules if name.startswith("robots.")]
 """
 
@@ -58,6 +71,8 @@ def test_the_robots_of_this_distribution_register_themselves(recwarn):
     assert {"arm", "servo"} < {*names} and names[-1] == "pendulum"
     assert isinstance(parse_actuator({"kp": 2.0, "output": "torque"}), ServoDrive) and parse_actuator({}) is None
     assert find_link_reader().read.__name__ == "read_body"
+    assert isinstance(find_exporter(paper_plant(), Request(drive=ServoDrive())), ServoExporter)
+    assert find_exporter(paper_plant(), Request()) is None
     assert not recwarn.list
 
 
@@ -119,8 +134,24 @@ def test_a_drive_or_links_without_their_case_are_an_error_and_no_pendulum(monkey
 
 def test_a_finding_of_a_plug_in_has_a_text():
     @dataclass(frozen=True)
-    class BentRail(Finding):
+    class BentRail(CoarseEncoder):  # other tests list the direct subclasses of `Finding`
         bend: Quantity
         rail: str
 
     assert str(BentRail(Quantity(0.5, 0.02, "rad"), "left")) == "Bent rail: bend 0.500 ± 0.020 rad, rail left."
+
+
+def test_another_package_registers_the_texts_of_its_findings(monkeypatch):
+    @dataclass(frozen=True)
+    class LooseScrew(CoarseEncoder):
+        torque: Quantity
+        joints: tuple[str, ...]
+
+    registered = FindingTexts(
+        {LooseScrew: "A screw is loose at {joints}: {torque:2}.", "tightened": "The screws are tight."},
+        causes={LooseScrew: lambda finding: f"a screw at {finding.joints[0]}"},
+    )
+    monkeypatch.setattr(texts, "load_plugins", lambda group: {"rail": registered})
+    finding = LooseScrew(Quantity(0.5, unit="N m"), ("hip", "knee"))
+    assert str(finding) == "A screw is loose at hip and knee: 0.5 N m." and describe_cause(finding) == "a screw at hip"
+    assert str(Treatment("tightened")) == "The screws are tight." and describe_cause(Treatment("tightened")) == ""

@@ -12,11 +12,11 @@ import pytest
 import estimators.arguments
 from estimators import diagnose
 from pendulum_env.physics import Model, effects
+from pendulum_env.physics.effect_texts import find_description
 from pendulum_env.physics.table import TABLES
 from pendulum_env.recording import read_recording
 from workbench.cli import COMMANDS, main
 from workbench.commands.demo import judge_diagnosis
-from workbench.narrator.effects import find_description
 
 FEW = ("torque_offset", "coulomb_asymmetry", "stribeck", "quadratic_drag", "cogging")  # a search among them is quick
 

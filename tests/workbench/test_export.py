@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.excitation import excitation
+from pendulum_env.export.actuators import Motor
 from pendulum_env.physics import Column, Model, Term, effects
 from pendulum_env.physics.actuation import ActuatorLag
 from pendulum_env.physics.friction import TemperatureDependentFriction
@@ -20,7 +21,6 @@ from tests.pendulum_env.physics.test_table import KINDS, in_model
 from tests.terms import Table
 from tests.workbench.exported import compile_library, compute_error, load_module, needs_compiler, simulate_in_mujoco
 from workbench.export import ExportError, Request, export
-from workbench.export.servo import Motor
 
 TORQUE = np.r_[0.0, np.where(np.arange(600) % 300 < 150, 3.0, -2.5), np.zeros(300)]  # [N m], comes to rest in the end
 STIRRED = ("periodic_disturbance", "joint_flexibility")  # effects that still move the joint then

@@ -40,6 +40,7 @@ from estimators.signals.residual import Region
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Description, Term, list_nameable
 from pendulum_env.physics.description import Symptom
+from pendulum_env.physics.effect_texts import EFFECTS, find_description, find_look_alikes, name_effect
 from pendulum_env.physics.library import BUILT_IN
 from pendulum_env.physics.table import TABLES, PowerOfSpeed
 from pendulum_env.units import JointUnits, show_angles
@@ -48,7 +49,6 @@ from robots.arms.conclusion import MissingRotors
 from robots.servos.conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
 from robots.servos.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
-from workbench.narrator.effects import EFFECTS, find_description, find_look_alikes, name_effect
 from workbench.narrator.findings import describe
 
 CURRENT, SLIDE = JointUnits("A"), JointUnits(is_prismatic=True)

@@ -7,11 +7,11 @@ from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.physics import BASE
+from pendulum_env.physics.effect_texts import name_effect
 from workbench.app.parts import make_aria, make_button, make_panel
 from workbench.app.session import Session
 from workbench.app.state import State
 from workbench.narrator.diagnosis import describe_errors, describe_result
-from workbench.narrator.effects import name_effect
 from workbench.narrator.findings import describe, describe_timing
 from workbench.narrator.results import get_end_errors
 

@@ -8,13 +8,13 @@ from dash import Dash, dcc, html
 from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise
+from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.joints import list_effects, place_effects
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
 from workbench.app.session import Session, Sessions
 from workbench.figure import Figure
 from workbench.narrator import parts as report
-from workbench.narrator.effects import name_effect
 from workbench.narrator.parts import list_figures
 from workbench.report import page
 from workbench.report.data import Section

@@ -12,13 +12,14 @@ from typing import Any
 from pendulum_env.errors import ColumnError
 from pendulum_env.physics.joints import Links
 from pendulum_env.recording import RecordingError, Source
+from pendulum_env.robot_file import RobotFile
 from workbench.app import uploads
 from workbench.app.card import ColumnCard
 from workbench.app.jobs import Job, Task, Workers
 from workbench.app.state import LoadedRecording, State
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.inputs import read_model
-from workbench.robot import RobotFile
+from workbench.robot import open_robot_file
 
 MAX_UNDO = 20  # largest number of changes to undo
 GRACE = 1.0  # longest wait for a running request at the end of a session [s]
@@ -173,7 +174,7 @@ class Session:
         if upload.robots:
             joints = next((source.joints for source in upload.sources), None)
             model = upload.models[-1] if upload.models else None
-            self.set_robot(RobotFile.from_model_file(upload.robots[-1], model, joints))
+            self.set_robot(open_robot_file(upload.robots[-1], model, joints))
         refused = [*upload.refused, *self._read(upload.sources)]
         if upload.models:
             try:

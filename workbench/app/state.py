@@ -17,13 +17,13 @@ from pendulum_env.physics import BASE, PENDULUM, Mechanism, Model, Term
 from pendulum_env.physics.joints import arrange_terms, find_mechanism, list_base_terms
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.study import find_duplicate
+from pendulum_env.robot_file import RobotFile
 from workbench.app.fits import BaseFit, fit_arm, fit_pendulum
 from workbench.errors import USER_ERRORS, InputError
 from workbench.options import parse_bounds
 from workbench.options import parse_effects as effects_of
 from workbench.options import parse_values as values_of
 from workbench.report.data import ReportData
-from workbench.robot import RobotFile
 
 
 @dataclass(frozen=True)

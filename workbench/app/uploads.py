@@ -10,11 +10,11 @@ from pathlib import Path
 from pendulum_env.recording import Source
 from pendulum_env.recording.formats import READERS
 from pendulum_env.recording.study import read_sources
+from pendulum_env.robot_file import ENDINGS as ROBOT_ENDINGS
 from workbench.errors import USER_ERRORS, InputError, format_mistake
-from workbench.robot import FORMATS
 
 STUDY, MODEL = "study.toml", "model.json"  # file names of the stage Export
-ENDINGS = sorted((*READERS, *FORMATS, ".json", ".toml"), key=len)[::-1]
+ENDINGS = sorted((*READERS, *ROBOT_ENDINGS, ".json", ".toml"), key=len)[::-1]
 LARGEST = 48_000_000  # largest upload [bytes], about 15 min at 1 kHz
 LONGEST = 80  # largest length of a file name [characters]
 
@@ -55,7 +55,7 @@ def sort_files(place: Path, contents: Sequence[tuple[str, str]], unwrap: bool) -
         uploaded.refused.append(f"{STUDY}: names {file.name}: drop both here together")
     uploaded.sources.extend(s for s in of_study if s.file in files)
     for file in files:
-        if file.suffix.lower() in FORMATS:
+        if file.suffix.lower() in ROBOT_ENDINGS:
             uploaded.robots.append(file)
         elif file.suffix.lower() == ".json":
             uploaded.models.append(file)

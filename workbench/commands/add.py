@@ -6,12 +6,12 @@ from pathlib import Path
 from estimators.diagnosis.addition import add
 from estimators.free_swings import find_scaling_values
 from estimators.regression.least_squares import IdentificationError
+from pendulum_env.physics.effect_texts import find_description
 from pendulum_env.physics.library import find_addition
 from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import list_sources, open_sources
 from workbench.narrator.diagnosis import write_addition
-from workbench.narrator.effects import find_description
 from workbench.narrator.results import narrate_addition
 from workbench.outputs import report_files, write_json, write_model
 from workbench.printing import print_parts

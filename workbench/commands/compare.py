@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from estimators import IdentificationError, compare
+from estimators.diagnosis.cases import choose_case
+from estimators.diagnosis.links import LinkPayload
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.recording import Recording
-from robots.arms.body import find_body
-from robots.arms.payload import Payload, find_payload
 from workbench import options
 from workbench.errors import InputError
 from workbench.inputs import Inputs, list_sources, open_sources
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     write_page(arguments.report, terminal, "workbench.report:render_comparison", comparison)
     print_parts(narrate_comparison(comparison), terminal)
     if payload is not None and is_asked:
-        print_parts(narrate_payload(payload, find_body(model.terms)), terminal)
+        print_parts(narrate_payload(payload, model.mechanism), terminal)
     elif payload is not None and payload.is_significant:
         mass = payload.estimates["m"].text
         terminal.print(f"\nA payload of {mass} kg behind {payload.joint} would explain most of it: see --payload")
@@ -74,12 +74,13 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
 
 def find_carried_load(
     arguments: argparse.Namespace, inputs: Inputs, recordings: Sequence[Recording], terminal: Terminal
-) -> Payload | None:
+) -> LinkPayload | None:
     """Find the payload of an arm relative to its model; None if it is undetermined and was not requested."""
     empty = replace(inputs, recordings=inputs.read_more(arguments.without, arguments, terminal), holdout=[])
     without = empty.calibrate(terminal, arguments.align).recordings if arguments.without else ()
     try:
-        return find_payload(inputs.model, recordings, without, arguments.payload or None)
+        case = choose_case(inputs.model.terms, recordings)
+        return case.find_payload(inputs.model, recordings, without, arguments.payload or None)
     except IdentificationError:
         if arguments.payload is not None:
             raise

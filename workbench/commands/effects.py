@@ -4,9 +4,9 @@ import argparse
 
 from pendulum_env.formatting import join_words
 from pendulum_env.physics import BASE, TABLES, Table, Term, list_nameable
+from pendulum_env.physics.effect_texts import find_description, find_look_alikes, name_effect
 from pendulum_env.physics.library import find_addition
 from pendulum_env.plant import get_typical_values
-from workbench.narrator.effects import find_description, find_look_alikes, name_effect
 from workbench.options import keep_message
 from workbench.terminal import Terminal
 

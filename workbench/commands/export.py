@@ -38,7 +38,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.declare(
         parser,
         "--drive",
-        help=f"the controller exported with the joint, {options.DRIVE}; the input is then a goal, not a torque",
+        help=f"the controller exported with the joint, {options.describe_drives()}; the input is then a goal, not a "
+        "torque",
     )
     group = parser.add_argument_group("mjcf")
     group.add_argument(

@@ -4,12 +4,12 @@ import argparse
 from collections.abc import Sequence
 
 from estimators import SCHEMES, Identification, identify, scheme
+from estimators.diagnosis.cases import choose_case
 from estimators.schemes.six import PAPER, Scheme
+from pendulum_env.notebook import summarise
 from pendulum_env.physics import Model
-from robots.arms.standard import nearest_body
 from workbench import options
 from workbench.inputs import list_sources, open_sources
-from workbench.narrator.findings import describe_nearest_body
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes, write_identification
 from workbench.outputs import report_files, write_json, write_model
 from workbench.robot import describe_links
@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         identification = identify(data.recordings, terms, arguments.scheme, **limits)
         primary = identification.primary
-        nearest = nearest_body(primary.model) if not body.can_simulate else None
+        nearest = choose_case(terms, data.recordings).find_nearest_links(primary.model)
         model, fit = _choose_model(identification, arguments)
     for text in describe_links(body):
         terminal.print(text)
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     for text in list_warnings(identification):
         terminal.print(f"warning: {text}", style="yellow")
     if nearest is not None:
-        terminal.print(f"{primary.scheme}: {describe_nearest_body(nearest)}")
+        terminal.print(f"{primary.scheme}: {summarise(nearest)}")
     outputs[1] = None
     try:
         outputs[1] = None if model is None else write_model(model, arguments.output, identification.findings)

@@ -1,7 +1,6 @@
-"""Simulation of an exported model in MuJoCo, over the segments of recordings or with their controllers."""
+"""Simulation of an exported model in MuJoCo, over the segments of recordings."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,34 +8,9 @@ import numpy as np
 from estimators.simulation.free_running import Segments, start_memory
 from pendulum_env._typing import Array
 from pendulum_env.backends.constrained_body import import_mujoco
+from pendulum_env.export.actuators import find_lag
+from pendulum_env.export.request import Exported
 from pendulum_env.physics import Model, find_link
-from robots.servos.loop import Servos
-from workbench.export import mjcf
-from workbench.export.request import Exported, Request
-from workbench.export.servo import Servo, find_lag
-
-
-def simulate_servos(model: Model, request: Request, servos: Servos, interval: int) -> Array:
-    """Simulate B servos in MuJoCo over N steps; return each `interval`-th position, (N / interval + 1, 1, B) [rad]."""
-    mujoco = import_mujoco()
-    drives = [  # default supply: the first recorded value
-        drive if drive.supply or drive.output != "duty" else replace(drive, supply=float(servos.supply[0, lane]))
-        for lane, drive in enumerate(servos.drives)
-    ]
-    models = {drive: mjcf.export(model, request, Servo(drive)) for drive in dict.fromkeys(drives)}
-    paths = np.empty((len(servos.goal) // interval + 1, 1, len(drives)))
-    for lane, drive in enumerate(drives):
-        world = mujoco.MjModel.from_xml_string(models[drive].content)
-        data = mujoco.MjData(world)
-        data.qpos[0], data.qvel[0] = servos.position[lane], servos.velocity[lane]
-        paths[0, 0, lane] = data.qpos[0]
-        for k, (goal, on) in enumerate(zip(servos.goal[:, lane].tolist(), servos.is_on[:, lane].tolist(), strict=True)):
-            data.ctrl[0] = goal
-            world.opt.disableactuator = int(not on)  # bit 0: default group of actuators
-            mujoco.mj_step(world, data)
-            if (k + 1) % interval == 0:
-                paths[(k + 1) // interval, 0, lane] = data.qpos[0]
-    return paths
 
 
 def simulate_segments(model: Model, exported: Exported, segments: Segments) -> Array:

@@ -1,7 +1,6 @@
 """Texts of comparisons, diagnoses and additions, and JSON content with texts."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,21 +14,18 @@ from estimators.results import Comparison
 from estimators.signals.residual import SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import encode_signal
-from pendulum_env.formatting import capitalise, format_percent, join_words
+from pendulum_env.formatting import capitalise, format_percent, join_words, measure, measure_change, measure_range
+from pendulum_env.physics.effect_texts import find_description, name_effect
 from pendulum_env.physics.term import list_loads
 from pendulum_env.recording import NEWTON_METRE, NoteKind
 from pendulum_env.units import show_angles, to_shown_unit
-from robots.arms.carried_payload import CarriedPayload
-from workbench.narrator.effects import find_description, name_effect
 from workbench.narrator.findings import (
     ERRORS,
     advise_inertia,
     describe,
     describe_aims,
+    describe_cause,
     describe_reason,
-    measure,
-    measure_change,
-    measure_range,
 )
 
 WRONG_DRIVE = 5.0  # error in the loop that indicates wrong settings of the drive [noise floors]
@@ -111,11 +107,7 @@ def describe_result(diagnosis: Diagnosis) -> str:
     """State the result in a phrase: `Stribeck friction is missing`, `Cogging at elbow is missing`."""
     joints = join_words([at for at in dict.fromkeys(region.at for region in diagnosis.unexplained) if at])
     place = f" at {joints}" if joints else ""
-    groups = [
-        f"a payload of {measure(replace(finding.mass, std=0.0))} in {join_words(finding.recordings)}"
-        for finding in diagnosis.findings
-        if isinstance(finding, CarriedPayload)
-    ]
+    groups = [cause for finding in diagnosis.findings if (cause := describe_cause(finding))]
     groups += [join_words([name_effect(id) for id in group], "or") for group in diagnosis.effects]
     if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_of_motion:
         before, after = (diagnosis.steps[k].errors["holdout"].motion_errors[0] for k in (0, -1))

@@ -1,6 +1,6 @@
 """Texts of findings, with numbers in displayed units and options of the command line."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -34,16 +34,17 @@ from estimators.identification import CoarseEncoder, SlowedFilter
 from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.selection.process_noise import UnloggedTorque
 from estimators.selection.tables import ExplainingTable
-from pendulum_env.formatting import capitalise, format_estimate, format_p_value, format_quantity, join_words
+from estimators.texts import Text, find_cause, find_text
+from pendulum_env.formatting import (
+    capitalise,
+    format_estimate,
+    format_p_value,
+    join_words,
+    measure,
+    measure_change,
+)
+from pendulum_env.physics.effect_texts import find_description, name_effect
 from pendulum_env.settings import Blank, format_setting
-from pendulum_env.units import to_shown_unit
-from robots.arms.carried_payload import CarriedPayload
-from robots.arms.conclusion import MissingRotors
-from robots.arms.standard import Nearest
-from robots.servos.back_emf import BACK_EMF_INCLUDED
-from robots.servos.conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
-from robots.servos.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
-from workbench.narrator.effects import find_description, name_effect
 
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
 OTHER_LOAD = (
@@ -56,7 +57,6 @@ PHRASES = {  # violated bounds by gate; other gates are parameters
     "soft_stop": "a stop that is pressed in by {}",
     "dry_friction": "dry friction of {}, more than the torque that moved the joint",
 }
-Text = str | Callable[[Any], str]  # template for `_fill`, or function of a finding
 LIMITS = ("torque", "angle", "speed")
 NOT_TRIED = {
     "earlier_effects": "not tried: a transmission is tried only as the first effect",
@@ -97,13 +97,23 @@ def describe_reason(candidate: Candidate) -> str:
 
 
 def _write(texts: Mapping[type[Finding], Text], finding: Finding) -> str:
-    """Write the text of a finding by the template or function of its family."""
-    text = texts.get(type(finding), _list_fields)
+    """Write the text of a finding by the template or function of its family, here or in another package."""
+    return _apply(texts.get(type(finding)) or find_text(type(finding)) or _list_fields, finding)
+
+
+def _apply(text: Text, finding: Finding) -> str:
+    """Write a text on a finding by a template or function."""
     return _fill(text, finding) if isinstance(text, str) else text(finding)
 
 
+def describe_cause(finding: Finding) -> str:
+    """Describe a missing part of the machine in a phrase, as "a payload of 2 kg"; empty for other findings."""
+    text = find_cause(type(finding))
+    return "" if text is None else _apply(text, finding)
+
+
 def _list_fields(finding: Finding) -> str:
-    """List family and fields of a finding of a plug-in, which has no text here."""
+    """List family and fields of a finding without a text."""
     values = {field.name: getattr(finding, field.name) for field in fields(finding)}  # type: ignore[arg-type]
     texts = [f"{name} {measure(value) if isinstance(value, Quantity) else value}" for name, value in values.items()]
     return f"{capitalise(finding.family.replace('_', ' '))}{': ' * bool(texts)}{', '.join(texts)}."
@@ -146,26 +156,6 @@ def advise_inertia() -> str:
     return f"Record faster reversals, or give its value ({format_setting('fixed', {'inertia': Blank('VALUE')})})."
 
 
-def measure(quantity: Quantity, digits: int = 3, is_parameter: bool = False) -> str:
-    """Format a quantity in its displayed unit, with its standard error if known."""
-    factor, unit = to_shown_unit(1.0, quantity.unit, is_parameter)
-    value, std = factor * quantity.value, factor * quantity.std
-    text = format_estimate(value, std) if std else format_quantity(value, digits)
-    return f"{text} {unit}".rstrip()
-
-
-def measure_change(before: Quantity, after: Quantity, digits: int = 3) -> str:
-    """Format two values in one unit: `0.2 -> 0.1 rad`."""
-    value, _ = to_shown_unit(before.value, before.unit)
-    return f"{format_quantity(value, digits)} -> {measure(after, digits)}"
-
-
-def measure_range(low: float, high: float, unit: str, digits: int = 3) -> str:
-    """Format a range in its displayed unit: `-1.2 to 0.9 rad`."""
-    ends = [to_shown_unit(end, unit) for end in (low, high)]
-    return f"{ends[0][0]:.{digits}g} to {ends[1][0]:.{digits}g} {ends[0][1]}".rstrip()
-
-
 def format_milliseconds(quantity: Quantity) -> str:
     """Format a time [s] in ms, with its standard error to one digit: `9.90 ± 0.04 ms`."""
     value, std = 1e3 * abs(quantity.value), 1e3 * quantity.std
@@ -176,6 +166,10 @@ def format_milliseconds(quantity: Quantity) -> str:
 def name_treatment(treatment: Finding) -> str:
     """Return the name of a treatment of recordings for a table: its action, or its family."""
     return str(treatment.action) if isinstance(treatment, Treatment) else treatment.family
+
+
+def _describe_treatment(finding: Treatment) -> str:
+    return _apply(TREATMENTS.get(finding.action) or find_text(finding.action) or _list_fields, finding)
 
 
 def _describe_undetermined(finding: Undetermined) -> str:
@@ -384,17 +378,6 @@ def _describe_no_known_effect(finding: NoKnownEffect) -> str:
     return f"Keep the unknown law as a table, which also shows its shape: {command}.{laws}"
 
 
-def _describe_payload(finding: CarriedPayload) -> str:
-    axes = [f"{axis} = {measure(size)}" for axis, size in finding.center.items()]
-    center = f" Its centre is at {', '.join(axes)} in the frame of that joint." if axes else ""
-    errors = [f"{at} {measure_change(change.before, change.after)}" for at, change in finding.torque_rms.items()]
-    explained = f" Torque error there without and with it: {', '.join(errors)}." if errors else ""
-    return (
-        f"The arm carries a payload of {measure(finding.mass)} in {join_words(finding.recordings)}, at the "
-        f"link behind {finding.joint}.{center}{explained}"
-    )
-
-
 def _describe_contact(finding: Contact) -> str:
     at = f" by {finding.joint}" if finding.joint else ""
     return _fill(
@@ -433,47 +416,8 @@ def describe_aims(aims: Sequence[Aim], conjunction: str = "and") -> str:
     return join_words(texts, conjunction)
 
 
-def describe_nearest_body(nearest: Nearest) -> str:
-    """State whether a physical body can have the identified parameters."""
-    if nearest.exists:
-        return f"a body can have these parameters, within {max(nearest.distance, 0.1):.1f} standard errors"
-    off = f"{nearest.distance:.1f} standard errors off"
-    return f"no body has these parameters: the nearest is {off}, in {nearest.farthest}"
-
-
 CORRECT_IT = "Correct it with --align (`align(recordings).recordings` in Python)."
 CORRECTED = "It is corrected here; other commands correct it with --align."
-
-
-def _describe_goals(finding: GoalConvention) -> str:
-    reading, alternative, setting = "running on between rows", "that are held from row to row", 'goal = "held"'
-    if finding.is_held:
-        reading, alternative, setting = "held from row to row", "that run on between rows", 'goal = "ramp"'
-    if finding.gain is None:  # decided by the selected effects
-        return f"Goals are read as {reading}. Goals {alternative} predict worse."
-    late = [f" with {name_effect(id)} of {1000 * size.value:.1f} ms" for id, size in finding.lateness.items()]
-    fit = _compare_fits(finding.gain, f"The other reading, goals {alternative}{''.join(late)},")
-    return f"Goals are read as {reading}. {fit} If it is right, give `{setting}` in `[drive]`."
-
-
-def _describe_controller(finding: ControllerConvention) -> str:
-    if finding.is_of_position:
-        readings = {"counts": "whole counts of its encoder", "exact": "the exact position"}
-        reading = readings.pop(finding.settings["reads"])
-        fit = _compare_fits(finding.gain, f"The other reading, {next(iter(readings.values()))},")
-        return f"The controller is simulated with {reading}. {fit} Give the right one: `reads` in `[drive]`."
-    settings = ", ".join(f'`{name} = "{value}"`' for name, value in finding.settings.items())
-    fit = _compare_fits(finding.gain, "The likeliest other convention")
-    return f"The controller is simulated with {settings}. {fit} Give the right one in `[drive]`."
-
-
-def _compare_fits(gain: Quantity, alternative: str) -> str:
-    """State whether another convention fits worse; `gain`: of the chosen one [nat], with standard error."""
-    times = gain.value / max(gain.std or 0.0, 1e-9)
-    if times > 2:
-        return f"{alternative} fits worse, by {times:.1f} standard errors."
-    difference = f"the difference is {abs(times):.1f} standard errors"
-    return f"{alternative} fits about as well: {difference}. The log does not decide."
 
 
 def _describe_fall(finding: ErrorFall) -> str:
@@ -544,7 +488,6 @@ GAPS: Mapping[Gap, str] = {
     Gap.ACT_ALIKE: "{parameters} cannot be told apart: they act alike in these recordings.",
 }
 TREATMENTS: Mapping[str, str] = {
-    BACK_EMF_INCLUDED: "The base model has back-EMF.",
     Action.TORQUE_CONSTANT: "The known loads give the torque constant.",
     Action.NARROWER_WINDOWS: "The windows have {share.value:g} of their length.",
     Action.WINDOWS_BY_INERTIA: (
@@ -570,12 +513,7 @@ SENTENCES: Mapping[type[Finding], Text] = {
         f"its constant k_e is at most {measure(finding.constant)}."
     ),
     TorqueTiming: describe_timing,
-    Treatment: lambda finding: (
-        _fill(TREATMENTS[finding.action], finding) if finding.action in TREATMENTS else _list_fields(finding)
-    ),
-    CarriedPayload: _describe_payload,
-    GoalConvention: _describe_goals,
-    ControllerConvention: _describe_controller,
+    Treatment: _describe_treatment,
     StiffStop: (
         "The stop at {angle:3} is pressed in by {depth:2} at most, at too few depths for the error of its end: its "
         "stiffness is unknown. Press it slowly at several torques."
@@ -614,22 +552,6 @@ SENTENCES: Mapping[type[Finding], Text] = {
         "Noise of the position has more than half of the acceleration's information: estimates of some schemes are "
         "biased. Record faster motion, or with a finer encoder."
     ),
-    UnknownSpeedRate: (
-        "If the drive computes its speed from two readings of its encoder, give the rate of the readings (`rate`). At "
-        "{rate.value:g} readings a second, the inertia is {inertia:2} larger than stated here."
-    ),
-    ScaledTorque: (
-        "The logged torque is {factor:.2f} times the torque that the described drive asks for, and all "
-        "parameters are by the drive. Check its gains and limit, and the unit of the torque column."
-    ),
-    DoubtfulDrive: (
-        "No effect that was tried explains the residual. Check the drive: kp, kd and ki in the units of `output`, "
-        "`limit`, `supply`, `rate`, `delay`, and how it integrates and differentiates. Then record under more gains."
-    ),
-    UnseenCounts: (
-        "The log shows no step of an encoder: the controller is simulated with the exact position, though its drive "
-        'has `reads = "counts"`. Log the position as the encoder counts it, without a filter.'
-    ),
     WrongColumn: _describe_wrong_column,
     NegativeParameters: _describe_negative,
     Incomplete: _describe_incomplete,
@@ -651,10 +573,6 @@ SENTENCES: Mapping[type[Finding], Text] = {
     Contact: _describe_contact,
     ResidualWithoutPlace: _describe_residual,
     NoKnownEffect: _describe_no_known_effect,
-    MissingRotors: lambda finding: (
-        f"The robot file lacks the inertia of the motors at {join_words(finding.joints)}. Fit all rotors: "
-        f"{format_setting('rotors', True)}."
-    ),
     HeldOutResidual: (
         "The model explains the fitted data, but not the held-out data ({recordings}). If both are of one machine, "
         "fit both."
@@ -674,5 +592,4 @@ REASONS: Mapping[type[Finding], Text] = {  # phrases about an effect
     UntestedRange: describe_untested,
     Contact: "may be met at {angle:3}, in contacts that do not determine it",
     FailedGates: _describe_gates,
-    ResultOfLongSteps: "with shorter steps of the integrator it predicts no better, or explains too little",
 }

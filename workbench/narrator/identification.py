@@ -9,8 +9,8 @@ from estimators.findings import Finding
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import TextTable
+from pendulum_env.physics.mechanism import LinkedMechanism
 from pendulum_env.units import show_angles
-from robots.arms.body import Body
 from workbench.narrator.findings import describe
 
 TIMES = "relative error"  # row with the median ratio of standard errors to the smallest ones
@@ -31,7 +31,7 @@ def tabulate_by_scheme(identification: Identification) -> TextTable:
 
 def tabulate_schemes(identification: Identification) -> TextTable:
     """Tabulate the estimates with a row for each scheme; for an arm as `tabulate_by_scheme`."""
-    if isinstance(identification.mechanism, Body):
+    if isinstance(identification.mechanism, LinkedMechanism):
         return tabulate_by_scheme(identification)
     model = next(iter(identification.schemes.values())).model
     columns, units = model.columns, model.units()

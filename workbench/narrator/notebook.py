@@ -9,7 +9,7 @@ from estimators.findings import Finding
 from estimators.online.estimates import SchemeEstimate, SchemeEstimates
 from estimators.schemes.fitting import Identified
 from estimators.signals.residual import Region
-from pendulum_env.formatting import TextTable, capitalise, format_unit, join_words
+from pendulum_env.formatting import TextTable, capitalise, format_unit, join_words, measure_range
 from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html, render_text, summarise
 from pendulum_env.physics import Model
 from pendulum_env.recording import NEWTON_METRE, Note, Recording, TorqueConstant
@@ -23,7 +23,7 @@ from workbench.narrator.diagnosis import (
     describe_suggestion,
     list_laws,
 )
-from workbench.narrator.findings import describe, measure_range
+from workbench.narrator.findings import describe
 from workbench.narrator.html import PlotCurve, make_card, make_plot
 from workbench.narrator.identification import explain_trust, list_warnings, tabulate_schemes
 from workbench.narrator.notes import describe_note

@@ -4,16 +4,17 @@ from collections.abc import Sequence
 
 from estimators.checks.homogeneity import Disagreement
 from estimators.decisions.errors import Errors, Step, get_single
+from estimators.diagnosis.links import LinkPayload
 from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonRefit
 from estimators.results import Comparison
-from pendulum_env.formatting import TextTable, format_quantity, join_words
+from pendulum_env.formatting import TextTable, format_quantity, join_words, measure
 from pendulum_env.physics.estimate import shorten_name
+from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.quantity import Quantity
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.units import JointUnits, to_shown_unit
-from robots.arms import Body, Payload
 from workbench.narrator import diagnosis as narration
-from workbench.narrator.findings import FLOOR_SOURCES, describe, measure, name_treatment
+from workbench.narrator.findings import FLOOR_SOURCES, describe, name_treatment
 from workbench.narrator.parts import Content, Part
 from workbench.narrator.tables import (
     tabulate_candidates,
@@ -251,7 +252,7 @@ def describe_noise(step: Step, floor: float) -> str:
     return f"noise floor, by {FLOOR_SOURCES[kind]}: {noise}"
 
 
-def narrate_payload(payload: Payload, body: Body) -> list[Part]:
+def narrate_payload(payload: LinkPayload, body: Mechanism) -> list[Part]:
     """Make the parts on the payload of an arm: estimates, and joint errors without and with it."""
     rows = [(name, estimate.text, estimate.unit) for name, estimate in payload.estimates.items()]
     rows += [(f"centre {axis}", one.text, one.unit) for axis, one in payload.center.items()]

@@ -9,10 +9,10 @@ from estimators.decisions.errors import get_single
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import capitalise, format_unit
+from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, make_axis, make_band, make_line
-from workbench.narrator.effects import name_effect
 from workbench.narrator.identification import list_warnings, tabulate_schemes
 from workbench.narrator.parts import Content, Legend
 from workbench.narrator.results import narrate_errors

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
 from pendulum_env.formatting import capitalise, format_number, format_unit, join_words, typeset
-from workbench.narrator.effects import name_effect
+from pendulum_env.physics.effect_texts import name_effect
 from workbench.narrator.parts import Content
 from workbench.report.data import Section
 

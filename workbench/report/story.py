@@ -8,6 +8,7 @@ from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, format_number, join_words
+from pendulum_env.physics.effect_texts import name_effect
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
 from workbench.narrator.diagnosis import (
@@ -17,7 +18,6 @@ from workbench.narrator.diagnosis import (
     describe_suggestion,
     has_searched,
 )
-from workbench.narrator.effects import name_effect
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
 from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints

@@ -11,6 +11,7 @@ from pendulum_env.physics.friction import Stribeck
 from pendulum_env.recording import write_recording
 from robots.arms import arm_base, place_effect
 from robots.arms.model import ArmModel
+from robots.arms.robot_file import ArmFile
 from tests.two_link import record_arm
 from tests.workbench.app.plants import drop, reload_session, upload
 from workbench.app.card import ColumnChoice
@@ -20,7 +21,6 @@ from workbench.app.parts import list_choices
 from workbench.app.stages import STAGES, data
 from workbench.app.state import SearchChoices
 from workbench.cli import main
-from workbench.robot import RobotFile
 
 TWO, OFFSET = TwoLink(), 0.3  # [N m], hidden in the elbow
 
@@ -107,7 +107,7 @@ def stage_text(session) -> str:
 
 def test_a_saved_study_and_model_bring_back_the_robot_its_recordings_and_its_terms(session, tmp_path):
     robot, run = two_link(tmp_path, 4.0)
-    session.run_action(lambda: session.set_robot(RobotFile(robot, rotors=True, weightless=True)))
+    session.run_action(lambda: session.set_robot(ArmFile(robot, rotors=True, weightless=True)))
     drop(session, run)
     session.run_action(lambda: session.hold_out("run.csv", True))
     (tmp_path / "more.csv").write_bytes(run.read_bytes())
@@ -128,7 +128,7 @@ def test_lines_to_copy_have_the_robot_and_what_is_looked_for(session, tmp_path):
     from workbench.app.stages import diagnose
 
     file, run = two_link(tmp_path, 4.0)
-    session.run_action(lambda: session.set_robot(RobotFile(file, rotors=True, weightless=True)))
+    session.run_action(lambda: session.set_robot(ArmFile(file, rotors=True, weightless=True)))
     drop(session, run)
     choices = SearchChoices("torque_offset,spring@elbow", "torque_offset@shoulder")
     session.run_action(lambda: diagnose.start(session, choices))

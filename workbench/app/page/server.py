@@ -14,12 +14,12 @@ from werkzeug.exceptions import HTTPException
 from werkzeug.serving import WSGIRequestHandler, make_server
 
 from pendulum_env.recording import Source
+from pendulum_env.robot_file import RobotFile
 from workbench.app import uploads
 from workbench.app.page import layout
 from workbench.app.session import Sessions
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.report.page import pack_plotly
-from workbench.robot import RobotFile
 
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"

@@ -8,6 +8,7 @@ from dash import dcc, html
 from dash.development.base_component import Component
 
 from estimators import Addition, Identification
+from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.joints import find_kind
 from workbench.app.fits import fit_effect
 from workbench.app.panels import show_suggestions
@@ -16,7 +17,6 @@ from workbench.app.session import Session
 from workbench.app.state import State as Work
 from workbench.errors import InputError
 from workbench.narrator.diagnosis import describe_table
-from workbench.narrator.effects import name_effect
 from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints
 from workbench.report.numbers import make_errors
 

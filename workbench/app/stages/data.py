@@ -9,7 +9,7 @@ from dash.development.base_component import Component
 from pendulum_env.formatting import capitalise, format_number
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
-from robots.arms.body import Body, find_body
+from pendulum_env.robot_file import RobotFile
 from workbench.app import card_form, demo
 from workbench.app.panels import show_findings, show_timing
 from workbench.app.parts import (
@@ -27,7 +27,7 @@ from workbench.app.state import LoadedRecording, State
 from workbench.app.uploads import STUDY
 from workbench.figure import Figure, make_line, make_stacked_layout, select_samples
 from workbench.narrator.notes import describe_note
-from workbench.robot import describe_held, find_moving_held_joints
+from workbench.robot import describe_held, describe_held_joint_motion
 
 NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "Turns", "Peak torque [N m]")
 HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # True: numeric column
@@ -37,8 +37,8 @@ def show(session: Session) -> list[Component]:
     """Render column forms, the demo, and the loaded recordings with plots."""
     state = session.state
     parts: list[Component] = [card_form.show(card) for card in session.cards[:1]]
-    if isinstance(state.body, Body):
-        parts.append(_show_robot(state, state.body))
+    if state.robot is not None:
+        parts.append(_show_robot(state, state.robot))
     elif not state.loaded:
         demo_button = make_button("Try the demo", "demo")
         about = "The demo has two of a pendulum that hides something. "
@@ -54,9 +54,11 @@ def show(session: Session) -> list[Component]:
     return parts
 
 
-def _show_robot(state: State, body: Body) -> Component:
+def _show_robot(state: State, robot: RobotFile) -> Component:
     """Render the robot, its held joints and its errors."""
-    moving_joints = find_moving_held_joints(find_body(state.base_terms), [item.recording for item in state.loaded])
+    recordings = [item.recording for item in state.loaded]
+    body = robot.hold_joints(recordings)
+    moving_joints = describe_held_joint_motion(robot, body, recordings)
     texts = [
         f"{body.name}: {len(body.joints)} joints that move, {len(body.base)} base parameters",
         *filter(None, (describe_held(body), *moving_joints, state.failure_reason)),

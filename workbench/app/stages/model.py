@@ -7,10 +7,10 @@ from dash import html
 from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise
+from pendulum_env.physics.effect_texts import find_description, name_effect
 from workbench.app.parts import Stage, list_choices, make_panel, show_section
 from workbench.app.session import Session
 from workbench.app.state import State
-from workbench.narrator.effects import find_description, name_effect
 from workbench.narrator.identification import TRUST, tabulate_schemes
 from workbench.report.comparison import make_comparison
 from workbench.report.data import Section

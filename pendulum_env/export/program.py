@@ -10,12 +10,12 @@ from functools import cache, partial
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from pendulum_env.export.actuators import JointActuator
+from pendulum_env.export.dynamics import NamedParameter, StepQuantity, write_step
+from pendulum_env.export.request import Exported, Language, escape_text, write_title
 from pendulum_env.physics import Model
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, merge_equal
 from pendulum_env.units import JointUnits
-from workbench.export.dynamics import NamedParameter, StepQuantity, write_step
-from workbench.export.request import Exported, Language, escape_text, write_title
-from workbench.export.servo import Motor, Servo
 
 INFIX = {  # sign and precedence of an operation
     **{"add": ("+", 4), "subtract": ("-", 4), "multiply": ("*", 5), "divide": ("/", 5)},
@@ -55,9 +55,9 @@ def write_number(language: Language, value: float) -> str:
     return repr(value)
 
 
-def export(model: Model, step: float, actuator: Motor | Servo, language: Language) -> Exported:
+def export(model: Model, step: float, actuator: JointActuator, language: Language) -> Exported:
     """Write a Python module or a C file with parameters, initial state and step; `step` [s]."""
-    dynamics = write_step(model, step, actuator)
+    dynamics = write_step(model, step, actuator.connect)
     start, after = (ProgramText.write(results, language) for results in (dynamics.start, dynamics.after))
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
     return Exported(
@@ -96,7 +96,7 @@ def note_state(name: str, units: JointUnits) -> str:
 @cache
 def _load_environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("workbench.export"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader("pendulum_env.export"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"note": describe_quantity, "note_state": note_state}
     return environment

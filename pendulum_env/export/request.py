@@ -8,7 +8,7 @@ from typing import Literal
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model
 from pendulum_env.physics.simulation import LONGEST_STEP
-from robots.servos import ServoDrive
+from pendulum_env.recording.actuator import Actuator
 
 Language = Literal["python", "c"]
 
@@ -33,7 +33,7 @@ class Request:
     step: float = LONGEST_STEP
     mass: float | None = None
     armature: float = 0.0
-    drive: ServoDrive | None = None
+    drive: Actuator | None = None
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,13 @@ import numpy as np
 import scipy
 
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
+from pendulum_env.export.actuators import JointActuator
+from pendulum_env.export.request import Exported, ExportError, Request, escape_comment, note_missing, write_title
 from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.effect_texts import find_description
 from pendulum_env.physics.potential import HardStop
 from pendulum_env.physics.transmission import JointFlexibility
 from pendulum_env.recording.channel import NEWTON_METRE
-from workbench.export.request import Exported, ExportError, Request, escape_comment, note_missing, write_title
-from workbench.export.servo import Motor, Servo
-from workbench.narrator.effects import find_description
 
 JOINT, ACTUATOR = "joint", "torque"  # names in the file
 BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects of a single joint in MuJoCo, in addition to `EVERY`
@@ -161,7 +161,7 @@ class Stop:
         return cls(stop.lower, stop.upper, stiffness, damping, tuple(missing))
 
 
-def export(model: Model, request: Request, actuator: Motor | Servo) -> Exported:
+def export(model: Model, request: Request, actuator: JointActuator) -> Exported:
     """Write the XML of a model.
 
     Raises ExportError if MuJoCo cannot represent the model and approximations are not allowed, and

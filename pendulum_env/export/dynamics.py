@@ -1,32 +1,22 @@
 """Simulation step of a model as symbolic expressions."""
 
+from __future__ import annotations
+
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from keyword import iskeyword
 from typing import Any, Self, cast
 
 import numpy as np
 
+from pendulum_env.export.request import ExportError
 from pendulum_env.physics import Estimate, Model, Samples
-from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.physics.simulation import TorqueBalance, step, write_balance
 from pendulum_env.physics.symbols import NAME, Operand, Symbol, make_symbol, set_label, sort_symbols
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording.vocabulary import SI
-from robots.servos import OUTPUT_UNITS, ServoDrive
-from robots.servos.loop import (
-    GAINS,
-    Controller,
-    ControllerState,
-    ServoInputs,
-    compute_control,
-    compute_gains,
-    compute_taps,
-)
-from workbench.export.request import ExportError
-from workbench.export.servo import Motor, Servo, get_supply
 
 RESERVED = frozenset(  # names used by the exported programs and their languages
     """time position velocity torque commands state step start sign State STEP math abs max min
@@ -81,15 +71,14 @@ class Dynamics:
         return late if share == 0 else f"{1.0 - share!r} * {late} + {share!r} * {later}"
 
 
-def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamics:
-    """Write the step of a model with a torque input, or with a drive and a goal input.
+def write_step(model: Model, seconds: float, connect: Callable[[StepBuilder], None]) -> Dynamics:
+    """Write the step of a model; `connect` replaces its torque input by that of an actuator.
 
     Raises ExportError if a law of the model cannot be converted to an expression.
     """
     try:
-        parts = _StepBuilder.from_model(model, seconds)
-        if isinstance(actuator, Servo):
-            parts.take_goal(actuator.controller)
+        parts = StepBuilder.from_model(model, seconds)
+        connect(parts)
         x = step(parts.balance, parts.x, seconds)
     except Exception as error:  # a user's law may raise anything
         raise ExportError(f"a law of this model cannot be written down as a formula: {error}") from None
@@ -100,7 +89,7 @@ def write_step(model: Model, seconds: float, actuator: Motor | Servo) -> Dynamic
 
 
 @dataclass
-class _StepBuilder:
+class StepBuilder:
     """Expressions of a step in readable names, during construction."""
 
     seconds: float  # length of a step [s]
@@ -151,68 +140,6 @@ class _StepBuilder:
             for symbol, text, at_rest in zip(symbols, remembered[id], long_ago[id], strict=True):
                 symbol.label, start[text] = text, at_rest
         return cls(seconds, balance, x, remembered, parameters, inputs, start, sum(term.delay for term in terms))
-
-    def take_goal(self, drive: ServoDrive) -> None:
-        """Replace the torque input by a drive with a goal input, which delays its own output."""
-        seconds, x = self.seconds, self.x
-        is_always_sampled = drive.rate is None or drive.rate * seconds >= 1.0
-        gains: dict[str, Any] = dict(zip(GAINS, compute_gains(drive, seconds), strict=True))
-        output = {"duty": "1", "voltage": "V", "current": "A", "torque": drive.unit}[drive.output]
-        per = "s/rad" if drive.acts_on_speed else "rad"
-        units = {"kp": f"{output}/{per}", "ki": f"{output}/({per} s)", "kd": f"{output} s/rad", "limit": output}
-        for text, unit in units.items():
-            if gains[text] not in (0.0, math.inf):
-                self.parameters.append(NamedParameter(text, gains[text], unit, 0.0))
-                gains[text] = make_symbol(self.parameters[-1].name)
-        gains["stop_output"] = gains["limit"] if math.isfinite(gains["stop_output"]) else math.inf
-        gains["max_integral"] = gains["limit"] / gains["ki"] if math.isfinite(gains["max_integral"]) else math.inf
-        scale: Any = 1.0
-        self.given[0] = StepQuantity("goal", "rad/s" if drive.acts_on_speed else "rad")
-        if drive.output == "duty":
-            self.given.append(StepQuantity("supply", "V", get_supply(drive)))
-            scale = make_symbol("supply")
-        if drive.gain is not None:
-            self.parameters.append(NamedParameter("gain", drive.gain, f"N m/{OUTPUT_UNITS[drive.output]}", 0.0))
-            scale = scale * make_symbol("gain")
-        self.given.append(StepQuantity("on", "0: the motor is open", 1.0))
-        weights = compute_taps(np.array((drive.delay + self.delay) / seconds)).tolist()
-        self.delay = 0.0
-        phase: Any = make_symbol("phase")  # time to the controller's next sample, in its periods
-        samples_per_step, period = seconds * (drive.rate or 0.0), 1.0 / (drive.rate or math.inf)
-        sample_time: Any = 0.5 * max(seconds - period, 0.0) if drive.rate else 0.0
-        has_sample: Any = 1.0
-        share: Any = 1.0
-        elapsed: Any = seconds
-        last_sample_time: Any = make_symbol("last_lead")
-        if not is_always_sampled:
-            sample_time, has_sample = np.maximum(phase, 0.0) * period, samples_per_step * (1.0 - 1e-6) - phase
-            share, elapsed = 1.0 - sample_time / seconds, period - sample_time + last_sample_time
-        previous_weight = (0.5 * period - sample_time) / elapsed
-        past_outputs = tuple(make_symbol(f"before_{k + 1}") for k in range(len(weights) - 1))
-        speed = x.velocity if is_always_sampled and gains["speed_weight"] == 1.0 else make_symbol("speed")
-        last = make_symbol("last_velocity") if drive.rate else x.velocity
-        integral: Any = make_symbol("integral") if drive.ki else 0.0
-        state = ControllerState(make_symbol("held"), past_outputs, integral, speed, last)
-        is_on: Any = make_symbol("on")
-        goal, last_goal = (cast(Any, make_symbol(name)) for name in ("goal", "last_goal"))
-        has_goal_speed = drive.kd > 0 and drive.acts_on_position and drive.derivative == "error"
-        goal_speed = (goal - last_goal) / max(seconds, period) if has_goal_speed else 0.0
-        times = {"share": share, "sample_time": sample_time, "previous_weight": previous_weight}
-        inputs = ServoInputs(goal, scale, is_on, has_sample, **times, goal_speed=goal_speed)
-        torque, after = compute_control(x, state, inputs, Controller(gains, weights, drive.acts_on_speed))
-        memory = {id: (is_on,) if id == BackEmf.id else memory for id, memory in x.memory.items()}
-        self.x = replace(x, torque=torque, memory=memory)
-        next_phase = np.where(has_sample > 0, phase + 1.0, phase) - samples_per_step
-        self.after = {"held": after.held_output, "integral": after.integral, "speed": after.speed, "phase": next_phase}
-        last_values = {"last_lead": (sample_time, last_sample_time), "last_goal": (goal, last_goal)}
-        self.after |= {name: np.where(has_sample > 0, *values) for name, values in last_values.items()}
-        self.after["last_velocity"] = after.velocity
-        self.after |= {symbol.label: value for symbol, value in zip(past_outputs, after.past_outputs, strict=True)}
-        self.start |= dict.fromkeys(self.after, 0.0) | {
-            "speed": make_symbol("velocity"),
-            "last_velocity": make_symbol("velocity"),
-            "last_goal": make_symbol("position"),
-        }
 
     def make_dynamics(self, after: Mapping[str, Any]) -> Dynamics:
         """Return the step without unused state variables."""

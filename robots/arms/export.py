@@ -7,14 +7,15 @@ the robot file. Shapes and meshes are left out.
 import numpy as np
 
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
+from pendulum_env.export.exporter import Exporter
+from pendulum_env.export.mjcf import Friction, get_value, is_spring_linear
+from pendulum_env.export.request import Exported, ExportError, Request, escape_comment, escape_text, note_missing
 from pendulum_env.physics import Model, Table, find_term, list_loads
 from pendulum_env.physics.joints import Coupling, Rotor
 from robots.arms.model import ArmModel
 from robots.arms.standard import nearest_body
+from robots.arms.texts import describe_nearest_body
 from robots.arms.world import build_specification
-from workbench.export.mjcf import Friction, get_value, is_spring_linear
-from workbench.export.request import Exported, Request, escape_comment, escape_text, note_missing
-from workbench.narrator.findings import describe_nearest_body
 
 
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
@@ -70,3 +71,21 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
     spec.compile()
     head = escape_comment((f"The arm {escape_text(body.name)}, as identified.", *notes))
     return Exported(f'<?xml version="1.0"?>\n<!-- {head} -->\n{spec.to_xml()}', notes)
+
+
+class ArmExporter(Exporter):
+    """Export of an arm."""
+
+    def accepts(self, model: Model, request: Request) -> bool:
+        """Return whether the model is that of an arm."""
+        return isinstance(model, ArmModel)
+
+    def export(self, model: Model, format: str, request: Request) -> Exported:
+        """Write an arm for MuJoCo; raises ExportError for other formats, and as `export_arm`."""
+        assert isinstance(model, ArmModel)
+        if format != "mjcf":
+            raise ExportError(f"an arm is exported to mjcf, not to {format}")
+        return export_arm(model, request)
+
+
+EXPORTER = ArmExporter()
