@@ -57,9 +57,9 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
     """Choose the shortest half width [s] with enough windows clear of stick and little encoder noise.
 
     Encoder noise, scaled by the known inertia of the joint without load or else by that of the base model [kg m^2],
-    must be below torque noise or negligible. If no half width meets both, the longest with enough windows
-    is chosen, else the half width with the longest clear time. Short windows include samples near reversals, which show
-    friction. Encoder noise falls with length^`decay`.
+    must be below torque noise or negligible. If no half width meets both, that with the most windows per variance of
+    noise is chosen. Short windows include samples near reversals, which show friction. Encoder noise falls with
+    length^`decay`.
 
     In a free swing, the shortest windows in which encoder noise would be negligible may be much longer. Such windows
     include reversals, see `cut`. They are taken if noise in the longest of the others is above `negligible`, and are at
@@ -88,6 +88,11 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         noise = cut_at(width).noise
         return inertia * noise.acceleration <= max(settings.quiet * noise_factor * noise.torque, negligible)
 
+    def measure_information(width: float) -> float:
+        noise = cut_at(width).noise
+        variance = (noise_factor * noise.torque) ** 2 + (inertia * noise.acceleration) ** 2
+        return len(cut_at(width).centers) / max(variance, negligible**2)
+
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
     noise = inertia * longest.noise.acceleration
     if quiet is None and recording.known_inertia and noise > settings.negligible * longest.torque_scale:
@@ -97,7 +102,7 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         )
         if half_width > HALF_WIDTHS[-1]:
             return half_width
-    return quiet or next(filter(is_feasible, reversed(widths)), None) or max(widths, key=measure_clear_time)
+    return quiet or max(widths, key=measure_information)
 
 
 def find_period(w: Windows) -> float:
