@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from estimators.decisions.score import BLOCK
-from estimators.regression.least_squares import IdentificationError, solve_least_squares
+from estimators.regression.least_squares import SOLVER, IdentificationError, solve_least_squares
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
@@ -57,9 +59,9 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
     """Choose the shortest half width [s] with enough windows clear of stick and little encoder noise.
 
     Encoder noise, scaled by the known inertia of the joint without load or else by that of the base model [kg m^2],
-    must be below torque noise or negligible. If no half width meets both, that with the most windows per variance of
-    noise is chosen. Short windows include samples near reversals, which show friction. Encoder noise falls with
-    length^`decay`.
+    must be below torque noise, or negligible for the torque and for the inertia. If no half width meets both, that with
+    the smallest error of the inertia is chosen. Short windows include samples near reversals, which show friction.
+    Encoder noise falls with length^`decay`.
 
     In a free swing, the shortest windows in which encoder noise would be negligible may be much longer. Such windows
     include reversals, see `cut`. They are taken if noise in the longest of the others is above `negligible`, and are at
@@ -77,21 +79,21 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
             break
     negligible = (settings.negligible_swing if recording.known_inertia else settings.negligible) * longest.torque_scale
 
-    def measure_clear_time(width: float) -> float:
-        return len(cut_at(width).centers) * width  # [s], clear of stick
-
     def is_feasible(width: float) -> bool:
         count = len(cut_at(width).centers)
-        return count >= settings.enough or measure_clear_time(width) >= settings.clear * recording.duration
+        return count >= settings.enough or count * width >= settings.clear * recording.duration
+
+    @cache
+    def bound_error(width: float) -> InertiaError:
+        return bound_inertia_error(cut_at(width), inertia, noise_factor)
 
     def is_quiet(width: float) -> bool:
         noise = cut_at(width).noise
-        return inertia * noise.acceleration <= max(settings.quiet * noise_factor * noise.torque, negligible)
-
-    def measure_information(width: float) -> float:
-        noise = cut_at(width).noise
-        variance = (noise_factor * noise.torque) ** 2 + (inertia * noise.acceleration) ** 2
-        return len(cut_at(width).centers) / max(variance, negligible**2)
+        of_encoder = inertia * noise.acceleration
+        if of_encoder <= settings.quiet * noise_factor * noise.torque:
+            return True
+        error = bound_error(width)
+        return of_encoder <= negligible and (recording.known_inertia > 0 or error.bias <= error.std)
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
     noise = inertia * longest.noise.acceleration
@@ -102,7 +104,37 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         )
         if half_width > HALF_WIDTHS[-1]:
             return half_width
-    return quiet or max(widths, key=measure_information)
+    return quiet or min(widths, key=lambda width: bound_error(width).size)
+
+
+class InertiaError(NamedTuple):
+    """Errors of an inertia, relative to it: its standard error, and its bias by encoder noise."""
+
+    std: float
+    bias: float
+
+    @property
+    def size(self) -> float:
+        """Root of the mean squared error."""
+        return math.hypot(self.std, self.bias)
+
+
+def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> InertiaError:
+    """Return the errors of the inertia in a fit of the base model to windows, infinite for few windows.
+
+    Noise of the acceleration lowers the inertia by its share of the square of the acceleration that the other columns
+    do not explain. `noise_factor` corrects the torque noise.
+    """
+    columns = WindowColumns([w])
+    acceleration, *others = (columns.columns([term])[0][0][:, 0] for term in BASE)
+    if len(acceleration) <= 2 * len(BASE):
+        return InertiaError(math.inf, math.inf)
+    phi = np.column_stack(others)
+    free = acceleration - phi @ solve_least_squares(phi, acceleration)
+    noise = w.noise.acceleration**2
+    square = max(float(free @ free) / (len(free) - len(BASE)) - noise, 1e-3 * noise, 1e-300)
+    of_torque = (noise_factor * w.noise.torque / max(inertia, SOLVER.tiny * w.torque_scale)) ** 2
+    return InertiaError(math.sqrt((noise + of_torque) / (len(free) * square)), noise / square)
 
 
 def find_period(w: Windows) -> float:

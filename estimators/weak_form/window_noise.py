@@ -120,7 +120,8 @@ def _average_log(recording: Recording, window: Array) -> Array:
 
 def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array, log_weights: Array) -> float:
     """Return the standard deviation of a window's torque by white noise of the log and of the known load [N m]."""
-    noise = estimate_log_noise(recording.torque, recording.position) if recording.moved is None else recording.moved.noise
+    moved = recording.moved
+    noise = estimate_log_noise(recording.torque, recording.position) if moved is None else moved.noise
     of_load = estimate_white_noise(load.get_torque(recording.time)) * np.linalg.norm(np.convolve(window, [0.5, 0.5]))
     return math.hypot(noise * np.linalg.norm(log_weights), of_load)
 
