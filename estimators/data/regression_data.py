@@ -163,6 +163,11 @@ class RegressionData:
         """Noise floor of the rows of each joint, by its name [N m], or [rad] of rollouts."""
         return {at: self.layout.noise(at, inertia) for at, inertia in self.inertias(self.base).items()}
 
+    def has_wrong_zero(self, base: Terms) -> bool:
+        """Return whether the torque shows a wrong zero of the position; False for a base without free gravity."""
+        has_gravity = any(term.id == "gravity" and not term.columns[0].is_known for term in base)
+        return has_gravity and self.layout.predicts_torque and self.data.has_wrong_zero
+
     def units(self, at: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
         return find_mechanism(self.base).units(at, self.recordings[0].units)

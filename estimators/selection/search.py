@@ -19,6 +19,7 @@ from estimators.selection.policies import DETERMINE_LAG, IMITATE, KEEP_BASE, SWA
 from estimators.selection.state import SearchState, remove_term
 from estimators.selection.tables import drop_unneeded, replace_by_table
 from pendulum_env.physics import Table, list_ids
+from pendulum_env.physics.potential import GravityTilt
 from pendulum_env.physics.terms import list_forms
 
 
@@ -86,12 +87,15 @@ def is_confirmed(state: SearchState) -> bool:
 
 
 def propose_starts(evidence: Evidence, state: SearchState) -> Iterator[SearchState]:
-    """Yield states with another first effect, if the state leaves structure.
+    """Yield states with another first effect: tilted gravity if the zero is wrong, and others if structure is left.
 
     The best `search.n_restarts` first effects are tried if they tie with the found ones and keep the base parameters.
     `evidence` has no states of a link.
     """
     start, ids = state.start, list_ids(state.terms)
+    tilt = evidence.library.get(GravityTilt.id)
+    if tilt is not None and tilt.id not in ids and evidence.train.has_wrong_zero(start):
+        yield state.refit((*start, tilt()))
     if state.is_noise:
         return
     models, freed = screen_effects(evidence, start), state.evidence.fits.release_known(start)

@@ -166,30 +166,51 @@ class TorqueWindows:
         return Equations(phi, self.torque.net - sum(fixed for _, fixed in parts))
 
     @cached_property
+    def clear(self) -> TorqueWindows:
+        """Windows without those in contact with a stop; all if no other remains."""
+        contacts = [mark_contacts(w) for w in self.windows]
+        if not np.concatenate(contacts).any() or np.concatenate(contacts).all():
+            return self
+        parts = [replace(w, centers=w.centers[~touches]) for w, touches in zip(self.windows, contacts, strict=True)]
+        return join_windows(parts)
+
+    @cached_property
+    def _base_fits(self) -> tuple[Fit, Fit]:
+        """Fits of the base model and of tilted gravity."""
+        equations = self.equations((*BASE, GravityTilt()))
+        models = Equations(equations.phi[:, :-1], equations.y), equations
+        base, tilted = (solve(model, self.weights, self.clusters) for model in models)
+        return base, tilted
+
+    @cached_property
+    def has_wrong_zero(self) -> bool:
+        """Whether the zero of the position is wrong: tilted gravity halves a residual above the noise.
+
+        A residual of noise may become smaller, too: for motion at one frequency, cos q takes the place of a noisy
+        acceleration.
+        """
+        if self.clear is not self:
+            return self.clear.has_wrong_zero
+        base, tilted = (float(np.linalg.norm(fit.residual * self.weights)) for fit in self._base_fits)
+        noise = compute_noise_floor(self.windows, abs(float(self._base_fits[0].theta[0])))
+        floor = noise * float(np.linalg.norm(self.weights))
+        return base > RESOLUTION.wrong_zero * floor and tilted < RESOLUTION.tilted * base
+
+    @cached_property
     def base_fit(self) -> Fit:
         """Fit of the base model, with tilted gravity if the zero is wrong, to the windows without contacts.
 
         Recordings are weighted by their residual, so an unexplained recording does not bias the others.
-
-        A wrong zero leaves a residual above the noise, which tilted gravity halves at least. A residual of noise may
-        become smaller, too: for motion at one frequency, cos q takes the place of a noisy acceleration.
         """
-        contacts = [mark_contacts(w) for w in self.windows]
-        if np.concatenate(contacts).any():
-            clear = [replace(w, centers=w.centers[~touches]) for w, touches in zip(self.windows, contacts, strict=True)]
-            return join_windows(clear).base_fit
-        equations, weights = self.equations((*BASE, GravityTilt())), self.weights
-        models = Equations(equations.phi[:, :-1], equations.y), equations
-        fits = [solve(model, weights, self.clusters) for model in models]
-        base, tilted = (float(np.linalg.norm(fit.residual * weights)) for fit in fits)
-        floor = compute_noise_floor(self.windows, abs(float(fits[0].theta[0]))) * float(np.linalg.norm(weights))
-        is_wrong = base > RESOLUTION.wrong_zero * floor and tilted < RESOLUTION.tilted * base
+        if self.clear is not self:
+            return self.clear.base_fit
+        fit = self._base_fits[self.has_wrong_zero]
         if len(self.windows) == 1:
-            return fits[is_wrong]
-        owner = self.recording_of_window
-        squares, counts = np.bincount(owner, fits[is_wrong].residual ** 2).astype(float), np.bincount(owner)
+            return fit
+        owner, equations = self.recording_of_window, self.equations((*BASE, GravityTilt()))
+        squares, counts = np.bincount(owner, fit.residual**2).astype(float), np.bincount(owner)
         weights = weigh_recordings(squares, counts, compute_numerical_error(self.windows))[owner]
-        return solve(models[is_wrong], weights, self.clusters)
+        return solve(Equations(equations.phi[:, : len(fit.theta)], equations.y), weights, self.clusters)
 
     @cached_property
     def base_inertia(self) -> float:
