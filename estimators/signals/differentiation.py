@@ -113,7 +113,8 @@ class Motion:
         acceleration: second differences of the raw position (N,) [rad/s^2]; zero at the first and last sample.
         velocity_noise: standard deviation of the velocity [rad/s].
         acceleration_noise: standard deviation of the acceleration's average over a window [rad/s^2].
-        noise_weights: weights (K,) of the positions in this average, of zero mean [1/s^2].
+        noise_weights: weights (K,) of the positions in this average, of zero mean [1/s^2], or of the velocities of
+            which they are the integral [1/s].
     """
 
     position: Array
@@ -127,14 +128,20 @@ class Motion:
 def differentiate_position(recording: Recording, window: Array, half_width: int) -> Motion:
     """Compute the motion from the position alone; the delay of a logged velocity would bias inertia.
 
-    Smoothing has `half_width` samples. `window` (K - 2,) are the weights of windows that average the acceleration.
+    The noise of an integrated position is that of its velocity. Smoothing has `half_width` samples. `window` (K - 2,)
+    are the weights of windows that average the acceleration.
     """
     period = 1.0 / recording.rate
     q, v = smooth_motion(recording, recording.position, half_width)
     a = np.zeros_like(q)
     a[1:-1] = np.diff(recording.position, 2) / period**2
-    noise = estimate_encoder_noise(recording.position)
-    # slope of the cubic fit: variance 28.1 / (2 s)^3 per unit of position noise, for large s
-    velocity_noise = noise * np.sqrt(28.1 / (2 * half_width) ** 3) / period
-    curvature = np.convolve(window, [1.0, -2.0, 1.0]) / period**2
-    return Motion(q, v, a, velocity_noise, noise * float(np.linalg.norm(curvature)), curvature)
+    # variances of the slope and of the mean of a cubic fit to 2 s samples of unit noise: 28.1 / (2 s)^3, 2.25 / (2 s)
+    if recording.velocity is not None and recording.has_integrated_position:
+        noise = estimate_log_noise(recording.velocity, recording.position)
+        velocity_noise = noise * np.sqrt(2.25 / (2 * half_width))
+        weights = np.convolve(window, [0.5, 0.0, -0.5]) / period
+    else:
+        noise = estimate_encoder_noise(recording.position)
+        velocity_noise = noise * np.sqrt(28.1 / (2 * half_width) ** 3) / period
+        weights = np.convolve(window, [1.0, -2.0, 1.0]) / period**2
+    return Motion(q, v, a, velocity_noise, noise * float(np.linalg.norm(weights)), weights)

@@ -94,6 +94,8 @@ def _open_log(
     columns, notes = _read_clock(table)
     if "torque" in columns and named_columns.get("torque") == NONE:  # a load torque alone
         named_columns = {"torque" if name == "load_torque" else name: text for name, text in named_columns.items()}
+    if columns["position"].is_integral:
+        values["position"] = _integrate_velocity(values, columns)
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))
     _convert_to_si(values, origin)
     actuator.check_columns(values)
@@ -145,6 +147,16 @@ def _read_clock(table: RawTable) -> tuple[dict[str, FileColumn], list[Note]]:
     if not columns["time"].has_unit and (unit := find_unix_unit(clock)) is not None:
         columns["time"] = replace(columns["time"], unit=unit)
     return columns, notes
+
+
+def _integrate_velocity(values: Mapping[str, Array], columns: Mapping[str, FileColumn]) -> Array:
+    """Return the integral of the velocity in SI units, by the trapezoidal rule; NaN without time or velocity."""
+    time, velocity = (values[name] * columns[name].scale + columns[name].offset for name in ("time", "velocity"))
+    position, is_known = np.full(len(time), np.nan), np.isfinite(time) & np.isfinite(velocity)
+    t, v = time[is_known], velocity[is_known]
+    steps = 0.5 * np.diff(t, prepend=t[:1]) * (v + np.concatenate([v[:1], v[:-1]]))
+    position[is_known] = np.cumsum(steps)
+    return position
 
 
 def _convert_to_si(values: dict[str, Array], origin: Origin) -> None:

@@ -76,15 +76,20 @@ class FileColumn:
     other_candidates: tuple[str, ...] = ()  # names of other candidates for the quantity
     expression: Expression = NO_EXPRESSION  # expression of the user; empty if not given
     is_unit_inferred: bool = False  # whether the unit of the expression is that of the name alone
+    is_integral: bool = False  # whether the quantity is the integral of the column
 
     @property
     def scale(self) -> float:
         """Return the factor from the column to SI units."""
+        if self.is_integral:
+            return 1.0
         return _find_factor(self.quantity, self.unit) * self.expression.gain
 
     @property
     def offset(self) -> float:
         """Return the offset in SI units."""
+        if self.is_integral:
+            return 0.0
         unit = self.unit if self.expression.offset_unit is None else normalise_name(self.expression.offset_unit)
         return self.expression.shift * _find_factor(self.quantity, unit)
 
@@ -117,6 +122,8 @@ class FileColumn:
     def notes(self) -> tuple[Note, ...]:
         """Return the notes on the conversion of the column."""
         notes, quantities, header = [], (self.quantity,), (self.header,)
+        if self.is_integral:
+            return (Note(NoteKind.INTEGRAL, quantities, headers=header),)
         if self.expression.factors or self.expression.offset or self.expression.is_negative:
             notes.append(Note(NoteKind.TRANSFORMED, quantities, text=str(self.expression)))
         elif self.scale != 1.0:
@@ -174,7 +181,8 @@ def find_columns(
 ) -> dict[str, FileColumn]:
     """Find the columns of time, position, torque and, if present, `OPTIONAL`, by quantity.
 
-    Torque may be missing only if the user gives `none`, or no other column can be torque, see `can_be_torque`.
+    Without a position, it is the integral of the velocity. Torque may be missing only if the user gives `none`, or no
+    other column can be torque, see `can_be_torque`.
 
     Args:
         headers: names of the columns in the file.
@@ -222,6 +230,9 @@ def find_columns(
     if "torque" not in columns and "load_torque" in columns and output is None:
         if "torque" in omitted or not any(_is_raw("torque", header) for header in headers):  # without a motor
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
+    if "position" not in columns and "velocity" in columns and not any(map(_can_be_position, headers)):
+        unit = "m" if columns["velocity"].unit in LINEAR["velocity"] else "rad"
+        columns["position"] = replace(columns["velocity"], quantity="position", unit=unit, is_integral=True)
     required = ("time", "position", "torque" if output is None else "reference")
     missing = [name for name in required if name not in columns and expressions.get(name) != NONE]
     chosen = {column.index for column in columns.values()}.union(text_columns)
@@ -230,6 +241,11 @@ def find_columns(
     if missing and not (missing == ["torque"] and is_swing):
         _refuse_missing(missing, headers, list(unused.values()), expressions, "reference" in columns)
     return _complete_columns({quantity: columns[quantity] for quantity in ALIASES if quantity in columns}, headers)
+
+
+def _can_be_position(header: str) -> bool:
+    """Return whether a column may be a position, perhaps in another unit."""
+    return _is_raw("position", header) or read_words(header.strip()).quantity == "position"
 
 
 def _complete_columns(columns: dict[str, FileColumn], headers: Sequence[str]) -> dict[str, FileColumn]:

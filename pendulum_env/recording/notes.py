@@ -20,6 +20,7 @@ class NoteKind(StrEnum):
     UNIT_INFERRED = "unit_inferred"  # headers: the column, and the unit of its name; text: expression without it
     GAIN_UNKNOWN = "gain_unknown"  # text: the unit
     COMMANDED_TORQUE = "commanded_torque"  # headers
+    INTEGRAL = "integral"  # headers
     LOAD_TORQUE_ALONE = "load_torque_alone"  # headers
     LOAD_TORQUE = "load_torque"  # headers
     PASSED_OVER = "passed_over"  # headers: the selected one, then the others

@@ -31,6 +31,11 @@ class Origin:
         """Return whether positions are in metres, as of a linear joint."""
         return self.columns["position"].unit in LINEAR["position"]
 
+    @property
+    def has_integral(self) -> bool:
+        """Return whether position is the integral of a velocity."""
+        return self.columns["position"].is_integral
+
     def change_column(self, quantity: str, **changes: Any) -> dict[str, str]:
         """Return the option `columns` with changes of the `Expression` of a quantity."""
         return {**self.named_columns, quantity: str(replace(self._get_expression(quantity), **changes))}
@@ -42,7 +47,7 @@ class Origin:
 
     def flip_sign(self, quantity: str) -> dict[str, str] | None:
         """Return the option `columns` with the opposite sign of a quantity, including its offset; None without it."""
-        if quantity not in self.columns:
+        if quantity not in self.columns or self.columns[quantity].is_integral:
             return None
         column = self._get_expression(quantity)
         offset = None if column.offset is None else ("+" if column.offset[0] == "-" else "-") + column.offset[1:]
@@ -68,8 +73,10 @@ class Origin:
     def shift_zero(self, angle: float, digits: int) -> dict[str, str] | None:
         """Return the option `columns` with an angle [rad] added to position and reference, written in degrees.
 
-        Return None if position is not an angle.
+        Return None if position is not an angle, or the integral of a velocity.
         """
+        if self.has_integral:
+            return None
         places = [quantity for quantity in ("position", "reference") if quantity in self.columns]
         if any(self.columns[quantity].unit not in {None, *UNITS["position"], *RAW["position"]} for quantity in places):
             return None
@@ -78,6 +85,8 @@ class Origin:
 
     def can_be_degrees(self) -> bool:
         """Return whether position may be in degrees: its unit is unknown, or radians by its name or the user."""
+        if self.has_integral:
+            return False
         unit = self.columns["position"].unit
         return unit is None or UNITS["position"].get(unit) == 1.0
 

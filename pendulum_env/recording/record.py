@@ -259,6 +259,11 @@ class Recording(Shown):
         return not (self.actuator.is_controller or self.has_torque)
 
     @property
+    def has_integrated_position(self) -> bool:
+        """Return whether position is the integral of the velocity, from an unknown zero."""
+        return self.origin is not None and self.origin.has_integral
+
+    @property
     def goal(self) -> Array | None:
         """Return the reference of a position controller (N,) [rad], or None."""
         return self.reference if self.actuator.acts_on_position else None

@@ -199,22 +199,22 @@ def test_torque_converts_from_units_of_datasheets(unit: str, torque: float) -> N
 
 
 @pytest.mark.parametrize(
-    ("column", "named"),
+    ("column", "named", "is_read"),  # a speed alone is integrated
     [
-        ("torque_raw", {"torque": "torque_raw"}),
-        ("tau lsb", {"torque": "tau lsb"}),
-        ("speed_rpm", {"position": "speed_rpm"}),
-        ("velocity", {"position": "velocity"}),
+        ("torque_raw", {"torque": "torque_raw"}, False),
+        ("tau lsb", {"torque": "tau lsb"}, False),
+        ("speed_rpm", {"position": "speed_rpm"}, True),
+        ("velocity", {"position": "velocity"}, True),
     ],
 )
 def test_columns_of_another_quantity_or_without_unit_are_read_with_a_unit_or_gain_alone(
-    column: str, named: dict[str, str]
+    column: str, named: dict[str, str], is_read: bool
 ) -> None:
     time = np.arange(1000) / 100
     log = {"time": time, "position": np.sin(time), "torque": np.cos(3 * time)}
     (quantity,) = named
     log[column] = log.pop(quantity)
-    for columns in ({}, named):
+    for columns in (named,) if is_read else ({}, named):
         with pytest.raises(RecordingError):
             read_recording(log, columns=columns)
     recording = read_recording(log, columns={quantity: f"{column}*0.5"})
@@ -238,3 +238,18 @@ def test_time_in_hours_or_minutes_is_read_by_a_unit_apart_from_its_name(header: 
     time = np.arange(1000) / 100
     log = {header: time / factor, "position": np.sin(time), "torque": np.cos(3 * time)}
     np.testing.assert_allclose(read_recording(log).time, time, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor"), [("velocity", 1.0), ("speed [rpm]", 30 / np.pi), ("dq [deg/s]", 180 / np.pi)]
+)
+def test_a_speed_alone_is_integrated(header: str, factor: float) -> None:
+    time = 3.0 + np.arange(2000) / 500
+    log = {"time": time, header: factor * 2 * np.cos(2 * time), "torque": np.sin(3 * time)}
+    recording = read_recording(log)
+    np.testing.assert_allclose(recording.position, np.sin(2 * time) - np.sin(2 * time[0]), atol=1e-5)
+    np.testing.assert_allclose(recording.velocity, 2 * np.cos(2 * time), atol=1e-9)
+    assert recording.has_integrated_position
+    assert not read_recording(log | {"position": np.sin(2 * time)}).has_integrated_position
+    with pytest.raises(RecordingError, match="no column for position"):  # counts need their number in a turn
+        read_recording(log | {"position [counts]": np.round(1000 * np.sin(2 * time))})

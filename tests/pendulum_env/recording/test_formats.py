@@ -84,7 +84,11 @@ def put(**changes: np.ndarray | list):
     [
         ("run.npz", lambda path: lone(path, TIME), "no NPZ archive"),
         ("run.npz", lambda path: path.write_text("time,position\n"), "no NPZ archive"),
-        ("run.npz", put(position=np.array([None] * 1000)), "no column for position"),
+        (
+            "run.npz",
+            lambda path: np.savez(path, time=TIME, torque=np.cos(TIME), position=np.array([None] * 1000)),
+            "no column for position",
+        ),
         ("run.npz", put(position=np.zeros((1000, 3, 2))), r"shape \(1000, 3, 2\)"),
         ("run.npz", put(position=np.zeros((1000, 1, 2))), "could both be position"),
         ("run.npz", put(position=np.zeros(999)), "arrays differ in length"),
