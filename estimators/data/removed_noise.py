@@ -7,6 +7,7 @@ import numpy as np
 from estimators.data.regression_data import RegressionData
 from estimators.weak_form.rows import Terms
 from pendulum_env._typing import Array
+from pendulum_env.physics.joints import Links
 
 
 def list_absorbed_noise(data: RegressionData, terms: Terms) -> list[tuple[slice, float]]:
@@ -18,18 +19,22 @@ def list_absorbed_noise(data: RegressionData, terms: Terms) -> list[tuple[slice,
 
 
 def compute_removed_noise(data: RegressionData, terms: Terms, theta: Array, inertia: Mapping[str, float]) -> Array:
-    """Return the variance of encoder noise that payload changes remove from each row (R,) [(N m)^2].
+    """Return the variance of encoder noise that a model removes from each row (R,) [(N m)^2].
 
-    Encoder noise enters the rows times the inertia. An effect must not become likelier by removing it: where
-    nothing accelerates, a payload of minus the inertia leaves torque without noise. `theta` (P,) are the
-    parameters, `inertia` those of the base model by joint [kg m^2].
+    Encoder noise enters the rows times the inertia. A model must not become likelier by removing it: without inertia,
+    or where a payload of minus the inertia leaves none, the torque has no such noise. `theta` (P,) are the parameters,
+    `inertia` those of the base model by joint [kg m^2].
     """
     variance = np.zeros(len(data.layout.scored.fold))
+    if not data.layout.predicts_torque:
+        return variance
     columns = [(term, column) for term in terms for column in term.columns]
-    for (term, column), value in zip(columns, theta.tolist(), strict=True):
-        if term.kind == "time-varying" and data.layout.predicts_torque and term.at in inertia:
-            part, before = data.data.part(term.at), inertia[term.at]
+    for at, before in inertia.items():
+        part, after = data.data.part(at), np.full(1, before)
+        for (term, column), value in zip(columns, theta.tolist(), strict=True):
+            if term.at == at and not isinstance(term, Links) and np.any(mass := column.mass(part.samples)):
+                after = after + (value - before * (term.id == "inertia")) * mass
+        if np.any(after < before):
             noise = np.repeat([w.noise.acceleration for w in part.windows], [len(w.centers) for w in part.windows])
-            after = np.clip(before + value * column.mass(part.samples), 0.0, before)
-            variance[data.locate_rows(term.at)] += (before**2 - after**2) * noise**2
+            variance[data.locate_rows(at)] = (before**2 - np.clip(after, 0.0, before) ** 2) * noise**2
     return variance
