@@ -46,6 +46,8 @@ def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = 
     for source in sources:  # held-out sources, too
         if not source.file.exists():
             raise InputError(f"{source.file}: there is no such file: check the path")
+    if getattr(arguments, "fixed", {}).get("gravity") == 0.0:
+        sources = [replace(source, has_gravity=False) for source in sources]
     sources.sort(key=lambda source: source.role == "holdout")
     if names and sources[0].role == "holdout":
         raise InputError(f'{names[0]}: holds every recording out: give one of them role = "fit"')

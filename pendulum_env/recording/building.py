@@ -46,6 +46,7 @@ def build_recordings(
     controller: Actuator | None,
     named_columns: Mapping[str, Mapping[str, str]],
     log_format: JSON,
+    has_gravity: bool = True,
 ) -> dict[str, Recording]:
     """Convert the tables of the joints of a file to recordings with the same instants; refuse implausible data.
 
@@ -59,6 +60,7 @@ def build_recordings(
         controller: of the joint; None without one.
         named_columns: columns that the user named, by joint and quantity.
         log_format: reading options of the file.
+        has_gravity: whether gravity may act on the joints.
     """
     joints, actuator = list[JointLog](), controller or MOTOR
     for joint, table in tables.items():
@@ -81,7 +83,9 @@ def build_recordings(
         with name_errors(item.joint):
             recording = _make_recording(item, name, controller, log_format)
             if not jumps[item.joint]:  # jumps of 2 pi confirm the unit
-                recording = replace(recording, notes=(*recording.notes, *_find_doubts(recording, item.origin)))
+                recording = replace(
+                    recording, notes=(*recording.notes, *_find_doubts(recording, item.origin, has_gravity))
+                )
             recordings[item.joint] = recording
     return recordings
 
@@ -226,11 +230,11 @@ def _are_counts(column: FileColumn, values: Array) -> bool:
     return column.unit is None and len(finite) > 0 and bool(np.ptp(finite) > 720 and (finite == np.round(finite)).all())
 
 
-def _find_doubts(recording: Recording, origin: Origin) -> tuple[Note, ...]:
+def _find_doubts(recording: Recording, origin: Origin, has_gravity: bool) -> tuple[Note, ...]:
     """Check the unit of position: refuse an implausible guessed unit, and note an implausible given one."""
     try:
         checks.refuse_too_fast(recording, origin)
-        return checks.check_unit(recording, origin)
+        return checks.check_unit(recording, origin) if has_gravity else ()
     except ColumnError as error:
         if not origin.columns["position"].has_unit:
             raise

@@ -33,6 +33,7 @@ def read_recording(
     columns: Mapping[str, str | None] | None = None,
     drive: Actuator | Mapping[str, Any] | None = None,
     name: str | None = None,
+    has_gravity: bool = True,
 ) -> Recording:
     """Read a file or table with the columns time, position and torque, and optional further quantities.
 
@@ -57,13 +58,14 @@ def read_recording(
         drive: controller that follows the reference, or its settings as in a study. Torque is then read from a column
             that the user names or from the controller's output (duty, current), or computed from the controller.
         name: name of the recording; by default that of the file, or `recording`.
+        has_gravity: whether gravity may act on the joint, and so show the unit of its angle.
 
     Raises:
         TypeError: if the source has another type, or `columns` is not a mapping of quantities to texts.
         RecordingError: if the file cannot be read or its content is implausible; the message is one sentence with the
             file, the data row (from 1, without header and blank lines), the reason and the remedy.
     """
-    recording = read_rows(source, unwrap=unwrap, columns=columns, drive=drive, name=name)
+    recording = read_rows(source, unwrap=unwrap, columns=columns, drive=drive, name=name, has_gravity=has_gravity)
     warn_of_notes(get_label(source, name), recording.notes)
     return recording
 
@@ -75,13 +77,15 @@ def read_rows(
     columns: Mapping[str, str | None] | None,
     drive: Actuator | Mapping[str, Any] | None = None,
     name: str | None = None,
+    has_gravity: bool = True,
 ) -> Recording:
     """Read a recording as `read_recording`, without warnings."""
     check_columns_option(columns)
     drive = parse_actuator(drive) if isinstance(drive, Mapping) else drive
     named_columns = {quantity: NONE if text is None else text for quantity, text in (columns or {}).items()}
     log_format = describe_reading(named_columns, unwrap, drive)
-    return read_joint_rows(source, {"": named_columns}, log_format, unwrap=unwrap, controller=drive, name=name)[""]
+    options: dict[str, Any] = {"unwrap": unwrap, "controller": drive, "name": name, "has_gravity": has_gravity}
+    return read_joint_rows(source, {"": named_columns}, log_format, **options)[""]
 
 
 def read_joint_rows(
@@ -92,6 +96,7 @@ def read_joint_rows(
     unwrap: bool,
     controller: Actuator | None = None,
     name: str | None = None,
+    has_gravity: bool = True,
 ) -> dict[str, Recording]:
     """Read a recording of each joint of a file, with the same instants; `columns` are by joint and quantity.
 
@@ -105,9 +110,8 @@ def read_joint_rows(
             find = partial(find_columns, named_columns=named_columns, output=output)
             with name_errors(joint):
                 tables[joint] = read_table(source, find)
-        return build_recordings(
-            name or (find_stem(Path(label)) if is_file else label), tables, unwrap, controller, columns, log_format
-        )
+        stem = name or (find_stem(Path(label)) if is_file else label)
+        return build_recordings(stem, tables, unwrap, controller, columns, log_format, has_gravity)
     except RecordingError as error:
         raise type(error)(f"{label}: {error}") from error.__cause__
 

@@ -107,6 +107,7 @@ class Source:
     load: Load | None = None  # known load on the joint
     drive: Actuator | None = None  # controller that follows the reference
     joints: tuple[str, ...] | None = None  # moving joints with links; None: all movable joints
+    has_gravity: bool = field(default=True, compare=False)  # as in `read_recording`
     is_of_study: bool = field(default=False, compare=False)  # whether a study has all options
     format_source: str = ""  # model file that supplied missing options
 
@@ -146,7 +147,7 @@ class Source:
 
 def _read_pendulum(source: Source) -> Recording:
     try:
-        return read_rows(source.file, **source.reading_options)
+        return read_rows(source.file, has_gravity=source.has_gravity, **source.reading_options)
     except ColumnError as error:
         if not source.format_source:
             raise
