@@ -4,7 +4,7 @@ MuJoCo regularises dry friction: a sticking joint creeps at a speed proportional
 constraint. The constants below make both as stiff as the solver allows at the step of the file.
 
 Motion determines the inertia about the axis and the gravity torque, not mass, lever and central inertia separately.
-Unless the mass is given, the arm is a uniform rod; any other choice has the same motion.
+Unless the mass is given, the pendulum is a uniform rod; any other choice has the same motion.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class RigidBody:
         Raises ExportError if the given mass [kg] is too small, or no inertia remains after the armature.
         """
         if inertia <= 0:
-            raise ExportError("the armature leaves the arm no inertia: give a smaller --armature")
-        weight = math.hypot(gravity, tilted)  # gravity torque of the horizontal arm [N m]
+            raise ExportError("the armature leaves the pendulum no inertia: give a smaller --armature")
+        weight = math.hypot(gravity, tilted)  # gravity torque of the horizontal pendulum [N m]
         least_mass = weight**2 / (G**2 * inertia)  # mass of a point at the end of the lever [kg]
         # a uniform rod has 4/3 of the mass of a point with equal inertia and gravity torque
         mass = mass or 4.0 / 3.0 * least_mass or 1.0
@@ -72,7 +72,7 @@ class RigidBody:
         central = inertia - mass * lever**2
         if central <= 0:
             raise ExportError(
-                f"an arm of {mass:g} kg cannot have this weight and inertia: --mass has to be above {least_mass:.4g} kg"
+                f"a pendulum of {mass:g} kg cannot have this weight and inertia: --mass has to be above {least_mass:.4g} kg"
             )
         return cls(mass, lever, math.atan2(tilted, gravity), central)
 

@@ -24,7 +24,7 @@ class Request:
     Attributes:
         approximate: whether unsupported parts of the model may be approximated or left out.
         step: simulation step [s].
-        mass: of the pendulum arm [kg], if known; it sets the centre of mass, not the motion.
+        mass: of the pendulum [kg], if known; it sets the centre of mass, not the motion.
         armature: known part of the inertia that is the rotor's [kg m^2].
         drive: controller and motor to export with the joint, with a goal input; None: torque input.
     """

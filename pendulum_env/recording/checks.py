@@ -142,7 +142,7 @@ def refuse_motionless(position: Array) -> None:
     if (position == position[0]).all():
         raise RecordingError(
             f"position is {position[0]:.6g} rad in every row, so nothing can be learned: check the encoder, "
-            "or record the arm moving"
+            "or record the joint in motion"
         )
 
 
@@ -185,7 +185,7 @@ def refuse_too_fast(recording: Recording, origin: Origin) -> None:
         if (top := float(speed.max())) > BOUNDS.fastest:
             raise ColumnError(
                 f"position moves at {top:.0f} rad/s near {part.time[int(np.argmax(speed))]:.6g} s, faster "
-                f"than any arm: {_suggest_position_unit(origin)}"
+                f"than any joint: {_suggest_position_unit(origin)}"
             )
 
 

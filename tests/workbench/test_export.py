@@ -205,7 +205,7 @@ REFUSED = {
     "a law of this model cannot be written down": (paper_plant().add(Table(), [0.4]), "c", Request()),
     "the hysteresis of hard_stop": (plant("hard_stop"), "mjcf", Request()),
     "--mass has to be above 0.46": (plant(), "mjcf", Request(mass=0.4)),
-    "leaves the arm no inertia": (plant(), "mjcf", Request(armature=0.1)),
+    "leaves the pendulum no inertia": (plant(), "mjcf", Request(armature=0.1)),
     "mjcf cannot hold spring": (plant(CUBIC), "mjcf", Request()),
 }
 

@@ -413,7 +413,7 @@ def test_a_spring_is_not_taken_for_degrees(write: Write, bent: float) -> None:
 @pytest.mark.parametrize(
     ("read", "match"),
     [
-        ({"position": 115}, "faster than any arm: read it with --columns position=position:deg if it is"),
+        ({"position": 115}, "faster than any joint: read it with --columns position=position:deg if it is"),
         ({"position": 0}, "position is 0 rad in every row"),
         ({"time": 1e3}, "2 s pass between samples.* read it with --columns time=time:ms"),
         ({"velocity": 57.3}, "as if velocity were in deg/s: read it with --columns velocity=velocity:deg/s"),

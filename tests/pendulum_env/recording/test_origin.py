@@ -84,7 +84,7 @@ def test_a_turned_sign_turns_what_was_added_and_keeps_what_else_was_said(write):
 def test_a_unit_that_is_said_wrongly_is_warned_of_in_the_words_that_refuse_a_guess(write, columns, named, remedy):
     """959 rad/s, said by a user to be rad/s, are no less absurd than a guess."""
     (note,) = (note for note in list_notes(read_recording(write(**columns), columns=named)) if note.startswith(WARNING))
-    assert "faster than any arm" in note and note.endswith(remedy)
+    assert "faster than any joint" in note and note.endswith(remedy)
 
 
 def test_a_remedy_for_a_velocity_can_be_pasted(write):
