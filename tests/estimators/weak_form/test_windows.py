@@ -17,9 +17,9 @@ from estimators.signals.differentiation import estimate_encoder_noise, estimate_
 from estimators.weak_form.averages import WindowAverages
 from estimators.weak_form.contacts import count_contacts
 from estimators.weak_form.floors import compute_absorbed_noise, compute_noise_floor
-from estimators.weak_form.preparation import choose_half_width, prepare_windows
+from estimators.weak_form.preparation import calibrate_noise, choose_half_width, prepare_windows
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
-from estimators.weak_form.window_columns import WindowTorque
+from estimators.weak_form.window_columns import WindowColumns, WindowTorque
 from estimators.weak_form.windows import cut
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Inertia, Term, Viscous, effect
@@ -323,3 +323,40 @@ def test_equations_of_sampled_torque_count_by_the_unknown_instant_of_its_jumps()
     predicted = windows.noise.torque / windows.scale[near]
     assert error == pytest.approx(np.sqrt(np.mean(predicted**2)), rel=0.3)
     assert np.allclose(windows.scale[near + 48], 1.0) and true.scale is None
+
+
+SLOW = {"excitation": "triangle", "scale": 1.2, "gains": (40.0, 2.0), "torque_limit": 12.0}  # a coarse encoder's speed
+COARSE = {"rate": 1000.0, "seconds": 16.0, "counts": 4096, "torque_noise": 0.01}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_is_divided_between_torque_and_encoder_under_a_controller(seed):
+    (run,) = simulate([(Plant(), Experiment(seed=seed, **SLOW, **COARSE))])
+    noisy = cut(make_recording(run), 0.06)
+    exact = cut(Recording(run.time, run.exact_position, run.command), 0.06)
+    w, theta = calibrate_noise(noisy), np.array([0.09, 2.0, 0.35, 0.8])
+    residuals = []
+    for torque, motion in ((noisy, exact), (exact, noisy)):  # noise of the torque's log alone, and of the encoder's
+        phi = np.column_stack([WindowColumns([motion]).columns([term])[0][0] for term in BASE])
+        shared = np.isin(motion.centers, torque.centers), np.isin(torque.centers, motion.centers)
+        residuals.append(float(np.std(WindowTorque([torque]).net[shared[1]] - (phi @ theta)[shared[0]])))
+    of_torque, of_encoder = residuals
+    assert 0.5 < w.noise.torque / of_torque < 2.5 and 0.5 < 0.09 * w.noise.acceleration / of_encoder < 1.5
+    assert 0.6 < w.noise.compute_std(0.09) / np.hypot(of_torque, of_encoder) < 1.3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_coarse_encoder_in_slow_motion_does_not_bias_the_inertia(seed):
+    (run,) = simulate([(Plant(), Experiment(seed=seed, **SLOW, **COARSE))])
+    model, _ = fit_terms(RegressionData.from_recordings([make_recording(run)]), BASE)
+    for own, true in zip(model.estimates.values(), TRUTH, strict=True):
+        assert abs(own.value - true) < 4 * own.std
+
+
+def test_rest_in_a_log_does_not_lower_the_noise_of_its_torque():
+    (run,) = simulate([(Plant(), Experiment(rate=200.0, seconds=10.0, torque_noise=0.05))])
+    rest = np.zeros(1200)
+    time = np.arange(len(run.time) + len(rest)) / 200.0
+    padded = Recording(time, np.append(rest + run.position[0], run.position), np.append(rest, run.torque))
+    plain, longer = (cut(each, 0.02).noise.raw_torque for each in (make_recording(run), padded))
+    assert 0.9 < longer / plain < 1.1
