@@ -14,7 +14,7 @@ SHORT = (  # two minutes on two cores
 COMMANDS = (
     "environments", "joint_state", "online_diagnosis", "hidden_effects", "known_truth",
     "cramer_rao", "ambiguity", "arm_excitation", "mujoco_plant", "multisine", "rig", "rig_faults",
-    "late_torque", "servos", "six_joint", "survey", "sysid", "timing", "user_logs",
+    "late_torque", "retold", "servos", "six_joint", "survey", "sysid", "timing", "user_logs",
 )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ from estimators.decisions.gate import Gate, limit_gain
 from estimators.decisions.score import Gain
 from estimators.findings import Finding, Quantity
 from estimators.signals.channel import LONGEST, REACH, UNMIXED_SAMPLES, Channel
-from estimators.signals.differentiation import estimate_encoder_noise, estimate_noise_slope, estimate_white_noise
+from estimators.signals.differentiation import estimate_encoder_noise, estimate_log_noise, estimate_noise_slope
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
 
@@ -263,11 +263,14 @@ DELAY = Policy("delay", (*SHIFT.stages, require_long_delay))
 def make_moved_torque(recording: Recording, response: Array, is_sampled: bool, criterion: Criterion) -> MovedTorque:
     """Make the noise of the torque of a recording, before its move in time by a filter with a response (L,).
 
-    A controller reacts to its encoder without delay. The noise is at least as large as this reaction.
+    A controller reacts to its encoder without delay. The noise is at least as large as this reaction. The slope of
+    an integrated position is unknown.
     """
     has_feedback = bool(find_feedback([recording], criterion))
-    answer = estimate_noise_slope(recording.position, recording.torque) if has_feedback else 0.0
-    noise = max(estimate_white_noise(recording.torque), abs(answer) * estimate_encoder_noise(recording.position))
+    is_known = has_feedback and not recording.has_integrated_position
+    answer = estimate_noise_slope(recording.position, recording.torque) if is_known else 0.0
+    noise = estimate_log_noise(recording.torque, recording.position)
+    noise = max(noise, abs(answer) * estimate_encoder_noise(recording.position))
     return MovedTorque(noise, response, is_sampled, answer)
 
 

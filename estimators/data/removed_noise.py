@@ -29,12 +29,13 @@ def compute_removed_noise(data: RegressionData, terms: Terms, theta: Array, iner
     if not data.layout.predicts_torque:
         return variance
     columns = [(term, column) for term in terms for column in term.columns]
+    has_links = any(isinstance(term, Links) for term in terms)
     for at, before in inertia.items():
-        part, after = data.data.part(at), np.full(1, before)
+        part, after = data.data.part(at), np.full(1, before if has_links else 0.0)
         for (term, column), value in zip(columns, theta.tolist(), strict=True):
             if term.at == at and not isinstance(term, Links) and np.any(mass := column.mass(part.samples)):
-                after = after + (value - before * (term.id == "inertia")) * mass
+                after = after + value * mass
         if np.any(after < before):
-            noise = np.repeat([w.noise.acceleration for w in part.windows], [len(w.centers) for w in part.windows])
+            noise = np.concatenate([w.noise.acceleration * w.row_scale for w in part.windows])
             variance[data.locate_rows(at)] = (before**2 - np.clip(after, 0.0, before) ** 2) * noise**2
     return variance

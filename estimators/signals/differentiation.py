@@ -135,10 +135,10 @@ def differentiate_position(recording: Recording, window: Array, half_width: int)
     q, v = smooth_motion(recording, recording.position, half_width)
     a = np.zeros_like(q)
     a[1:-1] = np.diff(recording.position, 2) / period**2
-    # variances of the slope and of the mean of a cubic fit to 2 s samples of unit noise: 28.1 / (2 s)^3, 2.25 / (2 s)
+    # variance of the slope of a cubic fit to 2 s samples: 28.1 / (2 s)^3 per unit of noise, 2.5 / (2 s) of its integral
     if recording.velocity is not None and recording.has_integrated_position:
         noise = estimate_log_noise(recording.velocity, recording.position)
-        velocity_noise = noise * np.sqrt(2.25 / (2 * half_width))
+        velocity_noise = noise * np.sqrt(2.5 / (2 * half_width))
         weights = np.convolve(window, [0.5, 0.0, -0.5]) / period
     else:
         noise = estimate_encoder_noise(recording.position)

@@ -89,11 +89,9 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
 
     def is_quiet(width: float) -> bool:
         noise = cut_at(width).noise
-        of_encoder = inertia * noise.acceleration
-        if of_encoder <= settings.quiet * noise_factor * noise.torque:
-            return True
-        error = bound_error(width)
-        return of_encoder <= negligible and (recording.known_inertia > 0 or error.bias <= error.std)
+        if inertia * noise.acceleration > max(settings.quiet * noise_factor * noise.torque, negligible):
+            return False
+        return recording.known_inertia > 0 or bound_error(width).has_small_bias
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
     noise = inertia * longest.noise.acceleration
@@ -112,6 +110,11 @@ class InertiaError(NamedTuple):
 
     std: float
     bias: float
+
+    @property
+    def has_small_bias(self) -> bool:
+        """Whether the bias is at most the standard error."""
+        return self.bias <= self.std
 
     @property
     def size(self) -> float:
@@ -134,7 +137,7 @@ def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> Iner
     noise = w.noise.acceleration**2
     square = max(float(free @ free) / (len(free) - len(BASE)) - noise, 1e-3 * noise, 1e-300)
     of_torque = (noise_factor * w.noise.torque / max(inertia, SOLVER.tiny * w.torque_scale)) ** 2
-    return InertiaError(math.sqrt((noise + of_torque) / (len(free) * square)), noise / square)
+    return InertiaError(math.sqrt((noise + of_torque) / (len(free) * square)), noise / (noise + square))
 
 
 def find_period(w: Windows) -> float:
@@ -194,7 +197,7 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
     `inertia` maps parameters (P,) to the inertia [kg m^2].
 
     Neighbouring windows share other parts of the torque's noise than of the encoder's. Their covariance divides the
-    power of the residual between both, each at most its estimate.
+    power of the residual between both, each at most its estimate; with few neighbours, both have one factor.
     """
     freedom = len(phi) - phi.shape[1]
     if freedom < phi.shape[1]:
@@ -206,5 +209,7 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
     if power >= noise.compute_std(load) ** 2:
         return w
     adjacent = np.flatnonzero(np.diff(w.centers) == len(w.kernel) // 2)
+    if len(adjacent) < freedom / 2:  # too few neighbours
+        return replace(w, noise=noise.scale(math.sqrt(power) / noise.compute_std(load)))
     shared = float(residual[adjacent] @ residual[adjacent + 1]) / max(1, len(adjacent)) * len(phi) / freedom
     return replace(w, noise=noise.divide_power(load, power, shared))

@@ -78,14 +78,26 @@ class WindowNoise:
         `shared` is the covariance of the residual in windows half a window apart [(N m)^2]. Neither noise is raised.
         """
         load = inertia + self.load_inertia
-        power, shared = max(power + 2 * load * self.common[0], 0.0), shared + 2 * load * self.common[1]
         of_torque, of_encoder = self.torque**2, (load * self.acceleration) ** 2
-        difference = self.acceleration_shared - self.torque_shared
+        both, both_shared = (
+            2 * load * common / max(of_encoder, 1e-300) for common in self.common
+        )  # a controller's answer
+        difference = self.acceleration_shared - both_shared - self.torque_shared * (1.0 - both)
         encoder = (shared - self.torque_shared * power) / difference
-        encoder = min(max(encoder, power - of_torque, 0.0), of_encoder, power)
-        torque_factor = math.sqrt((power - encoder) / max(of_torque, 1e-300))
-        encoder_factor = math.sqrt(encoder / max(of_encoder, 1e-300))
-        return replace(self, torque=torque_factor * self.torque, acceleration=encoder_factor * self.acceleration)
+        encoder = min(max(encoder, power - of_torque, 0.0), of_encoder)
+        torque = min(max(power - (1.0 - both) * encoder, 0.0), of_torque)
+        torque_factor, encoder_share = math.sqrt(torque / max(of_torque, 1e-300)), encoder / max(of_encoder, 1e-300)
+        return replace(
+            self,
+            torque=torque_factor * self.torque,
+            acceleration=math.sqrt(encoder_share) * self.acceleration,
+            common=(encoder_share * self.common[0], encoder_share * self.common[1]),
+        )
+
+    def scale(self, factor: float) -> WindowNoise:
+        """Return the noise times a factor."""
+        common = (factor**2 * self.common[0], factor**2 * self.common[1])
+        return replace(self, torque=factor * self.torque, acceleration=factor * self.acceleration, common=common)
 
     @property
     def torque_shared(self) -> float:

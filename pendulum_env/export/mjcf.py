@@ -72,7 +72,7 @@ class RigidBody:
         central = inertia - mass * lever**2
         if central <= 0:
             raise ExportError(
-                f"a pendulum of {mass:g} kg cannot have this weight and inertia: --mass has to be above {least_mass:.4g} kg"
+                f"a mass of {mass:g} kg cannot have this weight and inertia: --mass has to be above {least_mass:.4g}"
             )
         return cls(mass, lever, math.atan2(tilted, gravity), central)
 

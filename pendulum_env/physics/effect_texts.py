@@ -157,7 +157,7 @@ EFFECTS: dict[str, Description] = {
     "gravity_tilt": Description(
         title="tilted gravity",
         symptom="a curve over the angle",
-        signature="The residual over the angle is a cosine: largest where the pendulum hangs, and zero where it is level.",
+        signature="The residual over the angle is a cosine: largest where the rod hangs, and zero where it is level.",
         resembles=("torque_offset", "coulomb_asymmetry", "spring", "encoder_eccentricity"),
         informative_experiment="swings beyond 30 degrees, to tell it from a constant",
     ),
@@ -218,7 +218,7 @@ EFFECTS: dict[str, Description] = {
         title="a payload change",
         symptom="a change in time",
         signature=(
-            "From one moment on, the pendulum is heavier or lighter. A residual as of a wrong weight and inertia begins, or "
+            "From one moment on, the joint has another load. A residual as of a wrong weight and inertia begins, or "
             "ends, within one sample."
         ),
         resembles=("friction_drift",),

@@ -72,8 +72,9 @@ def build_recordings(
         log, turn = item.log, item.log.turns["position"]
         with name_errors(item.joint):
             position = log.values["position"]
-            checks.refuse_jumps(position, log.rows, log.starts, item.origin, turn=turn, allow_wrapped=unwrap)
-            if unwrap:
+            if not item.origin.has_integral:
+                checks.refuse_jumps(position, log.rows, log.starts, item.origin, turn=turn, allow_wrapped=unwrap)
+            if unwrap and not item.origin.has_integral:
                 jumps[item.joint] = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed)
             sampling.drop_short_segments(log)
     sampling.resample_uniformly([item.log for item in joints])
@@ -97,7 +98,8 @@ def _open_log(
     values = table.values
     columns, notes = _read_clock(table)
     if "torque" in columns and named_columns.get("torque") == NONE:  # a load torque alone
-        named_columns = {"torque" if name == "load_torque" else name: text for name, text in named_columns.items()}
+        others = {name: text for name, text in named_columns.items() if name != "load_torque"}
+        named_columns = {**others, "torque": named_columns["load_torque"]}
     if columns["position"].is_integral:
         values["position"] = _integrate_velocity(values, columns)
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))

@@ -86,7 +86,7 @@ TEXTS: Mapping[NoteKind, str] = {
     ),
     NoteKind.GAIN_UNKNOWN: "{quantity} is in {text}, its gain to be found",
     NoteKind.COMMANDED_TORQUE: "{quantity} is the commanded one, from column {header!r}",
-    NoteKind.INTEGRAL: "{quantity} is the integral of column {header!r}, from an unknown zero",
+    NoteKind.INTEGRAL: "{quantity} is the integral of column {header!r}, from an unknown zero, in each segment another",
     NoteKind.LOAD_TORQUE_ALONE: "{quantity} is that of column {header!r}: the log has no other torque",
     NoteKind.LOAD_TORQUE: "column {header!r} is read as a load torque, which adds to torque",
     NoteKind.PASSED_OVER: "{quantity} is taken from column {header!r}; {variant} there too",
