@@ -112,8 +112,7 @@ def bound_errors(run: ArmRun) -> dict[str, float]:
         rows.append(np.column_stack([own.mean(axis=1)[is_clear] for own in columns]) / noise)
     names = ["Iyy@shoulder", "mz@shoulder", "mx@shoulder", "Iyy@elbow", "mz@elbow", "mx@elbow"]
     names += [f"{id}@{name}" for name in JOINTS for id in ("viscous", "coulomb")]
-    errors, truth = dict(zip(names, compute_errors(np.concatenate(rows)), strict=True)), run.truth
-    return {name: float(errors[name] / abs(truth[name])) for name in names if truth[name]}
+    return compute_errors(np.concatenate(rows), {name: run.truth[name] for name in names})
 
 
 # ------------------------------------------------------------------------------------------------- retellings
@@ -126,15 +125,6 @@ def log_arm(run: ArmRun) -> Log:
     columns = {"time": run.time}
     columns |= {f"position_{name}": run.position[:, k] for k, name in enumerate(JOINTS)}
     return Log(columns | {f"torque_{name}": run.torque[:, k] for k, name in enumerate(JOINTS)})
-
-
-def _repeat_readings(log: Log, run: ArmRun, rng: Rng) -> Log:
-    """Return the log with some rows in which the encoder of a joint has its last value."""
-    name = f"position_{rng.choice(JOINTS)}"
-    seen, n = log.columns[name].copy(), len(run.time)
-    for k in np.flatnonzero(rng.random(n) < rng.uniform(0.005, 0.05)):
-        seen[k] = seen[max(k - 1, 0)]
-    return log.change(**{name: seen})
 
 
 def _shift_zero(log: Log, run: ArmRun, rng: Rng) -> Log:
@@ -170,7 +160,6 @@ def _rename_columns(log: Log, run: ArmRun, rng: Rng) -> Log:
 
 RETELLINGS: dict[str, Retelling] = {
     **COMMON,
-    "repeated readings": _repeat_readings,
     "other zero": _shift_zero,
     "both signs": _flip_both,
     "torque late": _delay_torque,

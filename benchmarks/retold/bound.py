@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 WINDOW = 0.05  # [s], over which encoder positions are differentiated twice
 FEWEST = 10  # windows
-LARGEST = 1e6  # relative to the smallest possible error of a column, above which it is not determined
+LARGEST = 1.0  # relative standard error, above which a parameter is not determined
 
 
 def bound_errors(runs: Sequence[Run]) -> dict[str, float]:
@@ -34,8 +34,7 @@ def bound_errors(runs: Sequence[Run]) -> dict[str, float]:
         of_torque = 0.0 if is_relative else run.sensors.noise * run.machine.torque / np.sqrt(size)
         noise = np.hypot(of_torque, plant.inertia * compute_acceleration_noise(run.sensors))
         rows.append(np.column_stack([columns[name].mean(axis=1)[is_clear] for name in names]) / noise)
-    spread = compute_errors(np.concatenate(rows))
-    return {name: float(own / getattr(plant, name)) for name, own in zip(names, spread, strict=True)}
+    return compute_errors(np.concatenate(rows), {name: getattr(plant, name) for name in names})
 
 
 def count_samples(sensors: Sensors) -> int:
@@ -55,11 +54,16 @@ def compute_acceleration_noise(sensors: Sensors) -> float:
     return float(encoder * np.sqrt(720 / size) * (sensors.rate / size) ** 2)
 
 
-def compute_errors(rows: Array) -> Array:
-    """Return the standard errors (P,) of a least-squares fit to rows (W, P) over their noise; infinite for few rows."""
+def compute_errors(rows: Array, truth: Mapping[str, float]) -> dict[str, float]:
+    """Return the relative standard errors of a least-squares fit to rows (W, P) over their noise.
+
+    An error is infinite if the rows are few or do not determine the parameter. Parameters of zero are left out.
+    """
+    values = np.array([*truth.values()])
     if len(rows) < FEWEST:
-        return np.full(rows.shape[1], np.inf)
-    norms = np.linalg.norm(rows, axis=0) + 1e-300
+        return {name: np.inf for name, value in truth.items() if value}
+    norms = np.maximum(np.linalg.norm(rows, axis=0), 1e-100)
     _, singular, right = np.linalg.svd(rows / norms, full_matrices=False)
-    inflation = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-12)) ** 2, axis=1))
-    return np.where(inflation > LARGEST, np.inf, inflation / norms)
+    errors = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-12)) ** 2, axis=1)) / norms
+    errors[errors > LARGEST * np.abs(values)] = np.inf
+    return {name: float(own / abs(truth[name])) for name, own in zip(truth, errors, strict=True) if truth[name]}

@@ -170,8 +170,8 @@ def _log_slowly(log: Log, run: Run, rng: Rng) -> Log:
 
 
 def _log_current(log: Log, run: Run, rng: Rng) -> Log:
-    """Return the log of a current: parameters are in A."""
-    constant = draw_size(rng, 0.03, 5.0)
+    """Return the log of a current with a peak of 0.5 to 40 A: parameters are in A."""
+    constant = run.machine.torque / draw_size(rng, 0.5, 40.0)
     truth = {name: value / constant for name, value in run.truth.items()} if run.motion != "free swing" else {}
     measured = log.scale(1 / constant, "torque").rename(torque="current")
     return replace(measured, named={"torque": "current:A*?"}, truth=truth)
@@ -216,6 +216,15 @@ def _repeat_rows(log: Log, run: HasSensors, rng: Rng) -> Log:
     return log.keep(np.sort(np.concatenate([np.arange(n), rng.integers(0, n, n // 100)])))
 
 
+def _repeat_readings(log: Log, run: HasSensors, rng: Rng) -> Log:
+    """Return the log with some rows in which an encoder has its last value."""
+    name = str(rng.choice(log.find("position")))
+    seen = log.columns[name].copy()
+    for k in np.flatnonzero(rng.random(len(seen)) < draw_size(rng, 0.001, 0.05)):
+        seen[k] = seen[max(k - 1, 0)]
+    return log.change(**{name: seen})
+
+
 def _add_columns(log: Log, run: HasSensors, rng: Rng) -> Log:
     n = len(log.columns["time"])
     more = {
@@ -251,6 +260,7 @@ COMMON: dict[str, CommonRetelling] = {  # of machines of every kind
     "split": _split_file,
     "gaps": _cut_gaps,
     "rows repeated": _repeat_rows,
+    "readings repeated": _repeat_readings,
     "further columns": _add_columns,
     "idle": _pad_with_rest,
 }

@@ -61,8 +61,11 @@ class Servo:
 
 def draw_machine(rng: Rng, output: str, effects: Sequence[str]) -> Servo:
     """Draw a servo of 0.5 to 15 N m."""
-    size, plant = draw_size(rng, 0.2, 5.0), draw_plant(rng)
+    size, plant, stiffness = draw_size(rng, 0.2, 5.0), draw_plant(rng), 3.0 * rng.uniform(3.0, 5.0)
     laws: Effects = {id: SHOWN[id](rng, plant.gravity, plant.coulomb) for id in effects}
+    if "dead_time" in laws:  # so short that the larger gain does not oscillate
+        longest = CYCLES * plant.viscous / (2 * stiffness)
+        laws["dead_time"] = {"dead_n": float(max(1, round(longest * rng.uniform(0.3, 0.6))))}
     unscaled = ("cog_n", "dead_n")
     laws = {
         id: {name: value if name in unscaled else value * size for name, value in law.items()}
@@ -71,7 +74,7 @@ def draw_machine(rng: Rng, output: str, effects: Sequence[str]) -> Servo:
     base = {name: getattr(plant, name) * size for name in ("inertia", "gravity", "viscous", "coulomb")}
     torque, supply = 3.0 * size, float(rng.choice([7.4, 12.0, 24.0]))
     limit = 1.0 if output == "duty" else draw_size(rng, 0.5, 10.0)
-    return Servo(Plant(**base, effects=laws), output, torque / limit, limit, supply, torque * rng.uniform(3.0, 5.0))
+    return Servo(Plant(**base, effects=laws), output, torque / limit, limit, supply, stiffness * size)
 
 
 # ------------------------------------------------------------------------------------------------- motions
