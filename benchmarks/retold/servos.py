@@ -152,7 +152,7 @@ def take_rows(recording: SimulatedRecording, every: int) -> SimulatedRecording:
 
 NAMES = {
     "time": ("t", "timestamp", "Time [s]", "elapsed"),
-    "position": ("q", "angle", "present_position", "joint_position", "pos"),
+    "position": ("q", "angle", "actual_position", "joint_position", "pos"),
     "goal": ("reference", "setpoint", "goal_position", "desired_position", "position_command"),
 }
 Retelling = Callable[[Log, Run, Rng], Log]
