@@ -2,11 +2,10 @@
 
     python -m benchmarks.retold --n 1000 --seed 20261129 --log retold.jsonl
 
-A number draws a machine, a motion, and a retelling of its log: a pendulum, an axis, a motor, a servo in its loop of
-which goals and positions are logged, or an arm with two joints. `diagnose` is right if it names
-the hidden effect or nothing, with parameters within four standard errors; asked, if it is right after its printed
-remedies; declined, if it refuses or withholds a parameter; else wrong. With `--log`, finished numbers are kept and an
-interrupted run goes on.
+A number draws a machine, a motion, and a retelling of its log. Machines are a pendulum, an axis, a motor, a servo in
+its loop, which logs goals and positions, or an arm with two joints. `diagnose` is right if it names the hidden effect
+or nothing, with parameters within four standard errors; asked, if it is right after its printed remedies; declined, if
+it refuses or withholds a parameter; else wrong. With `--log`, finished numbers are kept and an interrupted run goes on.
 """
 
 from __future__ import annotations
