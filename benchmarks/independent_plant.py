@@ -463,9 +463,12 @@ class _Run:
 
     Args:
         command: torque (N,) [N m] that replaces the excitation; None: excitation.
+        goal: reference (N,) [rad] that replaces the one of a closed loop; None: excitation.
     """
 
-    def __init__(self, plant: Plant, experiment: Experiment, command: Array | None = None) -> None:
+    def __init__(
+        self, plant: Plant, experiment: Experiment, command: Array | None = None, goal: Array | None = None
+    ) -> None:
         self.plant, self.experiment = plant, experiment
         every, rate, excitation = _inner_steps(plant, experiment), experiment.rate, experiment.excitation
         step, two_masses, values = 1 / (rate * every), bool(_TRANSMISSION & plant.effects.keys()), plant.parameters
@@ -499,7 +502,7 @@ class _Run:
         rng, noise = (np.random.default_rng([experiment.seed, stream]) for stream in (0, 1))
         self.samples = np.zeros(n, _SAMPLE).view(np.recarray)
         if closed:
-            reference = CLOSED_LOOP[excitation](rng, time, experiment.scale)
+            reference = CLOSED_LOOP[excitation](rng, time, experiment.scale) if goal is None else goal
             self.samples.reference = reference = reference[np.arange(n) // experiment.goal_hold * experiment.goal_hold]
             self.samples.goal = np.gradient(reference) * rate if experiment.control == "speed" else reference
         else:
@@ -569,16 +572,19 @@ def _inner_steps(plant: Plant, experiment: Experiment) -> int:
 
 
 def simulate(
-    cases: Sequence[tuple[Plant, Experiment]], commands: Sequence[Array | None] | None = None
+    cases: Sequence[tuple[Plant, Experiment]],
+    commands: Sequence[Array | None] | None = None,
+    goals: Sequence[Array | None] | None = None,
 ) -> list[SimulatedRecording]:
     """Simulate every (plant, experiment) and return the recordings in the same order.
 
     Args:
         commands: a torque command (N,) [N m] per case, replacing its excitation where not None.
+        goals: a reference (N,) [rad] per case, replacing that of its closed loop where not None.
     """
-    done = []
-    for (plant, experiment), command in zip(cases, commands or [None] * len(cases), strict=True):
-        run = _Run(plant, experiment, command)
+    done, none = [], [None] * len(cases)
+    for (plant, experiment), command, goal in zip(cases, commands or none, goals or none, strict=True):
+        run = _Run(plant, experiment, command, goal)
         run.advance()
         done.append(run.recording())
     return done

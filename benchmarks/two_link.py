@@ -16,6 +16,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 GRAVITY = 9.81
+LEAST_SPEED = 1e-12  # [rad/s], to detect the start of sliding
 
 Signal = Callable[[float], Sequence[float]]  # torques [N m] at a time [s]
 
@@ -123,8 +124,8 @@ class TwoLink:
                 sliding[joint] = 0.0
             else:
                 sliding[joint] = float(np.sign(self.accelerations(x.tolist(), torque(t), sliding)[1][joint]))
-                x[2 + joint] = 1e-12 * sliding[joint]  # [rad/s], to detect the start of sliding
             sliding = self._directions(t, x, torque, sliding)
+            x[2:] = np.where(np.abs(x[2:]) <= LEAST_SPEED, LEAST_SPEED * np.array(sliding), x[2:])
         states = np.concatenate(done)
         return states[:, :2], states[:, 2:]
 
@@ -147,13 +148,17 @@ class TwoLink:
         return slope, [make(joint) for joint in range(2)] if any(self.coulomb) else []
 
     def _directions(self, t: float, x: np.ndarray, torque: Signal, sliding: list[float]) -> list[float]:
-        """Return the directions of sliding after stuck joints with reactions beyond the dry friction start to slide."""
+        """Return the directions of sliding after stuck joints with reactions beyond the dry friction start to slide.
+
+        A joint at rest sticks again if another one, by starting to slide, accelerates it against its direction.
+        """
         for _ in range(4):
-            reaction = self.accelerations(x.tolist(), torque(t), sliding)[1]
+            acceleration, reaction = self.accelerations(x.tolist(), torque(t), sliding)
             loose = [sliding[k] == 0 and abs(reaction[k]) >= self.coulomb[k] * (1 - 1e-9) for k in range(2)]
-            if not any(loose):
+            turned = [abs(x[2 + k]) <= LEAST_SPEED and acceleration[k] * sliding[k] < -1e-6 for k in range(2)]
+            if not any(loose + turned):
                 break
-            sliding = [float(np.sign(reaction[k])) if loose[k] else sliding[k] for k in range(2)]
+            sliding = [float(np.sign(reaction[k])) if loose[k] else sliding[k] * (not turned[k]) for k in range(2)]
         return sliding
 
 

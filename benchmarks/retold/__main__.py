@@ -1,11 +1,11 @@
-"""Retold logs: the same machine, moved and logged in other ways; outcomes by row and by motion.
+"""Retold logs: the same machine, moved and logged in other ways; outcomes by kind, by row and by motion.
 
     python -m benchmarks.retold --n 1000 --seed 20261129 --log retold.jsonl
 
-A number draws a machine of the independent plant, a motion, and a retelling of its log. `diagnose` is right if it names
-the hidden effect or nothing, with parameters within four standard errors; asked, if it is right after its printed
-remedies; declined, if it refuses or withholds a parameter; else wrong. With `--log`, finished numbers are kept and an
-interrupted run goes on.
+A number draws a machine, a motion, and a retelling of its log. Machines are a pendulum, an axis, a motor, a servo in
+its loop, which logs goals and positions, or an arm with two joints. `diagnose` is right if it names the hidden effect
+or nothing, with parameters within four standard errors; asked, if it is right after its printed remedies; declined, if
+it refuses or withholds a parameter; else wrong. With `--log`, finished numbers are kept and an interrupted run goes on.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from benchmarks.parallel import each
 from benchmarks.retold.judging import OUTCOMES, Outcome, judge_number
-from benchmarks.retold.retellings import RETELLINGS
+from benchmarks.retold.kinds import KINDS, MOTIONS, ROWS
 from workbench.terminal import Terminal
 
 
@@ -47,30 +47,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser("python -m benchmarks.retold", description=__doc__, formatter_class=formatter)
     parser.add_argument("--n", type=int, default=60, help="number of retellings (default 60)")
     parser.add_argument("--seed", type=int, default=20261129)
-    parser.add_argument("--row", choices=RETELLINGS, help="this row alone")
-    parser.add_argument("--motion", help="this motion alone")
+    parser.add_argument("--kind", choices=KINDS, help="this kind of machine alone")
+    parser.add_argument("--row", choices=ROWS, help="this row alone")
+    parser.add_argument("--motion", choices=MOTIONS, help="this motion alone")
+    parser.add_argument("--numbers", type=int, nargs="+", metavar="NUMBER", help="these numbers alone, in place of --n")
     parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="file that keeps finished outcomes")
     parser.add_argument("--workers", type=int, default=1)
     arguments, terminal = parser.parse_args(argv), Terminal()
     done = read_log(arguments.log, arguments.seed)
     finished = {own.number for own in done}
-    numbers = [number for number in range(arguments.n) if number not in finished]
+    numbers = [number for number in arguments.numbers or range(arguments.n) if number not in finished]
 
     def store(own: Outcome) -> None:
         if arguments.log is not None:
             with arguments.log.open("a", encoding="utf-8") as file:
                 file.write(json.dumps({"seed": arguments.seed, **json.loads(own.encode())}) + "\n")
 
-    judge = partial(judge_number, seed=arguments.seed, row=arguments.row, motion=arguments.motion)
+    judge = partial(judge_number, seed=arguments.seed, kind=arguments.kind, row=arguments.row, motion=arguments.motion)
     done += each(judge, numbers, workers=arguments.workers, title="judging", terminal=terminal, show=store)
-    headers = ("number", "row", "motion", "machine", "hidden", "outcome", "named", "largest z", "remedies")
+    headers = ("number", "kind", "row", "motion", "hidden", "outcome", "named", "largest z", "remedies")
     lines = [
-        (str(own.number), own.row, own.motion, own.machine, own.hidden, own.outcome, own.named,
+        (str(own.number), own.kind, own.row, own.motion, own.hidden, own.outcome, own.named,
          f"{own.z:+.1f} {own.parameter}", own.remedies)
         for own in sorted(done, key=lambda own: own.number) if own.outcome in ("declined", "wrong")
     ]  # fmt: skip
     terminal.print_table(headers, lines, left=headers[1:])
-    for title in ("row", "motion"):
+    for title in ("kind", "row", "motion"):
         print_counts(title, done, title, terminal)
     return 0
 

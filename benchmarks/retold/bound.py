@@ -1,40 +1,69 @@
-"""Smallest errors of the parameters of a run, by its exact motion and the noise of its sensors."""
+"""Smallest errors of the parameters of runs, by their exact motion and the noise of their sensors."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping, Sequence
 
-from benchmarks.retold.machines import Run
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.retold.machines import Run, Sensors
+
+Array = NDArray[np.float64]
 
 WINDOW = 0.05  # [s], over which encoder positions are differentiated twice
 FEWEST = 10  # windows
+LARGEST = 1.0  # relative standard error, above which a parameter is not determined
 
 
-def bound_errors(run: Run) -> dict[str, float]:
-    """Return the least relative standard error of each base parameter.
+def bound_errors(runs: Sequence[Run]) -> dict[str, float]:
+    """Return the least relative standard error of each base parameter of a machine in some runs.
 
     Equations of motion hold in windows in which the joint slides. Their noise is that of the torque, and that of an
-    acceleration from positions in the window: 720 s^2 / (n T^4) for n positions of variance s^2 in a time T.
+    acceleration from positions in the window.
     """
-    recording, plant, sensors = run.recording, run.recording.plant, run.sensors
-    size = max(4, round(WINDOW * sensors.rate))
-    count = len(recording.time) // size
-    q, v, a = (
-        x[: count * size].reshape(count, size)
-        for x in (recording.exact_position, recording.velocity, recording.acceleration)
-    )
-    is_clear = recording.sliding[: count * size].reshape(count, size).all(axis=1) & (np.ptp(np.sign(v), axis=1) == 0)
-    columns = {"inertia": a, "gravity": np.sin(q), "viscous": v, "coulomb": np.sign(v)}
-    is_relative = run.motion == "free swing"  # to the inertia
-    names = [name for name in columns if getattr(plant, name) and not (is_relative and name == "inertia")]
-    if is_clear.sum() < FEWEST:
-        return dict.fromkeys(names, np.inf)
-    phi = np.column_stack([columns[name].mean(axis=1)[is_clear] for name in names])
-    encoder = 2 * np.pi / (sensors.counts or 1e9) / np.sqrt(12)
-    of_motion = plant.inertia * encoder * np.sqrt(720 / size) * (sensors.rate / size) ** 2
-    of_torque = 0.0 if is_relative else sensors.noise * run.machine.torque / np.sqrt(size)
-    noise = np.hypot(of_torque, of_motion)
-    norms = np.linalg.norm(phi, axis=0) + 1e-300
-    _, singular, right = np.linalg.svd(phi / norms, full_matrices=False)
-    spread = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-12)) ** 2, axis=1)) / norms
-    return {name: float(noise * s / getattr(plant, name)) for name, s in zip(names, spread, strict=True)}
+    plant, is_relative = runs[0].machine.plant, runs[0].motion == "free swing"  # relative to the inertia
+    names = [n for n in ("inertia", "gravity", "viscous", "coulomb") if getattr(plant, n)]
+    names = names[1:] if is_relative else names
+    rows = []  # of the equations, over their noise
+    for run in runs:
+        recording, size = run.recording, count_samples(run.sensors)
+        q, v, a = (cut(x, size) for x in (recording.exact_position, recording.velocity, recording.acceleration))
+        is_clear = cut(recording.sliding, size).all(axis=1) & (np.ptp(np.sign(v), axis=1) == 0)
+        columns = {"inertia": a, "gravity": np.sin(q), "viscous": v, "coulomb": np.sign(v)}
+        of_torque = 0.0 if is_relative else run.sensors.noise * run.machine.torque / np.sqrt(size)
+        noise = np.hypot(of_torque, plant.inertia * compute_acceleration_noise(run.sensors))
+        rows.append(np.column_stack([columns[name].mean(axis=1)[is_clear] for name in names]) / noise)
+    return compute_errors(np.concatenate(rows), {name: getattr(plant, name) for name in names})
+
+
+def count_samples(sensors: Sensors) -> int:
+    """Return the number of samples in a window."""
+    return max(4, round(WINDOW * sensors.rate))
+
+
+def cut(values: Array | NDArray[np.bool_], size: int) -> Array:
+    """Return values in windows (W, size)."""
+    count = len(values) // size
+    return values[: count * size].reshape(count, size)
+
+
+def compute_acceleration_noise(sensors: Sensors) -> float:
+    """Return the error of an acceleration from n positions of variance s^2 in a time T: 720 s^2 / (n T^4), its root."""
+    size, encoder = count_samples(sensors), 2 * np.pi / (sensors.counts or 1e9) / np.sqrt(12)
+    return float(encoder * np.sqrt(720 / size) * (sensors.rate / size) ** 2)
+
+
+def compute_errors(rows: Array, truth: Mapping[str, float]) -> dict[str, float]:
+    """Return the relative standard errors of a least-squares fit to rows (W, P) over their noise.
+
+    An error is infinite if the rows are few or do not determine the parameter. Parameters of zero are left out.
+    """
+    values = np.array([*truth.values()])
+    if len(rows) < FEWEST:
+        return {name: np.inf for name, value in truth.items() if value}
+    norms = np.maximum(np.linalg.norm(rows, axis=0), 1e-100)
+    _, singular, right = np.linalg.svd(rows / norms, full_matrices=False)
+    errors = np.sqrt(np.sum((right.T / np.maximum(singular, 1e-12)) ** 2, axis=1)) / norms
+    errors[errors > LARGEST * np.abs(values)] = np.inf
+    return {name: float(own / abs(truth[name])) for name, own in zip(truth, errors, strict=True) if truth[name]}

@@ -16,15 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.retold.bound import bound_errors
-from benchmarks.retold.machines import CLOSED, OPEN, ORDINARY, UNUSUAL, Run, draw_effect, draw_machine, run_machine
-from benchmarks.retold.retellings import RETELLINGS, Log, draw_sensors, log_run
+from benchmarks.retold.kinds import draw_scenario
+from benchmarks.retold.scenario import Scenario
 from workbench.cli import main as run_command
 
 MOST = 4.0  # standard errors
 LEAST_ERROR = 2e-4  # of a parameter; smaller deviations are right, whatever the standard error
 MOST_REMEDIES = 4
-LEAST_BOUND = 0.01  # relative standard error of a parameter, above which it may be withheld
 LOOKS_ALIKE = (  # effects that a single recording cannot distinguish
     frozenset({"torque_offset", "coulomb_asymmetry"}),
     frozenset({"spring", "gravity_tilt"}),
@@ -43,7 +41,7 @@ class Outcome:
     number: int
     row: str
     motion: str
-    machine: str
+    kind: str
     hidden: str
     outcome: str
     named: str
@@ -64,56 +62,33 @@ class _Answer:
     found: dict[str, Any] | None
 
 
-def draw_run(seed: int, number: int, row: str | None = None, motion: str | None = None) -> tuple[str, Run, Log]:
-    """Draw row, run and log of a number."""
-    rng = np.random.default_rng([seed, number])
-    rows = [*RETELLINGS]
-    row = row or rows[number % len(rows)]
-    drawn = str(rng.choice(ORDINARY) if rng.random() < 0.5 else rng.choice([*UNUSUAL, *CLOSED]))
-    motion = motion or drawn
-    assert motion in (*OPEN, *CLOSED), f"unknown motion {motion}"
-    kind = str(rng.choice(["pendulum", "axis", "motor"], p=[0.6, 0.25, 0.15]))
-    kind = "pendulum" if row == "unit unnamed" else kind  # without gravity, no unit shows
-    machine = draw_machine(rng, kind, row == "extreme machine")
-    is_hidden = motion in ORDINARY and rng.random() < 0.5 and row not in ("extreme machine", "encoder edges")
-    seconds = float(np.clip(12 * machine.time, 8.0, 30.0))
-    run = run_machine(
-        rng, machine, motion, draw_sensors(rng, row, seconds), draw_effect(rng, machine) if is_hidden else None
-    )
-    return row, run, RETELLINGS[row](log_run(run), run, rng)
-
-
-def judge_number(number: int, seed: int, row: str | None = None, motion: str | None = None) -> Outcome:
+def judge_number(
+    number: int, seed: int, kind: str | None = None, row: str | None = None, motion: str | None = None
+) -> Outcome:
     """Draw a retelling, run `diagnose` on it, follow its printed remedies, and judge the outcome."""
-    row, run, log = draw_run(seed, number, row, motion)
+    scenario = draw_scenario(seed, number, kind, row, motion)
     with tempfile.TemporaryDirectory() as folder:
-        files = log.write(Path(folder))
 
-        def judge(options: Sequence[str]) -> tuple[_Answer, Judgement]:
-            answer = _diagnose([*files, *options], Path(folder))
-            return answer, _judge(answer, run, log)
+        def judge(arguments: Sequence[str]) -> tuple[_Answer, Judgement]:
+            answer = _diagnose(arguments, Path(folder))
+            return answer, _judge(answer, scenario)
 
-        options = [*run.options, *log.options]
-        answer, first = judge(options)
+        arguments = scenario.write(Path(folder))
+        answer, first = judge(arguments)
         outcome, shown, tried = first[0], first, list[str]()
-        waiting = [(remedy, options) for remedy in _list_remedies(answer.text, options)]
+        waiting = [(remedy, arguments) for remedy in list_remedies(answer.text, arguments)]
         while outcome not in ("right", "asked") and waiting and len(tried) < MOST_REMEDIES:
-            remedy, options = waiting.pop(0)
+            remedy, arguments = waiting.pop(0)
             tried.append(" ".join(remedy))
-            options = _join_options(options, remedy)
-            answer, judgement = judge(options)
-            waiting += [(remedy, options) for remedy in _list_remedies(answer.text, options)]
+            arguments = _join_options(arguments, remedy)
+            answer, judgement = judge(arguments)
+            waiting += [(remedy, arguments) for remedy in list_remedies(answer.text, arguments)]
             if judgement[0] == "right":
                 outcome, shown = "asked", judgement
-    if outcome == "declined" and not may_decline(run):
+    if outcome == "declined" and not scenario.may_decline():
         outcome, shown = "wrong", (*shown[:1], f"too cautious: {shown[1]}", *shown[2:])
-    hidden = "+".join(run.hidden) or "nothing"
-    return Outcome(number, row, run.motion, run.machine.kind, hidden, outcome, *shown[1:], "; ".join(tried))
-
-
-def may_decline(run: Run) -> bool:
-    """Return whether a parameter has a large error in theory, or an effect is hidden, whose bound is not computed."""
-    return bool(run.hidden) or max(bound_errors(run).values()) > LEAST_BOUND
+    hidden = "+".join(scenario.hidden) or "nothing"
+    return Outcome(number, scenario.row, scenario.motion, scenario.kind, hidden, outcome, *shown[1:], "; ".join(tried))
 
 
 def _diagnose(arguments: Sequence[str], folder: Path) -> _Answer:
@@ -128,7 +103,7 @@ def _diagnose(arguments: Sequence[str], folder: Path) -> _Answer:
     return _Answer(printed, json.loads(out.read_text(encoding="utf-8")) if code == 0 else None)
 
 
-def _list_remedies(text: str, options: Sequence[str]) -> list[list[str]]:
+def list_remedies(text: str, options: Sequence[str]) -> list[list[str]]:
     """List the options in a text that were not given yet."""
     remedies = list[list[str]]()
     for match in REMEDY.finditer(text):
@@ -155,7 +130,7 @@ def _join_options(options: Sequence[str], remedy: Sequence[str]) -> list[str]:
     return joined
 
 
-def _judge(answer: _Answer, run: Run, log: Log) -> Judgement:
+def _judge(answer: _Answer, scenario: Scenario) -> Judgement:
     """Return outcome, names, largest deviation and its parameter."""
     found = answer.found
     if found is None:
@@ -166,8 +141,8 @@ def _judge(answer: _Answer, run: Run, log: Log) -> Judgement:
     named += [f"table {id}" for id in found["tables"]] + ["unexplained"] * is_left
     families = [finding["family"] for finding in found["findings"]]
     named += [family for family in families if family in ("disagreement", "incomplete")]
-    is_named = _is_hidden(selected, groups, run.hidden) and not found["tables"]
-    z, worst, is_lost = _compare(found["steps"][-1]["theta"], run, log)
+    is_named = _is_hidden(selected, groups, scenario.hidden) and not found["tables"]
+    z, worst, is_lost = _compare(found["steps"][-1]["theta"], scenario.truth)
     if is_left or "disagreement" in families or "incomplete" in families or abs(z) > MOST:
         return "wrong", ", ".join(named), z, worst
     if is_named and not is_lost:
@@ -187,11 +162,11 @@ def _is_hidden(selected: tuple[str, ...], groups: Mapping[str, tuple[str, ...]],
     return True
 
 
-def _compare(theta: Mapping[str, Any], run: Run, log: Log) -> tuple[float, str, list[str]]:
+def _compare(theta: Mapping[str, Any], truth: Mapping[str, float]) -> tuple[float, str, list[str]]:
     """Return the largest deviation [standard errors], its parameter, and parameters without a value."""
     deviations, lost = {}, []
-    for name, true in run.truth.items():
-        own, value = theta.get(name), true * log.factors.get(name, 1.0)
+    for name, value in truth.items():
+        own = theta.get(name)
         if own is None or own["value"] is None or not own["std"]:
             if own is None or own["value"] is None:
                 lost.append(name)

@@ -2,79 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.retold.logs import Log
 from benchmarks.retold.machines import Run, Sensors, draw_size
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
 
-DIGITS = {"time": ".9g", "position": ".10g", "torque": ".7g", "velocity": ".8g"}
 NAMES = {  # of loggers
     "time": ("t", "timestamp", "Time [s]", "time_s", "elapsed", "TIME"),
     "position": ("q", "angle", "Position (rad)", "pos", "theta", "joint_position", "actual_position"),
     "torque": ("tau", "effort", "Torque (Nm)", "torque_Nm", "u", "joint_effort", "measured_torque"),
 }
-
-
-@dataclass(frozen=True)
-class Log:
-    """Log of a run as a user has it.
-
-    Attributes:
-        columns: values by header, in order; without `time`, `position` or `torque` if the logger lacks them.
-        texts: format of the values, by header.
-        options: of the command line, in addition to those of the run.
-        factors: ratio of parameters in the unit of the log to the truth, by name; 1 for others.
-        separator: of the cells.
-        comma: whether numbers have a decimal comma.
-        cuts: shares of the rows at which the file is split.
-    """
-
-    columns: dict[str, Array]
-    texts: dict[str, str] = field(default_factory=lambda: dict(DIGITS))
-    options: tuple[str, ...] = ()
-    factors: Mapping[str, float] = field(default_factory=dict)
-    separator: str = ","
-    comma: bool = False
-    cuts: tuple[float, ...] = ()
-
-    def change(self, **columns: Array) -> Log:
-        """Return the log with other columns."""
-        return replace(self, columns=self.columns | columns)
-
-    def keep(self, rows: Array) -> Log:
-        """Return the log with some rows, in this order."""
-        return replace(self, columns={name: values[rows] for name, values in self.columns.items()})
-
-    def rename(self, **names: str) -> Log:
-        """Return the log with other headers."""
-        columns = {names.get(name, name): values for name, values in self.columns.items()}
-        return replace(self, columns=columns, texts={names.get(n, n): text for n, text in self.texts.items()})
-
-    def write(self, folder: Path) -> list[str]:
-        """Write the files, and return their names."""
-        rows, files = [*zip(*self.columns.values(), strict=True)], []
-        texts = [self.texts.get(name, ".8g") for name in self.columns]
-        ends = [0, *(round(share * len(rows)) for share in self.cuts), len(rows)]
-        for k, (first, last) in enumerate(pairwise(ends)):
-            lines = [self.separator.join(self.columns)]
-            for row in rows[first:last]:
-                cells = [self._write_cell(value, text) for value, text in zip(row, texts, strict=True)]
-                lines.append(self.separator.join(cells))
-            files.append(str(folder / f"log{k}.csv"))
-            Path(files[-1]).write_text("\n".join(lines) + "\n", encoding="utf-8")
-        return files
-
-    def _write_cell(self, value: float, text: str) -> str:
-        cell = "" if np.isnan(value) else format(round(value) if text == "d" else value, text)
-        return cell.replace(".", ",") if self.comma else cell
 
 
 def log_run(run: Run) -> Log:
@@ -84,23 +29,32 @@ def log_run(run: Run) -> Log:
     return Log({"time": recording.time, "position": recording.position, "torque": torque})
 
 
+class HasSensors(Protocol):
+    """Run of a machine of any kind."""
+
+    @property
+    def sensors(self) -> Sensors:
+        """Return the sensors of the log."""
+
+
 Retelling = Callable[[Log, Run, Rng], Log]
+CommonRetelling = Callable[[Log, HasSensors, Rng], Log]
 
 
-def _keep(log: Log, run: Run, rng: Rng) -> Log:
+def _keep(log: Log, run: HasSensors, rng: Rng) -> Log:
     return log
 
 
 # ------------------------------------------------------------------------------------------------- time
 
 
-def _count_from_1970(log: Log, run: Run, rng: Rng) -> Log:
+def _count_from_1970(log: Log, run: HasSensors, rng: Rng) -> Log:
     scale = float(rng.choice([1.0, 1e3, 1e6]))
     stamps = (1_700_000_000 + float(rng.integers(10**7)) + log.columns["time"]) * scale
     return replace(log.change(time=stamps), texts=log.texts | {"time": ".6f" if scale == 1 else "d"})
 
 
-def _jitter_clock(log: Log, run: Run, rng: Rng) -> Log:
+def _jitter_clock(log: Log, run: HasSensors, rng: Rng) -> Log:
     """Return the log with stamps that are late by up to half a period, and a first step that is odd."""
     period = 1 / run.sensors.rate
     late = rng.uniform(0.0, 0.45 * period, len(log.columns["time"]))
@@ -126,11 +80,11 @@ def _flip_both(log: Log, run: Run, rng: Rng) -> Log:
     return log.change(position=-log.columns["position"], torque=-log.columns["torque"])
 
 
-def _in_turns(log: Log, run: Run, rng: Rng) -> Log:
-    """Return the log with positions in degrees or turns, named in the header."""
-    if rng.random() < 0.5:
-        return log.change(position=np.degrees(log.columns["position"])).rename(position="position [deg]")
-    return log.change(position=log.columns["position"] / (2 * np.pi)).rename(position="position [rev]")
+def _in_turns(log: Log, run: HasSensors, rng: Rng) -> Log:
+    """Return the log with angles in degrees or turns, named in the header."""
+    unit, scale = ("deg", 180 / np.pi) if rng.random() < 0.5 else ("rev", 0.5 / np.pi)
+    names = log.find("position", "goal")
+    return log.scale(scale, "position", "goal").rename(**{name: f"{name} [{unit}]" for name in names})
 
 
 def _in_degrees(log: Log, run: Run, rng: Rng) -> Log:
@@ -145,10 +99,10 @@ def _far_from_zero(log: Log, run: Run, rng: Rng) -> Log:
 # ------------------------------------------------------------------------------------------------- numbers
 
 
-def _round_digits(log: Log, run: Run, rng: Rng) -> Log:
+def _round_digits(log: Log, run: HasSensors, rng: Rng) -> Log:
     """Return the log with five to seven significant digits, as %g and MATLAB write them."""
     digits = int(rng.integers(5, 8))
-    return replace(log, texts=log.texts | {"position": f".{digits}g", "torque": f".{digits}g"})
+    return replace(log, texts=log.texts | {name: f".{digits}g" for name in ("position", "torque", "goal")})
 
 
 def _round_decimals(log: Log, run: Run, rng: Rng) -> Log:
@@ -158,7 +112,7 @@ def _round_decimals(log: Log, run: Run, rng: Rng) -> Log:
     return replace(log, texts=log.texts | {"position": f".{max(fine[0], 0)}f", "torque": f".{max(fine[1], 0)}f"})
 
 
-def _write_commas(log: Log, run: Run, rng: Rng) -> Log:
+def _write_commas(log: Log, run: HasSensors, rng: Rng) -> Log:
     return replace(log, separator=";", comma=True)
 
 
@@ -188,7 +142,7 @@ def _add_differences(log: Log, run: Run, rng: Rng) -> Log:
 
 def _log_sensor(log: Log, run: Run, rng: Rng) -> Log:
     """Return the log of a load sensor in the place of the motor's torque."""
-    return replace(log.rename(torque="sensor"), options=("--columns", "torque=none,load_torque=sensor"))
+    return replace(log.rename(torque="sensor"), named={"torque": "none", "load_torque": "sensor"})
 
 
 # ------------------------------------------------------------------------------------------------- torque
@@ -216,11 +170,11 @@ def _log_slowly(log: Log, run: Run, rng: Rng) -> Log:
 
 
 def _log_current(log: Log, run: Run, rng: Rng) -> Log:
-    """Return the log of a current: parameters are in A."""
-    constant = draw_size(rng, 0.03, 5.0)
-    factors = {name: 1 / constant for name in run.truth} if run.motion != "free swing" else {}
-    named = log.change(torque=log.columns["torque"] / constant).rename(torque="current")
-    return replace(named, options=("--columns", "torque=current:A*?"), factors=factors)
+    """Return the log of a current with a peak of 0.5 to 40 A: parameters are in A."""
+    constant = run.machine.torque / draw_size(rng, 0.5, 40.0)
+    truth = {name: value / constant for name, value in run.truth.items()} if run.motion != "free swing" else {}
+    measured = log.scale(1 / constant, "torque").rename(torque="current")
+    return replace(measured, named={"torque": "current:A*?"}, truth=truth)
 
 
 # ------------------------------------------------------------------------------------------------- known values
@@ -229,8 +183,9 @@ def _log_current(log: Log, run: Run, rng: Rng) -> Log:
 def _fix_value(log: Log, run: Run, rng: Rng) -> Log:
     name = str(rng.choice([*run.truth]))
     value = getattr(run.machine.plant, name)
-    factors = {n: run.machine.plant.inertia for n in run.truth} if run.motion == "free swing" else {}
-    return replace(log, options=("--fix", f"{name}={float(value)!r}"), factors=factors)
+    inertia = run.machine.plant.inertia
+    truth = {n: own * inertia for n, own in run.truth.items()} if run.motion == "free swing" else {}
+    return replace(log, options=("--fix", f"{name}={float(value)!r}"), truth=truth)
 
 
 def _bound_value(log: Log, run: Run, rng: Rng) -> Log:
@@ -242,11 +197,11 @@ def _bound_value(log: Log, run: Run, rng: Rng) -> Log:
 # ------------------------------------------------------------------------------------------------- rows
 
 
-def _split_file(log: Log, run: Run, rng: Rng) -> Log:
+def _split_file(log: Log, run: HasSensors, rng: Rng) -> Log:
     return replace(log, cuts=(float(rng.uniform(0.4, 0.7)),))
 
 
-def _cut_gaps(log: Log, run: Run, rng: Rng) -> Log:
+def _cut_gaps(log: Log, run: HasSensors, rng: Rng) -> Log:
     n = len(log.columns["time"])
     kept = np.ones(n, bool)
     for first in rng.integers(0, n, 3):
@@ -255,13 +210,22 @@ def _cut_gaps(log: Log, run: Run, rng: Rng) -> Log:
     return log.keep(np.flatnonzero(kept))
 
 
-def _repeat_rows(log: Log, run: Run, rng: Rng) -> Log:
+def _repeat_rows(log: Log, run: HasSensors, rng: Rng) -> Log:
     """Return the log with some rows written twice."""
     n = len(log.columns["time"])
     return log.keep(np.sort(np.concatenate([np.arange(n), rng.integers(0, n, n // 100)])))
 
 
-def _add_columns(log: Log, run: Run, rng: Rng) -> Log:
+def _repeat_readings(log: Log, run: HasSensors, rng: Rng) -> Log:
+    """Return the log with some rows in which an encoder has its last value."""
+    name = str(rng.choice(log.find("position")))
+    seen = log.columns[name].copy()
+    for k in np.flatnonzero(rng.random(len(seen)) < draw_size(rng, 0.001, 0.05)):
+        seen[k] = seen[max(k - 1, 0)]
+    return log.change(**{name: seen})
+
+
+def _add_columns(log: Log, run: HasSensors, rng: Rng) -> Log:
     n = len(log.columns["time"])
     more = {
         "temperature": np.full(n, 31.0),
@@ -276,28 +240,38 @@ def _rename_columns(log: Log, run: Run, rng: Rng) -> Log:
     return log.rename(**{name: str(rng.choice(words)) for name, words in NAMES.items()})
 
 
-def _pad_with_rest(log: Log, run: Run, rng: Rng) -> Log:
+def _pad_with_rest(log: Log, run: HasSensors, rng: Rng) -> Log:
     """Return the log with idle seconds before the motion, which begins at rest."""
     n = round(rng.uniform(1.0, 6.0) * run.sensors.rate)
     columns = {name: np.concatenate([np.full(n, values[0]), values]) for name, values in log.columns.items()}
-    columns["torque"][:n] = 0.0
+    for name in log.find("torque"):
+        columns[name][:n] = 0.0
     columns["time"] = np.arange(len(columns["time"])) / run.sensors.rate
     return replace(log, columns=columns)
 
 
-RETELLINGS: dict[str, Retelling] = {
+COMMON: dict[str, CommonRetelling] = {  # of machines of every kind
     "as it is": _keep,
     "Unix clock": _count_from_1970,
     "jitter": _jitter_clock,
+    "unit in header": _in_turns,
+    "significant digits": _round_digits,
+    "decimal comma": _write_commas,
+    "split": _split_file,
+    "gaps": _cut_gaps,
+    "rows repeated": _repeat_rows,
+    "readings repeated": _repeat_readings,
+    "further columns": _add_columns,
+    "idle": _pad_with_rest,
+}
+RETELLINGS: dict[str, Retelling] = {
+    **COMMON,
     "encoder edges": _keep_edges,
     "other zero": _shift_zero,
     "both signs": _flip_both,
-    "unit in header": _in_turns,
     "unit unnamed": _in_degrees,
     "far from zero": _far_from_zero,
-    "significant digits": _round_digits,
     "decimals": _round_decimals,
-    "decimal comma": _write_commas,
     "speed alone": _log_speed_alone,
     "speed by differences": _add_differences,
     "load sensor": _log_sensor,
@@ -309,12 +283,7 @@ RETELLINGS: dict[str, Retelling] = {
     "value fixed": _fix_value,
     "value bounded": _bound_value,
     "extreme machine": _keep,
-    "split": _split_file,
-    "gaps": _cut_gaps,
-    "rows repeated": _repeat_rows,
-    "further columns": _add_columns,
     "renamed": _rename_columns,
-    "idle": _pad_with_rest,
 }
 
 
