@@ -15,6 +15,7 @@ import json
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -24,12 +25,12 @@ from benchmarks.retold.kinds import KINDS, MOTIONS, ROWS
 from workbench.terminal import Terminal
 
 
-def read_log(path: Path | None, seed: int) -> list[Outcome]:
-    """Read finished outcomes of a seed."""
+def read_log(path: Path | None, key: Sequence[object]) -> list[Outcome]:
+    """Read finished outcomes with a key: seed, and kind, row and motion if given."""
     if path is None or not path.exists():
         return []
     lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-    return [Outcome(**{k: v for k, v in line.items() if k != "seed"}) for line in lines if line["seed"] == seed]
+    return [Outcome(**line["outcome"]) for line in lines if line["key"] == [*key]]
 
 
 def print_counts(title: str, outcomes: Sequence[Outcome], key: str, terminal: Terminal) -> None:
@@ -54,14 +55,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--log", type=Path, metavar="FILE.jsonl", help="file that keeps finished outcomes")
     parser.add_argument("--workers", type=int, default=1)
     arguments, terminal = parser.parse_args(argv), Terminal()
-    done = read_log(arguments.log, arguments.seed)
+    key = (arguments.seed, arguments.kind, arguments.row, arguments.motion)
+    wanted = arguments.numbers or range(arguments.n)
+    done = [own for own in read_log(arguments.log, key) if own.number in wanted]
     finished = {own.number for own in done}
-    numbers = [number for number in arguments.numbers or range(arguments.n) if number not in finished]
+    numbers = [number for number in wanted if number not in finished]
 
     def store(own: Outcome) -> None:
         if arguments.log is not None:
             with arguments.log.open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"seed": arguments.seed, **json.loads(own.encode())}) + "\n")
+                file.write(json.dumps({"key": key, "outcome": asdict(own)}) + "\n")
 
     judge = partial(judge_number, seed=arguments.seed, kind=arguments.kind, row=arguments.row, motion=arguments.motion)
     done += each(judge, numbers, workers=arguments.workers, title="judging", terminal=terminal, show=store)

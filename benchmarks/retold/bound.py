@@ -1,4 +1,4 @@
-"""Smallest errors of the parameters of runs, by their exact motion and the noise of their sensors."""
+"""Errors of the parameters that runs allow, by their exact motion and the noise of their sensors."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from benchmarks.retold.machines import Run, Sensors
 
 Array = NDArray[np.float64]
 
-WINDOW = 0.05  # [s], over which encoder positions are differentiated twice
+WINDOWS = (0.05, 0.1, 0.2, 0.4)  # [s], over which encoder positions are differentiated twice
 FEWEST = 10  # windows
 LARGEST = 1.0  # relative standard error, above which a parameter is not determined
 
 
 def bound_errors(runs: Sequence[Run]) -> dict[str, float]:
-    """Return the least relative standard error of each base parameter of a machine in some runs.
+    """Return the relative standard error of each base parameter of a machine in some runs, with the best windows.
 
     Equations of motion hold in windows in which the joint slides. Their noise is that of the torque, and that of an
     acceleration from positions in the window.
@@ -25,21 +25,28 @@ def bound_errors(runs: Sequence[Run]) -> dict[str, float]:
     plant, is_relative = runs[0].machine.plant, runs[0].motion == "free swing"  # relative to the inertia
     names = [n for n in ("inertia", "gravity", "viscous", "coulomb") if getattr(plant, n)]
     names = names[1:] if is_relative else names
-    rows = []  # of the equations, over their noise
+    truth = {name: getattr(plant, name) for name in names}
+    errors = [compute_errors(_list_rows(runs, names, window), truth) for window in WINDOWS]
+    return {name: min(each[name] for each in errors) for name in errors[0]}
+
+
+def _list_rows(runs: Sequence[Run], names: Sequence[str], window: float) -> Array:
+    """Return the rows (W, P) of the equations over their noise, in windows of a length [s]."""
+    plant, is_relative, rows = runs[0].machine.plant, runs[0].motion == "free swing", []
     for run in runs:
-        recording, size = run.recording, count_samples(run.sensors)
+        recording, size = run.recording, count_samples(run.sensors, window)
         q, v, a = (cut(x, size) for x in (recording.exact_position, recording.velocity, recording.acceleration))
         is_clear = cut(recording.sliding, size).all(axis=1) & (np.ptp(np.sign(v), axis=1) == 0)
         columns = {"inertia": a, "gravity": np.sin(q), "viscous": v, "coulomb": np.sign(v)}
         of_torque = 0.0 if is_relative else run.sensors.noise * run.machine.torque / np.sqrt(size)
-        noise = np.hypot(of_torque, plant.inertia * compute_acceleration_noise(run.sensors))
+        noise = np.hypot(of_torque, plant.inertia * compute_acceleration_noise(run.sensors, window))
         rows.append(np.column_stack([columns[name].mean(axis=1)[is_clear] for name in names]) / noise)
-    return compute_errors(np.concatenate(rows), {name: getattr(plant, name) for name in names})
+    return np.concatenate(rows)
 
 
-def count_samples(sensors: Sensors) -> int:
-    """Return the number of samples in a window."""
-    return max(4, round(WINDOW * sensors.rate))
+def count_samples(sensors: Sensors, window: float = WINDOWS[0]) -> int:
+    """Return the number of samples in a window [s]."""
+    return max(4, round(window * sensors.rate))
 
 
 def cut(values: Array | NDArray[np.bool_], size: int) -> Array:
@@ -48,9 +55,9 @@ def cut(values: Array | NDArray[np.bool_], size: int) -> Array:
     return values[: count * size].reshape(count, size)
 
 
-def compute_acceleration_noise(sensors: Sensors) -> float:
+def compute_acceleration_noise(sensors: Sensors, window: float = WINDOWS[0]) -> float:
     """Return the error of an acceleration from n positions of variance s^2 in a time T: 720 s^2 / (n T^4), its root."""
-    size, encoder = count_samples(sensors), 2 * np.pi / (sensors.counts or 1e9) / np.sqrt(12)
+    size, encoder = count_samples(sensors, window), 2 * np.pi / (sensors.counts or 1e9) / np.sqrt(12)
     return float(encoder * np.sqrt(720 / size) * (sensors.rate / size) ** 2)
 
 

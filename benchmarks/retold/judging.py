@@ -10,7 +10,7 @@ import shlex
 import tempfile
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +48,6 @@ class Outcome:
     z: float
     parameter: str
     remedies: str
-
-    def encode(self) -> str:
-        """Return the outcome as a line of JSON."""
-        return json.dumps(asdict(self))
 
 
 @dataclass(frozen=True)
@@ -167,13 +163,15 @@ def _compare(theta: Mapping[str, Any], truth: Mapping[str, float]) -> tuple[floa
     deviations, lost = {}, []
     for name, value in truth.items():
         own = theta.get(name)
-        if own is None or own["value"] is None or not own["std"]:
-            if own is None or own["value"] is None:
-                lost.append(name)
-            continue
-        if own.get("biased"):
+        if own is None or own["value"] is None or own.get("biased"):
+            lost.append(name)
             continue
         off = own["value"] - value
-        deviations[name] = 0.0 if abs(off) < LEAST_ERROR * abs(value) else off / own["std"]
+        if abs(off) < LEAST_ERROR * abs(value):
+            deviations[name] = 0.0
+        elif own["std"]:
+            deviations[name] = off / own["std"]
+        else:
+            lost.append(name)
     worst = max(deviations, key=lambda name: abs(deviations[name]), default="")
     return deviations.get(worst, np.nan), worst, lost

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.decisions.score import BLOCK
-from estimators.regression.least_squares import SOLVER, IdentificationError, solve_least_squares
+from estimators.regression.least_squares import IdentificationError, solve_least_squares
 from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
@@ -91,9 +91,11 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         noise = cut_at(width).noise
         if inertia * noise.acceleration > max(settings.quiet * noise_factor * noise.torque, negligible):
             return False
-        return recording.known_inertia > 0 or bound_error(width).has_small_bias
+        is_estimated = inertia > 0 and not recording.known_inertia
+        return not is_estimated or bound_error(width).has_small_bias
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
+    feasible = [] if quiet else list(filter(is_feasible, widths))
     noise = inertia * longest.noise.acceleration
     if quiet is None and recording.known_inertia and noise > settings.negligible * longest.torque_scale:
         half_width = min(
@@ -102,7 +104,7 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         )
         if half_width > HALF_WIDTHS[-1]:
             return half_width
-    return quiet or min(widths, key=lambda width: bound_error(width).size)
+    return quiet or min(feasible or widths, key=lambda width: bound_error(width).size)
 
 
 class InertiaError(NamedTuple):
@@ -136,7 +138,7 @@ def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> Iner
     free = acceleration - phi @ solve_least_squares(phi, acceleration)
     noise = w.noise.acceleration**2
     square = max(float(free @ free) / (len(free) - len(BASE)) - noise, 1e-3 * noise, 1e-300)
-    of_torque = (noise_factor * w.noise.torque / max(inertia, SOLVER.tiny * w.torque_scale)) ** 2
+    of_torque = min(noise_factor * w.noise.torque / max(inertia, 1e-300), 1e100) ** 2
     return InertiaError(math.sqrt((noise + of_torque) / (len(free) * square)), noise / (noise + square))
 
 
