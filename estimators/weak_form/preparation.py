@@ -91,8 +91,7 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         noise = cut_at(width).noise
         if inertia * noise.acceleration > max(settings.quiet * noise_factor * noise.torque, negligible):
             return False
-        is_estimated = inertia > 0 and not recording.known_inertia
-        return not is_estimated or bound_error(width).has_small_bias
+        return recording.known_inertia > 0 or bound_error(width).has_small_bias
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
     feasible = [] if quiet else list(filter(is_feasible, widths))
@@ -125,20 +124,20 @@ class InertiaError(NamedTuple):
 
 
 def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> InertiaError:
-    """Return the errors of the inertia in a fit of the base model to windows, infinite for few windows.
+    """Return the errors of the inertia in a fit of the base model to windows; infinite for few windows, or no inertia.
 
     Noise of the acceleration lowers the inertia by its share of the square of the acceleration that the other columns
     do not explain. `noise_factor` corrects the torque noise.
     """
     columns = WindowColumns([w])
     acceleration, *others = (columns.columns([term])[0][0][:, 0] for term in BASE)
-    if len(acceleration) <= 2 * len(BASE):
+    if len(acceleration) <= 2 * len(BASE) or inertia <= 0:
         return InertiaError(math.inf, math.inf)
     phi = np.column_stack(others)
     free = acceleration - phi @ solve_least_squares(phi, acceleration)
     noise = w.noise.acceleration**2
     square = max(float(free @ free) / (len(free) - len(BASE)) - noise, 1e-3 * noise, 1e-300)
-    of_torque = min(noise_factor * w.noise.torque / max(inertia, 1e-300), 1e100) ** 2
+    of_torque = min(noise_factor * w.noise.torque / inertia, 1e100) ** 2
     return InertiaError(math.sqrt((noise + of_torque) / (len(free) * square)), noise / (noise + square))
 
 
