@@ -55,6 +55,7 @@ def select_recordings(
     empty: bool = False,
     mechanism: Mechanism = PENDULUM,
     log_format: Mapping[str, Any] | None = None,
+    has_gravity: bool = True,
 ) -> tuple[Recording, ...]:
     """Return recordings as a tuple; time counts from the start of each, since logs often have Unix time.
 
@@ -63,13 +64,14 @@ def select_recordings(
         empty: whether no recording is allowed.
         mechanism: mechanism of the recordings.
         log_format: log format of a model, for reading files and tables; `Recording` objects are unchanged.
+        has_gravity: as in `read_recording`.
 
     Raises:
         TypeError: if an object is no recording, or has other joints.
         ValueError: if a recording is given twice, or none.
     """
     is_single, sources = isinstance(given, Recording) or is_readable(given), _list_sources(given)
-    format = parse_log_format(log_format or {})
+    format = replace(parse_log_format(log_format or {}), has_gravity=has_gravity)
     recordings = [
         _read_input(item, "" if is_single else f" {k + 1}", mechanism, format) for k, item in enumerate(sources)
     ]
@@ -91,6 +93,7 @@ def select_parts(
     holdout: Recordings,
     mechanism: Mechanism = PENDULUM,
     log_format: Mapping[str, Any] | None = None,
+    has_gravity: bool = True,
 ) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Return fitted and held-out recordings, see `select_recordings`; `holdout` may be empty.
 
@@ -100,8 +103,14 @@ def select_parts(
     given, holdout = _read_once(given), _read_once(holdout)
     if _identify_sources(_list_sources(given)) & _identify_sources(_list_sources(holdout)):
         raise ValueError("a recording is both fitted and held out: hold out another, or none for the last 30 % of each")
-    fitted = select_recordings(given, mechanism=mechanism, log_format=log_format)
-    return fitted, select_recordings(holdout, empty=True, mechanism=mechanism, log_format=log_format)
+    options: dict[str, Any] = {"mechanism": mechanism, "log_format": log_format, "has_gravity": has_gravity}
+    return select_recordings(given, **options), select_recordings(holdout, empty=True, **options)
+
+
+def may_have_gravity(terms: Sequence[Term]) -> bool:
+    """Return whether the gravity of some terms may differ from zero."""
+    columns = [column for term in terms if term.id == "gravity" for column in term.columns]
+    return not any(column.is_known and column.least == 0.0 for column in columns)
 
 
 def _read_once(given: Recordings) -> Recordings:

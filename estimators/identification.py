@@ -8,7 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimators.arguments import Recordings, Terms, apply_limits, check_options, select_recordings, select_terms
+from estimators.arguments import (
+    Recordings,
+    Terms,
+    apply_limits,
+    check_options,
+    may_have_gravity,
+    select_recordings,
+    select_terms,
+)
 from estimators.checks.homogeneity import fit_each_recording
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
@@ -78,8 +86,8 @@ def identify(
     """
     check_options(criterion)
     terms, chosen = select_terms(terms), select_schemes(schemes)
-    recordings = select_recordings(recordings, mechanism=find_mechanism(terms))
     terms, _ = apply_limits(terms, {}, fixed, bounds)
+    recordings = select_recordings(recordings, mechanism=find_mechanism(terms), has_gravity=may_have_gravity(terms))
     fit_data = FitData.from_recordings(recordings, terms=terms, criterion=criterion)
     swing_terms = make_swing_terms(terms, fit_data.recordings)
     segments = measure_segments(fit_data.recordings, swing_terms)

@@ -11,6 +11,7 @@ from estimators.arguments import (
     apply_limits,
     check_model,
     check_options,
+    may_have_gravity,
     select_parts,
     select_visible_effects,
 )
@@ -81,7 +82,8 @@ def add(
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     model = check_model(model)
     mechanism = model.mechanism
-    recordings, holdout = select_parts(recordings, holdout, mechanism, model.log_format)
+    has_gravity = may_have_gravity(model.terms)
+    recordings, holdout = select_parts(recordings, holdout, mechanism, model.log_format, has_gravity)
     every, count = (*recordings, *holdout), len(recordings)
     every = find_preparation(every).declare(every, model.log_format)
     recordings, holdout = every[:count], every[count:]

@@ -16,4 +16,5 @@ def read_logged(mechanism: Mechanism, source: Readable, log_format: Source, name
 
     Raises as `read_recording`.
     """
-    return replace(read_recording(source, name=name, **log_format.reading_options), load=log_format.load)
+    options = {"has_gravity": log_format.has_gravity, **log_format.reading_options}
+    return replace(read_recording(source, name=name, **options), load=log_format.load)
