@@ -72,7 +72,8 @@ def simulate_robot(
         effects: texts of hidden effects at joints.
         backend: name of the simulator; None: one that suits the robot.
     """
-    for simulate in load_plugins(SIMULATORS).values():
-        simulated: SimulatedRobot = simulate(body, rate, counts, effects, backend)
-        return simulated
-    raise make_missing_error(SIMULATORS, "simulates arms")
+    simulators = [*load_plugins(SIMULATORS).values()]
+    if not simulators:
+        raise make_missing_error(SIMULATORS, "simulates arms")
+    simulated: SimulatedRobot = simulators[0](body, rate, counts, effects, backend)
+    return simulated
