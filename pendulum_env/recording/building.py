@@ -97,9 +97,9 @@ def _open_log(
     """Convert a table to SI units, with notes on its columns; refuse implausible columns."""
     values = table.values
     columns, notes = _read_clock(table)
-    if "torque" in columns and named_columns.get("torque") == NONE:  # a load torque alone
-        others = {name: text for name, text in named_columns.items() if name != "load_torque"}
-        named_columns = {**others, "torque": named_columns["load_torque"]}
+    if named_columns.get("torque") == NONE and "torque" in columns and columns["torque"].header != NONE:
+        others = {name: text for name, text in named_columns.items() if name != "load_torque"}  # a load torque alone
+        named_columns = {**others, "torque": named_columns.get("load_torque", columns["torque"].header)}
     if columns["position"].is_integral:
         values["position"] = _integrate_velocity(values, columns)
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))

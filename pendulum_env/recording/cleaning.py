@@ -371,12 +371,16 @@ def note_rows(kind: NoteKind, rows: Index, *quantities: str, text: str = "") -> 
 def estimate_bend(position: Array) -> float:
     """Return the 99th percentile of the distances of positions (N,) from the mean of their neighbours [rad].
 
-    If this is 0, return the smallest step of the encoder, or 0 without motion.
+    Positions beside a repeated one do not count, unless all are: a stale value makes three large distances. If the
+    result is 0, return the smallest step of the encoder, or 0 without motion.
     """
     if len(position) < 3:
         return 0.0
     bends = np.abs(position[1:-1] - 0.5 * (position[:-2] + position[2:]))
     moves = np.abs(np.diff(position))
+    is_near_repeated = np.convolve(moves == 0, np.ones(3), "same") > 0
+    is_free = ~(is_near_repeated[:-1] | is_near_repeated[1:])
+    bends = bends[is_free] if is_free.any() else bends
     return float(np.quantile(bends, 0.99) or (moves[moves > 0].min() if moves.any() else 0.0))
 
 

@@ -135,3 +135,12 @@ def test_a_column_that_is_not_read_has_no_other_sign(write):
     read = read_recording(write(q=ANGLE, sensor=ANGLE), columns={"torque": "none", "load_torque": "sensor"})
     assert read.origin.flip_sign("load_torque") is None  # without a motor it is the torque
     assert read.origin.flip_sign("torque") == {"torque": "-sensor"}
+
+
+@pytest.mark.parametrize("columns", [{"torque": "none", "load_torque": "s"}, {"load_torque": "s", "torque": "none"}])
+def test_a_load_torque_alone_is_the_torque(write, columns):
+    read = read_recording(write(q=ANGLE, s=0.3 * np.sin(ANGLE)), columns=columns)
+    np.testing.assert_allclose(read.torque, 0.3 * np.sin(ANGLE), atol=1e-6)
+    assert read.load_torque is None and read.origin.flip_sign("torque") == {"torque": "-s"}
+    by_name = read_recording(write(q=ANGLE, load_torque=0.3 * np.sin(ANGLE)), columns={"torque": "none"})
+    np.testing.assert_allclose(by_name.torque, read.torque)
