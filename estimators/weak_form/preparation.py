@@ -91,7 +91,7 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         noise = cut_at(width).noise
         if inertia * noise.acceleration > max(settings.quiet * noise_factor * noise.torque, negligible):
             return False
-        return recording.known_inertia > 0 or bound_error(width).has_small_bias
+        return bound_error(width).has_small_bias
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
     feasible = [] if quiet else list(filter(is_feasible, widths))
@@ -126,6 +126,7 @@ class InertiaError(NamedTuple):
 def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> InertiaError:
     """Return the errors of the inertia in a fit of the base model to windows; infinite for few windows, or no inertia.
 
+    Of a free swing with a known inertia, the error is that of its mean acceleration [rad/s^2].
     Noise of the acceleration lowers the inertia by its share of the square of the acceleration that the other columns
     do not explain. `noise_factor` corrects the torque noise.
     """
@@ -133,6 +134,8 @@ def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> Iner
     acceleration, *others = (columns.columns([term])[0][0][:, 0] for term in BASE)
     if len(acceleration) <= 2 * len(BASE) or inertia <= 0:
         return InertiaError(math.inf, math.inf)
+    if w.recording.known_inertia:
+        return InertiaError(w.noise.acceleration / math.sqrt(len(acceleration)), 0.0)
     phi = np.column_stack(others)
     free = acceleration - phi @ solve_least_squares(phi, acceleration)
     noise = w.noise.acceleration**2
