@@ -13,6 +13,11 @@ def make_generator(seed: int, *key: str | int) -> np.random.Generator:
     return np.random.default_rng([seed, *" ".join(map(str, key)).encode()])
 
 
+def draw_size(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draw uniformly in the logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 def shuffle_keys(seed: int, keys: Iterable[tuple[str | int, ...]]) -> list[tuple[str | int, ...]]:
     """Sort keys at random; the order of two of them does not depend on the others."""
     return sorted(keys, key=lambda key: make_generator(seed, "order", *key).random())

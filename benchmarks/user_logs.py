@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.draws import draw_size
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from estimators.online import OnlineEstimator
 from workbench.cli import main as run_command
@@ -67,11 +68,6 @@ class Judgement(NamedTuple):
     z: float
     parameter: str
     is_right: bool
-
-
-def draw_size(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draw uniformly in the logarithm."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def draw_plant(rng: np.random.Generator, effects: Effects | None = None) -> Plant:

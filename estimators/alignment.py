@@ -32,6 +32,6 @@ def align(recordings: Recordings, terms: Terms = BASE, *, criterion: Criterion =
     check_options(criterion)
     terms = select_terms(terms)
     mechanism, known = find_mechanism(terms), list_ids(BASE)
-    logged = select_recordings(recordings, mechanism=mechanism)
+    logged = select_recordings(recordings, terms=terms)
     effects = terms if isinstance(mechanism, LinkedMechanism) else [term for term in terms if term.id not in known]
     return Timing.from_recordings(logged, effects, criterion)

@@ -53,25 +53,24 @@ def select_recordings(
     given: Recordings,
     *,
     empty: bool = False,
-    mechanism: Mechanism = PENDULUM,
+    terms: Sequence[Term] = BASE,
     log_format: Mapping[str, Any] | None = None,
-    has_gravity: bool = True,
 ) -> tuple[Recording, ...]:
     """Return recordings as a tuple; time counts from the start of each, since logs often have Unix time.
 
     Args:
         given: one or several recordings, paths, data frames or mappings of arrays, see `read_recording`.
         empty: whether no recording is allowed.
-        mechanism: mechanism of the recordings.
+        terms: of a model of the recordings. Its mechanism is theirs, and without gravity, no unit of the angle shows.
         log_format: log format of a model, for reading files and tables; `Recording` objects are unchanged.
-        has_gravity: as in `read_recording`.
 
     Raises:
         TypeError: if an object is no recording, or has other joints.
         ValueError: if a recording is given twice, or none.
     """
     is_single, sources = isinstance(given, Recording) or is_readable(given), _list_sources(given)
-    format = replace(parse_log_format(log_format or {}), has_gravity=has_gravity)
+    mechanism = find_mechanism(terms)
+    format = replace(parse_log_format(log_format or {}), has_gravity=_may_have_gravity(terms))
     recordings = [
         _read_input(item, "" if is_single else f" {k + 1}", mechanism, format) for k, item in enumerate(sources)
     ]
@@ -91,9 +90,8 @@ def select_recordings(
 def select_parts(
     given: Recordings,
     holdout: Recordings,
-    mechanism: Mechanism = PENDULUM,
+    terms: Sequence[Term] = BASE,
     log_format: Mapping[str, Any] | None = None,
-    has_gravity: bool = True,
 ) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Return fitted and held-out recordings, see `select_recordings`; `holdout` may be empty.
 
@@ -103,11 +101,11 @@ def select_parts(
     given, holdout = _read_once(given), _read_once(holdout)
     if _identify_sources(_list_sources(given)) & _identify_sources(_list_sources(holdout)):
         raise ValueError("a recording is both fitted and held out: hold out another, or none for the last 30 % of each")
-    options: dict[str, Any] = {"mechanism": mechanism, "log_format": log_format, "has_gravity": has_gravity}
-    return select_recordings(given, **options), select_recordings(holdout, empty=True, **options)
+    fitted = select_recordings(given, terms=terms, log_format=log_format)
+    return fitted, select_recordings(holdout, empty=True, terms=terms, log_format=log_format)
 
 
-def may_have_gravity(terms: Sequence[Term]) -> bool:
+def _may_have_gravity(terms: Sequence[Term]) -> bool:
     """Return whether the gravity of some terms may differ from zero."""
     columns = [column for term in terms if term.id == "gravity" for column in term.columns]
     return not any(column.is_known and column.least == 0.0 for column in columns)

@@ -10,7 +10,6 @@ from estimators.arguments import (
     check_horizon,
     check_model,
     check_options,
-    may_have_gravity,
     select_recordings,
     select_visible_effects,
 )
@@ -73,12 +72,7 @@ def compare(
     check_options(criterion)
     model = check_model(model)
     check_horizon(horizon, model.mechanism.can_simulate)
-    recordings = select_recordings(
-        recordings,
-        mechanism=model.mechanism,
-        log_format=model.log_format,
-        has_gravity=may_have_gravity(model.terms),
-    )
+    recordings = select_recordings(recordings, terms=model.terms, log_format=model.log_format)
     recordings = convert_to_model_unit(model, recordings, criterion)
     if recordings[0].units.is_prismatic:
         model = model.convert_units(recordings[0].units)

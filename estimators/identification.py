@@ -13,7 +13,6 @@ from estimators.arguments import (
     Terms,
     apply_limits,
     check_options,
-    may_have_gravity,
     select_recordings,
     select_terms,
 )
@@ -35,7 +34,6 @@ from estimators.schemes.six import LowPass, Regressor, Scheme, select_schemes
 from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Bounds, Model, Term
-from pendulum_env.physics.joints import find_mechanism
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -87,7 +85,7 @@ def identify(
     check_options(criterion)
     terms, chosen = select_terms(terms), select_schemes(schemes)
     terms, _ = apply_limits(terms, {}, fixed, bounds)
-    recordings = select_recordings(recordings, mechanism=find_mechanism(terms), has_gravity=may_have_gravity(terms))
+    recordings = select_recordings(recordings, terms=terms)
     fit_data = FitData.from_recordings(recordings, terms=terms, criterion=criterion)
     swing_terms = make_swing_terms(terms, fit_data.recordings)
     segments = measure_segments(fit_data.recordings, swing_terms)

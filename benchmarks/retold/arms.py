@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.draws import draw_size
 from benchmarks.retold.bound import compute_acceleration_noise, compute_errors, count_samples, cut
 from benchmarks.retold.logs import Log
-from benchmarks.retold.machines import Sensors, draw_size
+from benchmarks.retold.machines import Sensors
 from benchmarks.retold.retellings import COMMON, Rng
 from benchmarks.retold.scenario import Scenario
 from benchmarks.two_link import GRAVITY, Multisine, TwoLink

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.draws import draw_size
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 
 Array = NDArray[np.float64]
@@ -37,11 +38,6 @@ class Machine:
     def options(self) -> tuple[str, ...]:
         """Return the options that describe the machine."""
         return () if self.kind == "pendulum" else ("--fix", "gravity=0")
-
-
-def draw_size(rng: Rng, low: float, high: float) -> float:
-    """Draw uniformly in the logarithm."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def draw_machine(rng: Rng, kind: str, is_extreme: bool = False) -> Machine:
@@ -127,7 +123,7 @@ def _tiny(rng: Rng, machine: Machine, time: Array) -> Array:
     return _add_tones(rng, machine, time, 2) * (machine.plant.coulomb * rng.uniform(1.3, 2.0) / machine.torque)
 
 
-def _nothing(rng: Rng, machine: Machine, time: Array) -> Array:
+def _let_go(rng: Rng, machine: Machine, time: Array) -> Array:
     return np.zeros(len(time))
 
 
@@ -142,7 +138,7 @@ OPEN: dict[str, Callable[[Rng, Machine, Array], Array]] = {
     "constant": _constant,
     "pulses": _pulses,
     "tiny": _tiny,
-    "free swing": _nothing,
+    "free swing": _let_go,
     "standing": _staircase,
 }
 CLOSED = ("slow sweep", "position loop")  # triangle or smooth reference

@@ -7,10 +7,12 @@ from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from benchmarks.draws import draw_size
 from benchmarks.retold.logs import Log
-from benchmarks.retold.machines import Run, Sensors, draw_size
+from benchmarks.retold.machines import Run, Sensors
 
 Array = NDArray[np.float64]
 Rng = np.random.Generator
@@ -80,19 +82,19 @@ def _flip_both(log: Log, run: Run, rng: Rng) -> Log:
     return log.change(position=-log.columns["position"], torque=-log.columns["torque"])
 
 
-def _in_turns(log: Log, run: HasSensors, rng: Rng) -> Log:
+def _name_unit(log: Log, run: HasSensors, rng: Rng) -> Log:
     """Return the log with angles in degrees or turns, named in the header."""
     unit, scale = ("deg", 180 / np.pi) if rng.random() < 0.5 else ("rev", 0.5 / np.pi)
     names = log.find("position", "goal")
     return log.scale(scale, "position", "goal").rename(**{name: f"{name} [{unit}]" for name in names})
 
 
-def _in_degrees(log: Log, run: Run, rng: Rng) -> Log:
+def _omit_unit(log: Log, run: Run, rng: Rng) -> Log:
     """Return the log with positions in degrees or turns, not named."""
     return log.change(position=log.columns["position"] * float(rng.choice([180 / np.pi, 0.5 / np.pi])))
 
 
-def _far_from_zero(log: Log, run: Run, rng: Rng) -> Log:
+def _add_turns(log: Log, run: Run, rng: Rng) -> Log:
     return log.change(position=log.columns["position"] + 2 * np.pi * float(rng.integers(-2000, 2000)))
 
 
@@ -133,11 +135,14 @@ def _add_differences(log: Log, run: Run, rng: Rng) -> Log:
     """Return the log with a speed of backward differences, perhaps filtered."""
     speed = np.append(0.0, np.diff(log.columns["position"])) * run.sensors.rate
     if rng.random() < 0.5:
-        share, slow = 1 - np.exp(-2 * np.pi * 20 / run.sensors.rate), 0.0
-        for k, own in enumerate(speed.tolist()):
-            slow += share * (own - slow)
-            speed[k] = slow
+        speed = _filter_low_pass(speed, 2 * np.pi * 20 / run.sensors.rate)
     return log.change(velocity=speed)
+
+
+def _filter_low_pass(series: Array, ratio: float) -> Array:
+    """Return a series (N,) behind a low-pass filter from zero; `ratio` of the sampling period to the time constant."""
+    share = 1 - np.exp(-ratio)
+    return np.asarray(scipy.signal.lfilter([share], [1, share - 1], series))
 
 
 def _log_sensor(log: Log, run: Run, rng: Rng) -> Log:
@@ -156,12 +161,8 @@ def _delay_torque(log: Log, run: Run, rng: Rng) -> Log:
 
 def _filter_torque(log: Log, run: Run, rng: Rng) -> Log:
     """Return the log with torque through a low-pass filter."""
-    share, slow = 1 - np.exp(-1 / (run.sensors.rate * draw_size(rng, 0.004, 0.03) * min(1.0, run.machine.time))), 0.0
-    torque = log.columns["torque"].copy()
-    for k, own in enumerate(torque.tolist()):
-        slow += share * (own - slow)
-        torque[k] = slow
-    return log.change(torque=torque)
+    constant = draw_size(rng, 0.004, 0.03) * min(1.0, run.machine.time)  # [s]
+    return log.change(torque=_filter_low_pass(log.columns["torque"], 1 / (run.sensors.rate * constant)))
 
 
 def _log_slowly(log: Log, run: Run, rng: Rng) -> Log:
@@ -254,7 +255,7 @@ COMMON: dict[str, CommonRetelling] = {  # of machines of every kind
     "as it is": _keep,
     "Unix clock": _count_from_1970,
     "jitter": _jitter_clock,
-    "unit in header": _in_turns,
+    "unit in header": _name_unit,
     "significant digits": _round_digits,
     "decimal comma": _write_commas,
     "split": _split_file,
@@ -269,8 +270,8 @@ RETELLINGS: dict[str, Retelling] = {
     "encoder edges": _keep_edges,
     "other zero": _shift_zero,
     "both signs": _flip_both,
-    "unit unnamed": _in_degrees,
-    "far from zero": _far_from_zero,
+    "unit unnamed": _omit_unit,
+    "far from zero": _add_turns,
     "decimals": _round_decimals,
     "speed alone": _log_speed_alone,
     "speed by differences": _add_differences,

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.draws import draw_size
 from benchmarks.independent_plant import Experiment, Plant, SimulatedRecording, simulate
 from benchmarks.retold.bound import bound_errors
 from benchmarks.retold.logs import Log
-from benchmarks.retold.machines import Machine, Run, Sensors, draw_size
+from benchmarks.retold.machines import Machine, Run, Sensors
 from benchmarks.retold.retellings import COMMON, Rng
 from benchmarks.retold.scenario import Scenario
 from benchmarks.servos import SHOWN
@@ -107,7 +108,7 @@ SHARES = (0.45, 0.2, 0.1, 0.25)  # of MOTIONS
 
 @dataclass(frozen=True)
 class Sampling:
-    """Rate of the log [Hz], cycles of the controller for which goals are held, idle seconds at the ends, duration."""
+    """Rate of the log [Hz], cycles of the controller between two goals, idle seconds at the ends, duration."""
 
     rate: float
     hold: int
@@ -162,7 +163,7 @@ def _keep(log: Log, run: Run, rng: Rng) -> Log:
     return log
 
 
-def _in_counts(log: Log, run: Run, rng: Rng) -> Log:
+def _count_positions(log: Log, run: Run, rng: Rng) -> Log:
     counted = log.scale(COUNTS / (2 * np.pi), "position", "goal")
     named = {"position": f"position:counts/{COUNTS}", "reference": f"goal:counts/{COUNTS}"}
     return replace(counted, texts=log.texts | {"position": "d", "goal": ".3f"}, named=named)
@@ -174,7 +175,7 @@ def _rename_columns(log: Log, run: Run, rng: Rng) -> Log:
 
 RETELLINGS: dict[str, Retelling] = {
     **COMMON,
-    "counts": _in_counts,
+    "counts": _count_positions,
     "slow goals": _keep,
     "slow log": _keep,
     "renamed": _rename_columns,

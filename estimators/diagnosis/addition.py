@@ -11,7 +11,6 @@ from estimators.arguments import (
     apply_limits,
     check_model,
     check_options,
-    may_have_gravity,
     select_parts,
     select_visible_effects,
 )
@@ -82,8 +81,7 @@ def add(
         raise TypeError(f"an effect is added by its id, such as 'stribeck', got {id!r}")
     model = check_model(model)
     mechanism = model.mechanism
-    has_gravity = may_have_gravity(model.terms)
-    recordings, holdout = select_parts(recordings, holdout, mechanism, model.log_format, has_gravity)
+    recordings, holdout = select_parts(recordings, holdout, model.terms, model.log_format)
     every, count = (*recordings, *holdout), len(recordings)
     every = find_preparation(every).declare(every, model.log_format)
     recordings, holdout = every[:count], every[count:]

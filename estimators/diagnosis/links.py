@@ -35,7 +35,7 @@ class LinkPayload(Protocol):
 
     @property
     def exists(self) -> bool | None:
-        """Whether a body has the parameters of the free fit; None if some are undetermined."""
+        """Return whether a body can have the parameters of the free fit; None if some are undetermined."""
 
     @property
     def torque_rms(self) -> Mapping[str, tuple[float, float]]:
@@ -43,7 +43,7 @@ class LinkPayload(Protocol):
 
     @property
     def is_significant(self) -> bool:
-        """Whether it is significant."""
+        """Return whether the payload is significant."""
 
     def json(self) -> JSON:
         """Return a dictionary for JSON."""

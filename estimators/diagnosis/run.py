@@ -12,7 +12,6 @@ from estimators.arguments import (
     apply_limits,
     check_horizon,
     check_options,
-    may_have_gravity,
     select_effects,
     select_parts,
     select_terms,
@@ -90,7 +89,7 @@ def diagnose(
     terms = select_terms(base)
     mechanism = find_mechanism(terms)
     terms, effects = apply_limits(terms, select_effects(library, only, without, mechanism), fixed, bounds)
-    fitted, held_out = select_parts(recordings, holdout, mechanism, has_gravity=may_have_gravity(terms))
+    fitted, held_out = select_parts(recordings, holdout, terms)
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
     rng, progress = np.random.default_rng(0 if rng is None else rng), report_forward(progress)
     options = Options(terms, effects, criterion, rng, progress, limits, horizon)

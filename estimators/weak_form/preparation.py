@@ -91,10 +91,10 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         noise = cut_at(width).noise
         if inertia * noise.acceleration > max(settings.quiet * noise_factor * noise.torque, negligible):
             return False
-        return bound_error(width).has_small_bias
+        error = bound_error(width)
+        return error.bias <= error.std
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
-    feasible = [] if quiet else list(filter(is_feasible, widths))
     noise = inertia * longest.noise.acceleration
     if quiet is None and recording.known_inertia and noise > settings.negligible * longest.torque_scale:
         half_width = min(
@@ -103,7 +103,7 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         )
         if half_width > HALF_WIDTHS[-1]:
             return half_width
-    return quiet or min(feasible or widths, key=lambda width: bound_error(width).size)
+    return quiet or min(list(filter(is_feasible, widths)) or widths, key=lambda width: bound_error(width).size)
 
 
 class InertiaError(NamedTuple):
@@ -111,11 +111,6 @@ class InertiaError(NamedTuple):
 
     std: float
     bias: float
-
-    @property
-    def has_small_bias(self) -> bool:
-        """Whether the bias is at most the standard error."""
-        return self.bias <= self.std
 
     @property
     def size(self) -> float:
@@ -215,5 +210,5 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
     adjacent = np.flatnonzero(np.diff(w.centers) == len(w.kernel) // 2)
     if len(adjacent) < freedom / 2:  # too few neighbours
         return replace(w, noise=noise.scale(math.sqrt(power) / noise.compute_std(load)))
-    shared = float(residual[adjacent] @ residual[adjacent + 1]) / max(1, len(adjacent)) * len(phi) / freedom
+    shared = float(residual[adjacent] @ residual[adjacent + 1]) / len(adjacent) * len(phi) / freedom
     return replace(w, noise=noise.divide_power(load, power, shared))

@@ -166,7 +166,7 @@ class TorqueWindows:
         return Equations(phi, self.torque.net - sum(fixed for _, fixed in parts))
 
     @cached_property
-    def without_contacts(self) -> TorqueWindows:
+    def free_windows(self) -> TorqueWindows:
         """Windows without those in contact with a stop; all if no other remains."""
         contacts = [mark_contacts(w) for w in self.windows]
         if not np.concatenate(contacts).any() or np.concatenate(contacts).all():
@@ -189,8 +189,8 @@ class TorqueWindows:
         A residual of noise may become smaller, too: for motion at one frequency, cos q takes the place of a noisy
         acceleration. Free swings without torque are not tested.
         """
-        if self.without_contacts is not self:
-            return self.without_contacts.has_wrong_zero
+        if self.free_windows is not self:
+            return self.free_windows.has_wrong_zero
         base, tilted = (float(np.linalg.norm(fit.residual * self.weights)) for fit in self._base_fits)
         noise = compute_noise_floor(self.windows, abs(float(self._base_fits[0].theta[0])))
         floor = noise * float(np.linalg.norm(self.weights))
@@ -202,8 +202,8 @@ class TorqueWindows:
 
         Recordings are weighted by their residual, so an unexplained recording does not bias the others.
         """
-        if self.without_contacts is not self:
-            return self.without_contacts.base_fit
+        if self.free_windows is not self:
+            return self.free_windows.base_fit
         fit = self._base_fits[self.has_wrong_zero]
         if len(self.windows) == 1:
             return fit

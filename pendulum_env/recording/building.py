@@ -74,8 +74,8 @@ def build_recordings(
             position = log.values["position"]
             if not item.origin.has_integral:
                 checks.refuse_jumps(position, log.rows, log.starts, item.origin, turn=turn, allow_wrapped=unwrap)
-            if unwrap and not item.origin.has_integral:
-                jumps[item.joint] = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed)
+                if unwrap:
+                    jumps[item.joint] = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed)
             sampling.drop_short_segments(log)
     sampling.resample_uniformly([item.log for item in joints])
     assert all(np.array_equal(item.log.values["time"], joints[0].log.values["time"]) for item in joints)
