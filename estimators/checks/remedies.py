@@ -40,11 +40,12 @@ class WrongColumn(Finding):
     """Column that was read with another sign or zero.
 
     Attributes:
-        column: `load_torque` or `torque`, with the opposite sign; or `position`, with another zero.
+        column: `load_torque` or `torque`, with the opposite sign; or `position`, with another zero, also of a joint.
         remedies: settings that read the recordings correctly.
         inertia: negative inertia, by which the torque has the opposite sign; else None.
         angle: error of the zero; None for other columns, and if the upright position was taken as zero.
         has_bias: whether the model has no tilt for the error of the zero, so that all estimates are biased.
+        joint: whose robot file has another zero, or without an angle another sign; empty for a pendulum.
     """
 
     column: str
@@ -52,6 +53,7 @@ class WrongColumn(Finding):
     inertia: Quantity | None = None
     angle: Quantity | None = None
     has_bias: bool = False
+    joint: str = ""
 
     @property
     def is_biasing(self) -> bool:

@@ -78,10 +78,15 @@ class RegressionData:
 
     @classmethod
     def from_arm(
-        cls, recordings: Sequence[Recording], terms: Sequence[type[Term] | Term], block: float = BLOCK
+        cls,
+        recordings: Sequence[Recording],
+        terms: Sequence[type[Term] | Term],
+        block: float = BLOCK,
+        half_widths: Sequence[float] | None = None,
     ) -> RegressionData:
-        """Cut recordings of joints into windows for some terms, the links first; raises errors of `prepare_arm`."""
-        return cls(prepare_arm(recordings, terms, block=block), base=list_base_terms(find_mechanism(terms)))
+        """Cut recordings of joints into windows for some terms, the links first; see `prepare_arm`."""
+        data = prepare_arm(recordings, terms, block=block, half_widths=half_widths)
+        return cls(data, base=list_base_terms(find_mechanism(terms)))
 
     @classmethod
     def join(cls, parts: Sequence[RegressionData]) -> RegressionData:

@@ -176,7 +176,8 @@ def compute_jackknife(phi: Array, residual: Array, clusters: Index) -> tuple[Arr
     score_products = scores_without.T @ scores_without
     covariance = (count - 1) / count * inverse @ score_products @ inverse
     freedom = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
-    return np.asarray(covariance / np.outer(scale, scale)), freedom
+    with np.errstate(over="ignore"):  # a column of nearly zero has an infinite error
+        return np.asarray(covariance / np.outer(scale, scale)), freedom
 
 
 def _invert_matrices(matrices: Array) -> Array:

@@ -10,6 +10,7 @@ from pendulum_env.physics.term import ROOM, UNLOADED
 from pendulum_env.recording import NEWTON_METRE, Recording
 
 HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0.08)  # candidates of windows [s]
+LONG_HALF_WIDTHS = (0.11, 0.16, 0.22, 0.32)  # of slow motion whose inertia a coarse encoder biases in shorter ones [s]
 LEAD_IN = 0.3  # [s] at the start, where effects with memory depend on their unrecorded initial state
 SLOWEST = 0.02  # [rad/s], least speed with a known sign; at least five times the noise of the velocity
 

@@ -32,22 +32,23 @@ def prepare_arm(
     terms: Sequence[type[Term] | Term],
     margin: float = 0.0,
     block: float = BLOCK,
+    half_widths: Sequence[float] | None = None,
 ) -> TorqueWindows:
     """Cut recordings into windows, with the columns of links and couplings; `margin` is that of `cut`.
 
-    A `block` of the score lasts so long [s].
+    Half widths [s] are chosen by the noise of the recordings unless given. A `block` of the score lasts so long [s].
 
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
     """
     mechanism = find_linked_mechanism(terms)
+    widths = half_widths or [max(map(choose_half_width, recording.joints)) for recording in recordings]
     entries = [
         [
             replace(cut(joint, width, margin=margin), at=name, run=run, payload=recording.link_load)
             for name, joint in zip(mechanism.joints, recording.joints, strict=True)
         ]
-        for run, recording in enumerate(recordings)
-        for width in [max(choose_half_width(joint) for joint in recording.joints)]
+        for run, (recording, width) in enumerate(zip(recordings, widths, strict=True))
     ]
     for k, name in enumerate(mechanism.joints):
         if sum(len(joints[k].centers) for joints in entries) < RESOLUTION.fewest_of_joint:

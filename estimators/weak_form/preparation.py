@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators.decisions.score import BLOCK
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
-from estimators.signals.motion import HALF_WIDTHS
+from estimators.signals.motion import HALF_WIDTHS, LONG_HALF_WIDTHS
 from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.window_columns import WindowColumns, WindowTorque
@@ -59,8 +59,9 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
     """Choose the shortest half width [s] with enough windows clear of stick and little encoder noise.
 
     Encoder noise, scaled by the known inertia of the joint without load or else by that of the base model [kg m^2],
-    must be below torque noise, or negligible for the torque and for the inertia. If no half width meets both, that with
-    the smallest error of the inertia is chosen. Short windows include samples near reversals, which show friction.
+    must be below torque noise, or negligible for the torque, and bias the inertia by at most its standard error. If no
+    half width meets both, that with the smallest error of the inertia is chosen, see `InertiaError.rank`, also among
+    long ones if others bias it by more. Short windows include samples near reversals, which show friction.
     Encoder noise falls with length^`decay`.
 
     In a free swing, the shortest windows in which encoder noise would be negligible may be much longer. Such windows
@@ -91,8 +92,7 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         noise = cut_at(width).noise
         if inertia * noise.acceleration > max(settings.quiet * noise_factor * noise.torque, negligible):
             return False
-        error = bound_error(width)
-        return error.bias <= error.std
+        return bound_error(width).is_small
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
     noise = inertia * longest.noise.acceleration
@@ -103,19 +103,36 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         )
         if half_width > HALF_WIDTHS[-1]:
             return half_width
-    return quiet or min(list(filter(is_feasible, widths)) or widths, key=lambda width: bound_error(width).size)
+    if quiet is not None:
+        return quiet
+    best = min(list(filter(is_feasible, widths)) or widths, key=lambda width: bound_error(width).rank)
+    for width in () if recording.known_inertia else LONG_HALF_WIDTHS:
+        if bound_error(best).is_small or len(cut_at(width).centers) < settings.calibrating:
+            break
+        best = min(best, width, key=lambda width: bound_error(width).rank)
+    return best
 
 
 class InertiaError(NamedTuple):
-    """Errors of an inertia, relative to it: its standard error, and its bias by encoder noise."""
+    """Errors of an inertia, relative to it: the standard error that its fit reports, and its bias by encoder noise."""
 
     std: float
     bias: float
 
     @property
+    def is_small(self) -> bool:
+        """Return whether the standard error covers the bias."""
+        return self.bias <= self.std < math.inf
+
+    @property
     def size(self) -> float:
         """Root of the mean squared error."""
         return math.hypot(self.std, self.bias)
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Order of preference: the smallest error whose standard error covers the bias, else the smallest bias."""
+        return (False, self.size) if self.is_small else (True, self.bias)
 
 
 def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> InertiaError:
@@ -136,7 +153,7 @@ def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> Iner
     noise = w.noise.acceleration**2
     square = max(float(free @ free) / (len(free) - len(BASE)) - noise, 1e-3 * noise, 1e-300)
     of_torque = min(noise_factor * w.noise.torque / inertia, 1e100) ** 2
-    return InertiaError(math.sqrt((noise + of_torque) / (len(free) * square)), noise / (noise + square))
+    return InertiaError(math.sqrt((noise + of_torque) / (len(free) * (noise + square))), noise / (noise + square))
 
 
 def find_period(w: Windows) -> float:

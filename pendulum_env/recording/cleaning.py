@@ -18,6 +18,7 @@ TURN = 2 * np.pi  # [rad]
 WRAPPED_RANGE = 1.016  # range of a wrapped position, in turns, with noise
 REFERENCE_STEP = 0.125  # turns between two samples from which a change of the reference is a step
 TRAVEL_ROWS = 5  # rows over which travel is measured, to find a joint that stands still
+ROUNDING = 1e-9  # least step, share of the range: smaller ones are rounding errors
 HELD = ("torque", "enabled")  # quantities that are held until the next value
 
 
@@ -33,6 +34,10 @@ class CleaningSettings:
     jump_ratio: float = 3.0  # least ratio of an impossible jump to the steps around it, and of unsteady travels
     repeated_step: float = 1e-6  # largest step of a repeated time, as share of the median step
     least_moved: float = 0.5  # least share of moved rows among those that repeat a time, relative to other rows
+    smooth_ratio: float = 3.0  # least fall of the roughness without a stale value
+    slow_encoder: float = 0.5  # least share of repeated values whose next step is another's: a slower encoder
+    short_run: int = 2  # most stale values in a row that show by roughness
+    least_counts: float = 5.0  # least step of a joint whose stale values show by roughness [counts of the encoder]
     steady_tolerance: float = 0.25  # largest relative difference of equal steps
     lost_ratio: float = 1.5  # least ratio of steps across lost cells to steps between rows
     least_tilt: float = 0.2  # [rad], least angle from equilibrium of a joint that is held
@@ -397,7 +402,8 @@ def _find_glitches(q: Array, typical_bend: float) -> Index:
 def _find_stale_samples(q: Array, typical_bend: float, cuts: Mask) -> Index:
     """Return the samples of q (N,) that repeat the last one although the joint moves on, not before cuts (N - 1,).
 
-    A joint that moves before or after a stand-still, and jumps at its end, did not rest. The jump is compared with the
+    Few values are also stale if the motion without them is smoother, see `_is_smoother`. A joint that moves before or
+    after a stand-still, and jumps at its end, did not rest. The jump is compared with the
     bends of motion alone, not of rest. Jumps of more than half a turn are left to `refuse_jumps`, since a wrapped angle
     has them. If the step to the repeated value is a jump, too, the first sample of the run is also invalid.
     """
@@ -410,10 +416,14 @@ def _find_stale_samples(q: Array, typical_bend: float, cuts: Mask) -> Index:
     if not len(first):
         return np.empty(0, dtype=np.intp)
     before, jump, after = steps[first - 1], steps[end], steps[end + 1]
-    steady = 0.5 * (before + after)
+    count = np.min(np.abs(steps), where=np.abs(steps) > ROUNDING * np.ptp(q), initial=np.inf)  # of the encoder
+    steady, filled = 0.5 * (before + after), jump / (end - first + 1)
     tolerance = CLEANING.steady_tolerance * np.abs(steady)
     is_stale = (np.abs(steady) >= CLEANING.moving_ratio * typical_bend) & (np.abs(before - after) <= 2 * tolerance)
-    is_stale &= np.abs(jump / (end - first + 1) - steady) <= tolerance
+    is_stale &= np.abs(filled - steady) <= tolerance
+    is_short = (end - first <= CLEANING.short_run) & (np.abs(filled) > CLEANING.least_counts * count)
+    is_short &= np.mean(after == 0) < CLEANING.slow_encoder
+    is_stale |= is_short & _is_smoother(before, filled, jump, after)
     bends = 0.5 * np.abs(np.diff(steps))[~(is_still[1:] & is_still[:-1])]
     typical_bend = max(typical_bend, float(np.quantile(bends, 0.99)))
     is_jump_before = _is_impossible(before, steps[first - 2], typical_bend) & (first > 1)
@@ -423,6 +433,12 @@ def _find_stale_samples(q: Array, typical_bend: float, cuts: Mask) -> Index:
     begin = np.where(is_jump_before & is_jump, first, first + 1)
     runs = [np.arange(a, b + 1) for a, b in zip(begin[is_stale], end[is_stale], strict=True)]
     return np.concatenate([np.empty(0, dtype=np.intp), *runs])
+
+
+def _is_smoother(before: Array, filled: Array, jump: Array, after: Array) -> Mask:
+    """Return whether equal steps `filled` make the steps around repeated values (M,) smoother by `smooth_ratio`."""
+    with_repeated = np.abs(before) + np.abs(jump) + np.abs(after - jump)
+    return with_repeated > CLEANING.smooth_ratio * (np.abs(filled - before) + np.abs(after - filled))
 
 
 def _is_impossible(jump: Array, neighbour_step: Array, typical_bend: float) -> Mask:

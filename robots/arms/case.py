@@ -18,7 +18,7 @@ from estimators.diagnosis.checks import (
     check_small_effect,
     check_torque_constant,
 )
-from estimators.diagnosis.completeness import find_incompleteness
+from estimators.diagnosis.completeness import Incomplete, find_incompleteness
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.treatments import align_with_effects
@@ -35,6 +35,7 @@ from robots.arms.body import find_body
 from robots.arms.carried_payload import CarriedPayload, include_payload
 from robots.arms.conclusion import MissingRotors, conclude_arm, find_joint_residuals
 from robots.arms.contacts import find_arm_contacts
+from robots.arms.frames import find_wrong_frame
 from robots.arms.payload import Payload, find_payload
 from robots.arms.standard import Nearest, nearest_body
 
@@ -55,6 +56,18 @@ def check_friction(subject: Subject) -> Iterable[Finding]:
 def check_completeness_of_arm(subject: Subject) -> Iterable[Finding]:
     """Test whether an identified model explains the recordings."""
     return find_incompleteness(subject.identified_model)
+
+
+@applies_to("identify", "diagnose")
+def check_frames(subject: Subject) -> Iterable[Finding]:
+    """Find a joint with another sign or zero than in the robot file, if the model leaves a residual."""
+    is_incomplete = any(isinstance(finding, Incomplete) for finding in subject.earlier)
+    if subject.diagnosis is not None:
+        is_incomplete, base = bool(subject.diagnosis.joint_residuals), subject.found[0].options.base
+    else:
+        base = subject.terms
+    found = find_wrong_frame(subject.data.recordings, base) if is_incomplete else None
+    return [] if found is None else [found]
 
 
 @applies_to("diagnose")
@@ -85,6 +98,7 @@ class Arm(Case):
         check_torque_constant,
         check_corrected_timing,
         check_completeness_of_arm,
+        check_frames,
         check_contacts_of_arm,
         check_rotors,
         check_parameters,

@@ -1,6 +1,7 @@
 """Read recordings of an arm, joint by joint."""
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -97,6 +98,11 @@ def read_joints(
             for joint, column in columns_of.items()
             if column != NONE
         },
+        origins=tuple(
+            replace(recording.origin, named_columns=dict(columns or {}))
+            for recording in recordings
+            if recording.origin is not None
+        ),
     )
 
 

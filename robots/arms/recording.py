@@ -11,6 +11,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics.mechanism import LinkLoad
 from pendulum_env.recording import Recording, RecordingError
 from pendulum_env.recording.joint_names import OF_JOINTS
+from pendulum_env.recording.origin import Origin
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -23,6 +24,7 @@ class ArmRecording(Recording):
         names: names of the moving joints (n,).
         still: positions (M,) of held joints by name, for those with a column.
         payload: known body on a link; its torque is subtracted before a fit. None without one.
+        origins: columns of the file of each joint (n,), with those that the user named; empty if unknown.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -31,6 +33,7 @@ class ArmRecording(Recording):
     names: tuple[str, ...] = ()
     still: Mapping[str, Array] = field(default_factory=dict)
     payload: LinkLoad | None = None
+    origins: tuple[Origin, ...] = ()
 
     @classmethod
     def from_arrays(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> Self:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from estimators.weak_form.point import Point
 from estimators.weak_form.rows import Terms
+from pendulum_env._typing import Array
 from pendulum_env.physics import Term, find_link, has_link
+from pendulum_env.physics.term import return_zero
 from robots.servos.in_loop.fit import fit_rollouts
 from robots.servos.in_loop.likelihood import choose_likeliest_point, compute_likelihood_scale
-from robots.servos.in_loop.linearisation import LinearErrors, TypicalSizes, linearise_errors
+from robots.servos.in_loop.linearisation import LinearErrors, TypicalSizes, bind_terms, linearise_errors
 from robots.servos.in_loop.link_fit import fit_link
 from robots.servos.in_loop.profile import LikelihoodProfile, scan_profile
 from robots.servos.in_loop.rollouts import Rollouts
@@ -55,7 +58,8 @@ class RolloutFits:
                 self._linear[key] = linearise_errors(self.rollouts, point, typical, nonlinear=False)
             else:
                 share = 1.0 if self._is_hopeless(key) else LOOP.fit.roughly
-                self._store(key, fit_rollouts(self.rollouts, self._choose_start(key), typical, share=share))
+                starts = [self._choose_start(key)] if self._linear else self._start_from_torque(key)
+                self._store(key, self._fit_likeliest(starts, typical, share))
         return self._linear[key]
 
     def compute_scale(self, terms: Terms) -> float:
@@ -67,7 +71,9 @@ class RolloutFits:
         key = tuple(terms)
         if exactly and self.guide is None and key not in self._converged:
             typical = self.sizes.list_sizes(key)
-            self._store(key, fit_rollouts(self.rollouts, self.linearise(key).point, typical, share=0.0))
+            starts = vary_dry_friction(self.linearise(key).point, typical)
+            likeliest = self._fit_likeliest(starts, typical, LOOP.fit.roughly).point
+            self._store(key, fit_rollouts(self.rollouts, likeliest, typical, share=0.0))
             self._converged |= {key, self.linearise(key).point.terms}
         return self.linearise(key).point
 
@@ -121,11 +127,6 @@ class RolloutFits:
         parents = sorted(
             self._linear, key=lambda other: (len(ids ^ {term.id for term in other}), -len(set(other) & set(terms)))
         )
-        if not parents:  # parameters fitted to the torque, with several minimum sizes
-            theta = self.sizes.torque.fits.solve(terms)
-            sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
-            first_starts = [Point.from_parameters(terms, values) for values in sizes]
-            return self._starts.get(terms) or choose_likeliest_point(self.rollouts, first_starts)[0]
         values = self._linear[parents[0]].point.linear_values
         names = [column.name for term in terms for column in term.columns]
         starts = [
@@ -141,6 +142,20 @@ class RolloutFits:
             starts.append(self._starts[terms])
         return starts[0] if len(starts) == 1 else choose_likeliest_point(self.rollouts, starts)[0]
 
+    def _fit_likeliest(self, starts: Sequence[Point], typical: Array, share: float) -> LinearErrors:
+        """Fit from each start, and return the likeliest fit."""
+        fits = [fit_rollouts(self.rollouts, start, typical, share=share) for start in starts]
+        return min(fits, key=lambda fit: compute_likelihood_scale(self.rollouts, fit.error))
+
+    def _start_from_torque(self, terms: Key) -> list[Point]:
+        """Return starts of a first fit: parameters fitted to the torque, with several minimum sizes."""
+        if terms in self._starts:
+            return [self._starts[terms]]
+        theta, typical = self.sizes.torque.fits.solve(terms), self.sizes.list_sizes(terms)
+        sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
+        points = [Point.from_parameters(terms, values) for values in sizes]
+        return vary_dry_friction(choose_likeliest_point(self.rollouts, points)[0], typical)
+
     def _start_from_other_link(self, terms: Key) -> list[Point]:
         """Return starts from the likeliest fit with another link and otherwise the same columns, if any."""
         if not has_link(terms):
@@ -155,6 +170,18 @@ class RolloutFits:
             return []
         likeliest = min(similar, key=lambda linear: compute_likelihood_scale(self.rollouts, linear.error))
         return [Point.from_parameters(terms, likeliest.point.theta)]
+
+
+def vary_dry_friction(point: Point, typical: Array) -> list[Point]:
+    """Return a point, and the same with smaller and larger dry friction.
+
+    Where a servo sticks depends on its dry friction, so the likelihood has several minima over it. `typical` is the
+    size of each linear parameter that matters (P,).
+    """
+    is_dry = np.array([column.dry is not return_zero for term in point.terms for column in term.columns])
+    sizes = np.maximum(np.abs(point.theta), typical)
+    others = [np.where(is_dry, factor * sizes, point.theta) for factor in LOOP.fit.friction]
+    return [point, *(bind_terms(point.with_values(np.r_[theta, point.values[len(theta) :]])) for theta in others)]
 
 
 def _list_columns_without_link(terms: Key) -> list[list[str]]:

@@ -45,6 +45,7 @@ class FitSettings:
     poll: tuple[float, ...] = (0.1, 0.4)  # lengths of these steps, relative to the parameter; they pass a kink
     enough: float = 0.3  # [nat], a fit ends at a smaller gain of an iteration,
     roughly: float = 0.05  # or at this share of its gain so far if models are only compared
+    friction: tuple[float, ...] = (0.3, 1.0, 3.0)  # other starts of dry friction, relative to the parameter
     settled: float = 1e-7  # relative change of an error scale that has converged
     typical: float = 0.05  # share of the RMS torque at which a parameter matters
     hopeless: float = 15.0  # [nat], gain of the linear fit below which one iteration suffices

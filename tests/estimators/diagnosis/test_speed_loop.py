@@ -110,7 +110,7 @@ def test_motion_of_one_frequency_determines_no_lag():
     assert [step.added for step in search(evidence).steps] == [None]
 
 
-@pytest.mark.parametrize(("lag", "seed"), [(0.012, 3), (0.025, 5)])
+@pytest.mark.parametrize(("lag", "seed"), [(0.012, 7), (0.025, 5)])
 def test_an_effect_that_takes_the_place_of_the_inertia_is_no_first_effect(lag, seed):
     """Torque that is timed wrongly leaves a residual, of which a saturation explains more by a fraction of the inertia.
 

@@ -156,6 +156,22 @@ def test_a_value_that_freezes_in_any_motion_leaves_a_gap(rate: int, run: int) ->
     assert list_notes(recording)[0].startswith("position stays behind while the joint moves on in")
 
 
+@pytest.mark.parametrize("rate", [200, 1000])
+def test_stale_readings_among_many_are_left_out(rate: int) -> None:
+    """Every twentieth reading repeats the last one, some beside others, at all speeds."""
+    rng, time = np.random.default_rng(3), np.arange(12 * rate) / rate
+    truth = 1e-5 * np.round(1e5 * (np.sin(3 * time) + 0.4 * np.sin(8 * time + 1)))
+    is_stale = (rng.random(len(time)) < 0.05) & (time > 0.1) & (time < time[-1] - 0.1)
+    seen = truth.copy()
+    for k in np.flatnonzero(is_stale):
+        seen[k] = seen[k - 1]
+    columns = {"time": time, "position": seen, "torque": np.cos(time)}
+    recording = read_recording(columns, columns={"position": "position:rad"})
+    exact = np.interp(recording.time, time, truth)
+    assert np.sqrt(np.mean((recording.position - exact) ** 2)) < 0.15 * np.sqrt(np.mean((seen - truth) ** 2))
+    assert len(recording) > 0.99 * len(time)
+
+
 def test_a_jump_after_rest_at_the_seam_of_two_runs_is_no_frozen_value() -> None:
     parts = [motion(np.arange(5000) / 1000) for _ in range(2)]
     parts[0]["position"][-300:] = parts[0]["position"][-301]

@@ -1,0 +1,139 @@
+"""Joints of an arm whose columns have another sign or zero than the robot file, and the columns that correct them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from estimators.checks.remedies import Remedy, WrongColumn
+from estimators.data.regression_data import RegressionData
+from estimators.findings import Quantity
+from estimators.regression.least_squares import IdentificationError
+from estimators.weak_form.preparation import choose_half_width
+from estimators.weak_form.resolution import RESOLUTION
+from pendulum_env.physics import Term
+from pendulum_env.recording import Recording
+from pendulum_env.recording.origin import Origin
+from robots.arms.body import find_body
+from robots.arms.recording import ArmRecording
+
+
+@dataclass(frozen=True)
+class FrameSettings:
+    """Search for the zero of a joint."""
+
+    zeros: tuple[float, ...] = (-90.0, -45.0, -5.0, 5.0, 45.0, 90.0, 180.0)  # tried first [degrees]
+    reach: float = math.radians(45.0)  # of the search near the best of them [rad]
+    precision: float = math.radians(0.02)  # of the likeliest zero [rad]
+    same: float = math.radians(0.5)  # distance from it below which the zero is the one that was tried first [rad]
+
+
+FRAMES = FrameSettings()
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Correction of a joint.
+
+    Attributes:
+        joint: its name.
+        angle: added to its position, after the change of sign [rad].
+        is_opposite: whether its position and torque have the opposite sign.
+    """
+
+    joint: str
+    angle: float = 0.0
+    is_opposite: bool = False
+
+    def correct(self, arm: ArmRecording) -> ArmRecording:
+        """Return a recording with the sign and the zero of the joint corrected."""
+        at, sign = arm.names.index(self.joint), -1.0 if self.is_opposite else 1.0
+        position, torque = arm.position.copy(), arm.torque.copy()
+        position[:, at], torque[:, at] = sign * position[:, at] + self.angle, sign * torque[:, at]
+        return replace(arm, position=position, torque=torque)
+
+    def correct_columns(self, origin: Origin) -> dict[str, str] | None:
+        """Return the columns of a joint, by quantity, with this sign and zero; None if they cannot be written."""
+        if not self.is_opposite:
+            return origin.shift_zero(self.angle, digits=1)
+        position, torque = origin.flip_sign("position"), origin.flip_sign("torque")
+        return None if position is None or torque is None else position | {"torque": torque["torque"]}
+
+
+def find_wrong_frame(recordings: Sequence[Recording], base: Sequence[Term]) -> WrongColumn | None:
+    """Find the joint whose columns have another sign or zero than the robot file; None if no correction explains much.
+
+    The base model of corrected recordings leaves at most `RESOLUTION.tilted` of the residual, the geometric mean over
+    the joints.
+    """
+    arms = [recording for recording in recordings if isinstance(recording, ArmRecording)]
+    widths = [max(map(choose_half_width, arm.joints)) for arm in arms]
+
+    def measure(frame: Frame) -> float:
+        return measure_residual([frame.correct(arm) for arm in arms], base, widths)
+
+    before = measure_residual(arms, base, widths)
+    sizes = {frame: measure(frame) for frame in propose_frames(base)}
+    best = min(sizes, key=sizes.__getitem__)
+    if not best.is_opposite:
+        best = refine_zero(best, sizes[best], measure)
+    if measure(best) > before + math.log(RESOLUTION.tilted):
+        return None
+    remedies = dict[tuple[tuple[str, str], ...], list[str]]()
+    for arm in arms:
+        if columns := correct_options(arm, best):
+            remedies.setdefault(tuple(columns.items()), []).append(arm.name)
+    return WrongColumn(
+        f"position_{best.joint}",
+        tuple(Remedy(dict(columns), tuple(names)) for columns, names in remedies.items()),
+        angle=None if best.is_opposite else Quantity(-best.angle, unit="rad"),
+        has_bias=True,
+        joint=best.joint,
+    )
+
+
+def propose_frames(base: Sequence[Term]) -> Iterator[Frame]:
+    """Propose the opposite sign of each joint, and other zeros."""
+    body = find_body(base)
+    for joint, is_prismatic in zip(body.joints, body.is_prismatic, strict=True):
+        yield Frame(joint, is_opposite=True)
+        for zero in () if is_prismatic else FRAMES.zeros:
+            yield Frame(joint, math.radians(zero))
+
+
+def measure_residual(arms: Sequence[ArmRecording], base: Sequence[Term], half_widths: Sequence[float]) -> float:
+    """Return the logarithm of the RMS residual of the base model, the mean over the joints; infinite without a fit.
+
+    Windows have the half width [s] of each recording.
+    """
+    try:
+        data = RegressionData.from_arm(arms, terms=base, half_widths=half_widths)
+        residual = data.residual(base, data.maker.fit(base)[1])
+    except IdentificationError:
+        return math.inf
+    return float(np.mean(np.log([*data.layout.compute_joint_errors(residual).values()])))
+
+
+def refine_zero(frame: Frame, size: float, measure: Callable[[Frame], float]) -> Frame:
+    """Return the frame with the likeliest zero near its own; `size` is what `measure` returns of it."""
+    near, options = (frame.angle - FRAMES.reach, frame.angle + FRAMES.reach), {"xatol": FRAMES.precision}
+    found = scipy.optimize.minimize_scalar(
+        lambda angle: measure(replace(frame, angle=float(angle))), bounds=near, method="bounded", options=options
+    )
+    is_same = found.fun >= size or abs(found.x - frame.angle) < FRAMES.same
+    return frame if is_same else replace(frame, angle=float(found.x))
+
+
+def correct_options(arm: ArmRecording, frame: Frame) -> dict[str, str] | None:
+    """Return the option `columns` that corrects a joint of a recording; None if its origin is unknown."""
+    if not arm.origins:
+        return None
+    origin = arm.origins[arm.names.index(frame.joint)]
+    changed = frame.correct_columns(replace(origin, named_columns={}))
+    if changed is None:
+        return None
+    return {**origin.named_columns, **{f"{quantity}_{frame.joint}": text for quantity, text in changed.items()}}
