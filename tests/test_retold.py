@@ -116,6 +116,11 @@ def test_a_slow_sweep_without_effect_has_none(number, row):
     assert (own.row, own.motion, own.outcome) == (row, "slow sweep", "right"), own
 
 
+def test_steps_between_the_rows_of_a_log_are_no_effect():
+    own = judge_number(174, 490)
+    assert (own.row, own.motion, own.outcome) == ("fast controller", "steps", "right"), own
+
+
 def test_a_servo_that_sticks_in_steps_has_its_dry_friction():
     own = judge_number(6, 8, "servo")
     assert own.motion == "steps of goals" and own.outcome == "right", own

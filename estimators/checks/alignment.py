@@ -47,6 +47,7 @@ class TorqueTiming(Finding):
         rival_delay, rival_lag: the alternative law if it fits equally; else None.
         is_corrected: whether the torque was corrected.
         recordings: names of its recordings.
+        joint: whose torque it is, if other joints have another; else empty.
     """
 
     is_late: bool
@@ -57,6 +58,7 @@ class TorqueTiming(Finding):
     rival_lag: Quantity | None = None
     is_corrected: bool = False
     recordings: tuple[str, ...] = ()
+    joint: str = ""
 
     @property
     def is_biasing(self) -> bool:
@@ -74,6 +76,7 @@ class Alignment:
         rival: the filter if the law is a delay, or the delay if it is a filter, if both explain the torque equally.
         is_half_sample: whether torque was sampled with the position, so it is half of any sampling period late. The
             standard error is that of a free delay.
+        joint: whose torque has the law; empty for all joints.
         gain: parameter of the first column, and its standard error.
         density: log predictive density of each block (2, C) [nat]: with the residual as torque, and with it as
             noise of the log, which the channel's inverse filter amplifies.
@@ -87,6 +90,7 @@ class Alignment:
     lag_std: float
     rival: Channel | None = None
     is_half_sample: bool = False
+    joint: str = ""
     gain: tuple[float, float] = field(default=(0.0, 0.0), compare=False, repr=False)
     density: Array = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
     misfit: float = field(default=0.0, compare=False, repr=False)
@@ -106,7 +110,7 @@ class Alignment:
     @property
     def is_found(self) -> bool:
         """Return whether torque and motion are shifted in time."""
-        return self.channel != Channel()
+        return bool(self.delay or self.lag)
 
     @property
     def is_late(self) -> bool:
@@ -138,11 +142,17 @@ class Alignment:
 
     def agrees(self, other: Alignment) -> bool:
         """Return whether delay plus lag agree with those of another alignment within their errors."""
+        if self.is_found and other.is_found and self.joint != other.joint:
+            return False
         if self.is_half_sample and other.is_half_sample:  # sampling periods may differ
             return True
         difference = self.delay + self.lag - other.delay - other.lag
         std = np.hypot(self.delay_std + self.lag_std, other.delay_std + other.lag_std)
         return bool(abs(difference) <= self.criterion.timing.z_score * std)
+
+    def moves(self, joint: str) -> bool:
+        """Return whether the torque of a joint is corrected."""
+        return self.joint in ("", joint)
 
     def select_channel(self, period: float) -> Channel:
         """Return the law of a recording with a sample time `period` [s]."""
@@ -161,10 +171,12 @@ class Alignment:
         first = max(margin, int(self.lag > 0))
         n_omitted = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + margin
         kept_rows, torque = [], []
-        joints = recording.torque.reshape(len(recording), -1).T  # (J, N)
+        names, joints = getattr(recording, "names", ("",)), recording.torque.reshape(len(recording), -1).T  # (J, N)
         for begin, end in pairwise((*recording.starts, len(recording))):
             if end - n_omitted - begin - first >= 2:
-                acting = np.column_stack([channel.hold_torque(series[begin:end], period) for series in joints])
+                parts = zip(names, (series[begin:end] for series in joints), strict=True)
+                moved = (channel.hold_torque(own, period) if self.moves(at) else own for at, own in parts)
+                acting = np.column_stack([*moved])
                 kept_rows.append(np.arange(begin + first, end - n_omitted))
                 torque.append(acting[first : end - n_omitted - begin])
         if not kept_rows:
@@ -200,6 +212,7 @@ class Alignment:
             self.is_late and self.channel.is_sampled,
             Quantity(abs(rival.delay), unit="s") if rival.delay else None,
             Quantity(abs(rival.lag), unit="s") if rival.lag and not rival.delay else None,
+            joint=self.joint,
         )
 
     def json(self) -> JSON:

@@ -89,6 +89,7 @@ class ChannelFits(ChannelRows):
         stds = dict(zip(slopes, errors[self.phi.shape[1] :], strict=True))
         delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
         density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
+        density += np.bincount(block, np.log(self.rows.data.weights))  # of the torque, not of the weighted residual
         of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(block)
         gain = float(fits[0].theta[0]), errors[0]
         densities = np.stack([density, of_log])
@@ -96,6 +97,7 @@ class ChannelFits(ChannelRows):
             law,
             delay_std,
             lag_std,
+            joint=self.joint,
             gain=gain,
             density=densities,
             misfit=float(np.hypot(self.compute_misfit(law), self.numerical_error)),
@@ -191,7 +193,9 @@ def estimate_alignment(
     if fits is None:
         return NO_ALIGNMENT
     if fits.rows.data.shared_columns:  # the columns of links and smooth laws follow any motion
-        law = _choose_hold(fits)
+        law, of_joint = _choose_hold(fits), fits.select_joint()
+        own_law = law if of_joint is fits else _choose_hold(of_joint)
+        fits, law = (of_joint, own_law) if own_law.beats(law) else (fits, law)
         return law if not law.is_found or fits.is_consistent(recordings, law) else NO_ALIGNMENT
     candidates = fits, fits.with_drift(), fits.with_columns_of_torque(NONLINEAR_GAIN)
     fits = min(candidates, key=lambda candidate: candidate.delay_fit.delay_std)
@@ -220,10 +224,15 @@ def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording
 def _choose_hold(fits: ChannelFits) -> Alignment:
     """Return the law of held or of sampled torque, chosen by the rules of `estimate_alignment`."""
     law, sampled = fits.select_law(), replace(fits, is_sampled=True)
-    free_delay = fits.delay_fit
+    free_delay, with_jumps = fits.delay_fit, sampled.with_jump_errors()
+    half = sampled.make_law(0.5 * fits.period)
+    is_likelier = with_jumps.compute_log_likelihood(half) > fits.compute_log_likelihood(law.channel)
+    half_with_jumps = with_jumps.fit([half], is_free=False) if law.is_late or is_likelier else law
+    if half_with_jumps.beats(law):
+        return replace(half_with_jumps, delay_std=free_delay.delay_std, is_half_sample=True)
     if not (law.is_late or (free_delay.is_significant and not law.is_found)):
         return law
-    half_sample = sampled.fit([sampled.make_law(0.5 * fits.period)], is_free=False)
+    half_sample = sampled.fit([half], is_free=False)
     if not law.is_late:
         is_half = (
             half_sample.agrees(free_delay) and half_sample.predicts_better(law) and not free_delay.beats(half_sample)
@@ -239,10 +248,9 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     is_sampled = answers_row or not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
     if not (is_sampled and sampled_law.is_late):
         return law
-    sampled = sampled.with_jump_errors()
-    half_sample, sampled_law = sampled.fit([sampled.make_law(0.5 * fits.period)], is_free=False), sampled.select_law()
-    if half_sample.agrees(sampled_law) and not sampled_law.beats(half_sample):
-        return replace(half_sample, delay_std=sampled_law.delay_std, is_half_sample=True)
+    sampled_law = with_jumps.select_law()
+    if half_with_jumps.agrees(sampled_law) and not sampled_law.beats(half_with_jumps):
+        return replace(half_with_jumps, delay_std=sampled_law.delay_std, is_half_sample=True)
     return replace(sampled_law, rival=None)
 
 

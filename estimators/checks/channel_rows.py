@@ -1,5 +1,7 @@
 """Rows of the torque channel: windows of recordings, and columns that approximate nearly any law of the joint."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -114,6 +116,8 @@ class ChannelRows:
         phi: weighted columns (R, P).
         by_torque: derivatives of the columns by the torque (R, P), not weighted; None: none depends on it.
         is_sampled: whether torque is sampled instead of held.
+        joint: whose torque has the law; empty for all joints.
+        of_all: rows with the law for all joints, of which these are; None for all joints.
         latest: largest delay of the search [s].
         criterion: limits of the decisions.
         torques: cache of `compute_torque` by law.
@@ -123,6 +127,8 @@ class ChannelRows:
     phi: Array
     by_torque: Array | None = None
     is_sampled: bool = False
+    joint: str = ""
+    of_all: ChannelRows | None = None
     latest: float = REACH
     criterion: Criterion = Criterion()
     torques: dict[Term, Array] = field(default_factory=dict)
@@ -172,6 +178,13 @@ class ChannelRows:
             fitted_rows = self.with_columns(place_columns(len(fitted), columns))
         return fitted_rows
 
+    def select_joint(self) -> Self:
+        """Return the rows with a law of the one joint whose delay explains more than that of all joints, if any."""
+        joints, most = self.rows.data.joints, (1 - self.criterion.equal_error_share) * self.compute_misfit(self.start)
+        of_joints = [replace(self, joint=joint, of_all=self, torques={}) for joint in joints if len(joints) > 1]
+        misfits = [rows.compute_misfit(rows.start) for rows in of_joints]
+        return of_joints[int(np.argmin(misfits))] if min(misfits, default=np.inf) <= most else self
+
     def with_jump_errors(self) -> Self:
         """Return the rows with weights for jumps of sampled torque: their time within a sample is unknown."""
         scales = []
@@ -181,7 +194,8 @@ class ChannelRows:
             scales.append(np.ones(len(w.centers)) if scale is None else scale[w.centers])
         factor = np.concatenate(scales)
         data = replace(self.rows.data, weights=self.rows.data.weights * factor)
-        return replace(self, rows=TorqueRows(data), phi=self.phi * factor[:, None], torques={})
+        of_all = None if self.of_all is None else self.of_all.with_jump_errors()
+        return replace(self, rows=TorqueRows(data), phi=self.phi * factor[:, None], of_all=of_all, torques={})
 
     def with_drift(self) -> Self:
         """Return the rows with parameters of the base model that change linearly along each recording."""
@@ -216,6 +230,10 @@ class ChannelRows:
 
     def compute_torque(self, law: Term) -> Array:
         """Return the weighted acting torque (R,) of the windows without that of known loads, cached in `torques`."""
+        if self.of_all is not None:
+            torque, rows = self.of_all.compute_torque(Channel()).copy(), self.rows.data.locate_rows(self.joint)
+            torque[rows] = self.of_all.compute_torque(law)[rows]
+            return torque
         if law not in self.torques:
             self.torques[law] = self.rows.data.equations([law]).y * self.rows.data.weights
         return self.torques[law]
@@ -227,3 +245,8 @@ class ChannelRows:
     def compute_misfit(self, law: Channel) -> float:
         """Compute the norm of the weighted residual under a law."""
         return float(np.linalg.norm(self.compute_residual(self.compute_torque(law))))
+
+    def compute_log_likelihood(self, law: Channel) -> float:
+        """Compute the log likelihood of the torque under a law, without a constant [nat]."""
+        weights = self.rows.data.weights
+        return float(np.sum(np.log(weights)) - len(weights) * np.log(self.compute_misfit(law)))

@@ -69,6 +69,11 @@ class Timing:
         return any(alignment.is_late for alignment in self.alignments)
 
     @property
+    def has_delay(self) -> bool:
+        """Return whether the torque of a recording was logged late by more than sampled torque is."""
+        return any(alignment.is_late and not alignment.is_half_sample for alignment in self.alignments)
+
+    @property
     def has_unknown(self) -> bool:
         """Return whether the time between torque and motion of a recording could not be determined."""
         return any(np.isinf(alignment.delay_std) for alignment in self.alignments)
@@ -109,7 +114,8 @@ def move_torque(data: RegressionData, alignments: Sequence[Alignment]) -> Regres
     """Return data with the same windows and torque corrected by the alignment of each recording."""
     windows = data.data.windows
     laws = tuple(alignments) * (len(windows) // len(alignments))  # of each joint
-    moved = tuple(_move_torque_of_windows(w, law) if law.is_late else w for w, law in zip(windows, laws, strict=True))
+    pairs = zip(windows, laws, strict=True)
+    moved = tuple(_move_torque_of_windows(w, law) if law.is_late and law.moves(w.at) else w for w, law in pairs)
     return replace(data, data=replace(data.data, windows=moved))
 
 

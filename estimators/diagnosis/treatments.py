@@ -98,7 +98,7 @@ def count_assumptions(trial: Trial) -> int:
     changes = [treatment for treatment in data.treatments if isinstance(treatment, DataChange)]
     last = {change.topic or str(k): change for k, change in enumerate(changes)}
     n_assumptions = sum(change.n_assumptions for change in last.values())
-    return len(trial.result.steps) - 1 + data.timing.has_moved + n_assumptions
+    return len(trial.result.steps) - 1 + data.timing.has_delay + n_assumptions
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
@@ -157,9 +157,10 @@ def align_with_effects(trial: Trial) -> FitData | None:
 def keep_logged_time(trial: Trial) -> FitData | None:
     """Return data with torque as logged: an effect that the base model lacks may look like a delay of the log.
 
-    None if this was done, if no torque was corrected, or if the correction leaves only noise without an effect.
+    None if this was done, if no torque was late, or if the correction leaves only noise without an effect. Torque that
+    is sampled instead of held is no delay.
     """
     has_effects = len(trial.result.steps) > 1
-    if not trial.data.timing.has_moved or Action.TIMED_AS_LOGGED in trial.data.actions:
+    if not trial.data.timing.has_delay or Action.TIMED_AS_LOGGED in trial.data.actions:
         return None
     return trial.data.without_timing() if has_effects or trial.unexplained else None

@@ -114,10 +114,17 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
 
 
 class InertiaError(NamedTuple):
-    """Errors of an inertia, relative to it: the standard error that its fit reports, and its bias by encoder noise."""
+    """Errors of an inertia, relative to it.
+
+    Attributes:
+        std: standard error that its fit reports.
+        bias: its bias by encoder noise.
+        noise: standard deviation of encoder noise in the acceleration [rad/s^2].
+    """
 
     std: float
     bias: float
+    noise: float
 
     @property
     def is_small(self) -> bool:
@@ -130,9 +137,9 @@ class InertiaError(NamedTuple):
         return math.hypot(self.std, self.bias)
 
     @property
-    def rank(self) -> tuple[bool, float]:
+    def rank(self) -> tuple[bool, float, float]:
         """Order of preference: the smallest error whose standard error covers the bias, else the smallest bias."""
-        return (False, self.size) if self.is_small else (True, self.bias)
+        return (False, self.size, 0.0) if self.is_small else (True, self.bias, self.noise)
 
 
 def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> InertiaError:
@@ -145,15 +152,16 @@ def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> Iner
     columns = WindowColumns([w])
     acceleration, *others = (columns.columns([term])[0][0][:, 0] for term in BASE)
     if len(acceleration) <= 2 * len(BASE) or inertia <= 0:
-        return InertiaError(math.inf, math.inf)
+        return InertiaError(math.inf, math.inf, math.inf)
     if w.recording.known_inertia:
-        return InertiaError(w.noise.acceleration / math.sqrt(len(acceleration)), 0.0)
+        return InertiaError(w.noise.acceleration / math.sqrt(len(acceleration)), 0.0, w.noise.acceleration)
     phi = np.column_stack(others)
     free = acceleration - phi @ solve_least_squares(phi, acceleration)
     noise = w.noise.acceleration**2
     square = max(float(free @ free) / (len(free) - len(BASE)) - noise, 1e-3 * noise, 1e-300)
     of_torque = min(noise_factor * w.noise.torque / inertia, 1e100) ** 2
-    return InertiaError(math.sqrt((noise + of_torque) / (len(free) * (noise + square))), noise / (noise + square))
+    std, bias = math.sqrt((noise + of_torque) / (len(free) * (noise + square))), noise / (noise + square)
+    return InertiaError(std, bias, w.noise.acceleration)
 
 
 def find_period(w: Windows) -> float:

@@ -190,6 +190,7 @@ def _describe_undetermined(finding: Undetermined) -> str:
 def describe_timing(finding: TorqueTiming, remedy: str = "") -> str:
     """Describe the time of the torque; `remedy` is the last sentence on torque that is logged late or filtered."""
     begin, rival = _begin_sentence(finding.recordings), _describe_rival(finding)
+    begin = f"{begin} {finding.joint}'s" if finding.joint else begin
     delay, lag = ("" if size is None else format_milliseconds(size) for size in (finding.delay, finding.lag))
     if not finding.is_late:
         return (

@@ -78,7 +78,7 @@ def test_logged_torque_moved_in_its_windows_is_the_torque_in_time():
 )
 def test_a_stricter_criterion_needs_clearer_evidence_of_late_torque(criterion):
     logged = FitData.from_recordings([late(recording("moving"))], criterion=criterion)
-    assert not logged.with_timing().timing.has_moved
+    assert not logged.with_timing().timing.has_delay
     assert logged.parts[0].recordings == logged.recordings
 
 

@@ -57,6 +57,21 @@ def test_torque_of_all_joints_that_was_sampled_is_late_by_half_a_sample(six, pla
     assert np.all(np.std(off, axis=0)[:3] < 0.5 * np.std(had, axis=0)[:3])
 
 
+def test_late_torque_of_one_joint_is_corrected_alone(body):
+    plain, late = record_arm(seed=3, seconds=8.0, rate=500.0), 6
+    torque = plain.torque.copy()
+    torque[late:, 1] = plain.torque[:-late, 1]
+    logged = replace(plain, torque=torque)
+    given = FitData((logged,), terms=arm_base(body)).with_timing()
+    (law,) = given.timing.alignments
+    assert law.joint == "elbow" and law.delay == pytest.approx(late / plain.rate, abs=0.1 / plain.rate)
+    (corrected,) = given.recordings
+    rows = slice(late, len(corrected))
+    np.testing.assert_array_equal(corrected.torque[rows, 0], plain.torque[rows, 0])
+    off = (own.torque[rows, 1] - plain.torque[rows, 1] for own in (corrected, logged))
+    assert np.divide(*map(np.std, off)) < 0.1
+
+
 def test_torque_of_an_arm_is_timed_again_beside_what_was_found(body):
     """Gears that rub under load hide that torque is late; beside their friction it shows, and nothing is left."""
     plain, share = record_arm(seed=0, seconds=8.0, rate=500.0), 0.4
