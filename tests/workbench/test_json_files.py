@@ -10,7 +10,9 @@ import pytest
 from benchmarks.two_link import TwoLink
 from estimators import add, compare, diagnose, identify
 from estimators.findings import Finding
+from estimators.texts import TEXTS
 from pendulum_env.physics import BASE
+from pendulum_env.plugins import load_plugins
 from pendulum_env.recording import Recording
 from robots.arms import arm_base, read_body
 from robots.servos import ServoDrive
@@ -48,6 +50,7 @@ def families():
 
 
 def test_every_family_of_findings_is_documented():
+    load_plugins(TEXTS)  # findings of installed packages
     documented = {found.__name__: {own.name for own in dataclasses.fields(found)} for found in Finding.__subclasses__()}
     on_page = {name.title().replace("_", ""): own for name, own in families().items()}
     assert on_page == documented, "the table Findings of docs/how-to/results.md lists each family with its fields"
