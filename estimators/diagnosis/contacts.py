@@ -63,8 +63,8 @@ def find_contacts(evidence: Evidence, final: Terms, model: Model) -> list[Contac
 def is_misfit_between_contacts(evidence: Evidence, step: Step) -> bool:
     """Return whether a model of a pendulum is a misfit to free motion, see `FreeMotion.is_misfit`.
 
-    Segments with contacts do not count, unless the model has a stop of known stiffness. A single contact may be an
-    accident, and counts.
+    Segments with contacts or at their angles do not count, unless the model has a stop of known stiffness: dry friction
+    hides the force of a stop at rest. A single contact may be an accident, and counts.
     """
     model = step.model
     stops = [model.estimates[term.columns[0].name] for term in model.terms if term.has_impacts]
@@ -101,10 +101,13 @@ def _add_contacts(evidence: Evidence, model: Model) -> Parts:
 
 
 def _is_clear(segments: Segments, w: Windows) -> Mask:
-    """Return whether each segment (B,) overlaps no window in contact."""
+    """Return whether each segment (B,) overlaps no window in contact, and reaches no angle of one."""
     contacts, m = w.centers[mark_contacts(w)], len(w.kernel) // 2
     first, last = segments.first[:, None] - m, segments.first[:, None] + len(segments.torque) + m
-    return ~np.asarray(((contacts >= first) & (contacts <= last)).any(axis=1))
+    low, high, angles = segments.position.min(axis=0), segments.position.max(axis=0), w.samples.position[contacts]
+    overlaps = (contacts >= first) & (contacts <= last)
+    reaches = (angles >= low[:, None]) & (angles <= high[:, None])
+    return ~np.asarray((overlaps | reaches).any(axis=1))
 
 
 def list_places(data: RegressionData, residual: Array, which: Mask) -> list[Place]:
