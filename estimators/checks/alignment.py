@@ -47,7 +47,7 @@ class TorqueTiming(Finding):
         rival_delay, rival_lag: the alternative law if it fits equally; else None.
         is_corrected: whether the torque was corrected.
         recordings: names of its recordings.
-        joint: whose torque it is, if other joints have another; else empty.
+        joint: joint to which the law applies; empty for all joints.
     """
 
     is_late: bool
@@ -76,7 +76,7 @@ class Alignment:
         rival: the filter if the law is a delay, or the delay if it is a filter, if both explain the torque equally.
         is_half_sample: whether torque was sampled with the position, so it is half of any sampling period late. The
             standard error is that of a free delay.
-        joint: whose torque has the law; empty for all joints.
+        joint: joint to which the law applies; empty for all joints.
         gain: parameter of the first column, and its standard error.
         density: log predictive density of each block (2, C) [nat]: with the residual as torque, and with it as
             noise of the log, which the channel's inverse filter amplifies.
@@ -221,6 +221,7 @@ class Alignment:
             "delay": Quantity(self.delay, self.delay_std, "s").json(),
             "lag": Quantity(self.lag, self.lag_std, "s").json(),
             "sampled": self.channel.is_sampled,
+            "joint": self.joint,
         }
 
 

@@ -172,7 +172,9 @@ def estimate_alignment(
     to the position of its row. The log then has the present torque, which a controller changes before the next row.
     Later torque counts as held unless sampled torque predicts significantly better. Sampled torque is late by half a
     sample unless another delay predicts significantly better. Half a sample need not predict significantly better than
-    no delay.
+    no delay. It is also found if it predicts significantly better with errors of jumps, whose time is unknown.
+
+    With links, the law of one joint is kept if it predicts significantly better than one law for all.
 
     In a closed loop the controller reacts to each unmodelled torque, and a delay fits its reaction. A law then needs a
     residual of noise (see `closed_loop.is_consistent`), with `with_angle_columns` if these explain more.
@@ -228,7 +230,7 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     half = sampled.make_law(0.5 * fits.period)
     is_likelier = with_jumps.compute_log_likelihood(half) > fits.compute_log_likelihood(law.channel)
     half_with_jumps = with_jumps.fit([half], is_free=False) if law.is_late or is_likelier else law
-    if half_with_jumps.beats(law):
+    if half_with_jumps.beats(law) and not with_jumps.delay_fit.beats(half_with_jumps):
         return replace(half_with_jumps, delay_std=free_delay.delay_std, is_half_sample=True)
     if not (law.is_late or (free_delay.is_significant and not law.is_found)):
         return law

@@ -116,11 +116,10 @@ class ChannelRows:
         phi: weighted columns (R, P).
         by_torque: derivatives of the columns by the torque (R, P), not weighted; None: none depends on it.
         is_sampled: whether torque is sampled instead of held.
-        joint: whose torque has the law; empty for all joints.
-        of_all: rows with the law for all joints, of which these are; None for all joints.
+        joint: joint to which the law applies; empty for all joints.
         latest: largest delay of the search [s].
         criterion: limits of the decisions.
-        torques: cache of `compute_torque` by law.
+        torques: cache of the weighted torque of all joints by law, shared by rows with the same weights.
     """
 
     rows: TorqueRows
@@ -128,7 +127,6 @@ class ChannelRows:
     by_torque: Array | None = None
     is_sampled: bool = False
     joint: str = ""
-    of_all: ChannelRows | None = None
     latest: float = REACH
     criterion: Criterion = Criterion()
     torques: dict[Term, Array] = field(default_factory=dict)
@@ -179,9 +177,9 @@ class ChannelRows:
         return fitted_rows
 
     def select_joint(self) -> Self:
-        """Return the rows with a law of the one joint whose delay explains more than that of all joints, if any."""
+        """Return the rows with a law of the joint whose delay explains most; unchanged if that of all explains more."""
         joints, most = self.rows.data.joints, (1 - self.criterion.equal_error_share) * self.compute_misfit(self.start)
-        of_joints = [replace(self, joint=joint, of_all=self, torques={}) for joint in joints if len(joints) > 1]
+        of_joints = [replace(self, joint=joint) for joint in joints if len(joints) > 1]
         misfits = [rows.compute_misfit(rows.start) for rows in of_joints]
         return of_joints[int(np.argmin(misfits))] if min(misfits, default=np.inf) <= most else self
 
@@ -191,11 +189,11 @@ class ChannelRows:
         for w in self.rows.data.windows:
             moved = make_moved_torque(w.recording, np.array([0.0, 1.0, 0.0]), True, self.criterion)
             scale = scale_by_jumps(replace(w.recording, moved=moved), w.kernel, w.noise.torque)
+            scale = scale if self.joint in ("", w.at) else None
             scales.append(np.ones(len(w.centers)) if scale is None else scale[w.centers])
         factor = np.concatenate(scales)
         data = replace(self.rows.data, weights=self.rows.data.weights * factor)
-        of_all = None if self.of_all is None else self.of_all.with_jump_errors()
-        return replace(self, rows=TorqueRows(data), phi=self.phi * factor[:, None], of_all=of_all, torques={})
+        return replace(self, rows=TorqueRows(data), phi=self.phi * factor[:, None], torques={})
 
     def with_drift(self) -> Self:
         """Return the rows with parameters of the base model that change linearly along each recording."""
@@ -230,21 +228,27 @@ class ChannelRows:
 
     def compute_torque(self, law: Term) -> Array:
         """Return the weighted acting torque (R,) of the windows without that of known loads, cached in `torques`."""
-        if self.of_all is not None:
-            torque, rows = self.of_all.compute_torque(Channel()).copy(), self.rows.data.locate_rows(self.joint)
-            torque[rows] = self.of_all.compute_torque(law)[rows]
-            return torque
         if law not in self.torques:
             self.torques[law] = self.rows.data.equations([law]).y * self.rows.data.weights
-        return self.torques[law]
+        if not self.joint or law == Channel():
+            return self.torques[law]
+        torque, rows = self.compute_torque(Channel()).copy(), self.rows.data.locate_rows(self.joint)
+        torque[rows] = self.torques[law][rows]
+        return torque
 
     def compute_residual(self, torque: Array) -> Array:
         """Return the residual of a weighted torque (R, ...) on the columns."""
         return project_out(self.span, torque)
 
     def compute_misfit(self, law: Channel) -> float:
-        """Compute the norm of the weighted residual under a law."""
-        return float(np.linalg.norm(self.compute_residual(self.compute_torque(law))))
+        """Compute the norm of the weighted residual under a law.
+
+        A law that moves the torque out of the windows, as pulses between rests, leaves little torque and little
+        residual. The residual is relative to the torque, if this is less than that of the log.
+        """
+        torque, logged = self.compute_torque(law), self.compute_torque(Channel())
+        size, logged_size = float(np.linalg.norm(torque)), float(np.linalg.norm(logged))
+        return float(np.linalg.norm(self.compute_residual(torque))) * max(1.0, logged_size / max(size, 1e-300))
 
     def compute_log_likelihood(self, law: Channel) -> float:
         """Compute the log likelihood of the torque under a law, without a constant [nat]."""

@@ -45,7 +45,7 @@ class WrongColumn(Finding):
         inertia: negative inertia, by which the torque has the opposite sign; else None.
         angle: error of the zero; None for other columns, and if the upright position was taken as zero.
         has_bias: whether the model has no tilt for the error of the zero, so that all estimates are biased.
-        joint: whose robot file has another zero, or without an angle another sign; empty for a pendulum.
+        joint: joint of an arm with this column; without an angle, its signs are opposite. Empty for a pendulum.
     """
 
     column: str

@@ -48,7 +48,10 @@ def _list_torque_changes(data: FitData, train: RegressionData) -> Iterator[Array
     windows, laws = train.data.windows, data.timing.alignments
     counts = [len(w.centers) for w in windows]
     for law in dict.fromkeys(law for law in laws[: len(data.recordings)] if law.is_late):
-        is_timed = np.repeat([laws[k if w.run is None else w.run] == law for k, w in enumerate(windows)], counts)
+        of_windows = (laws[k if w.run is None else w.run] for k, w in enumerate(windows))
+        is_timed = np.repeat(
+            [own == law and law.moves(w.at) for own, w in zip(of_windows, windows, strict=True)], counts
+        )
         if 0 < law.delay_std < np.inf:
             rates = np.concatenate([w.rates.narrow @ w.samples.torque for w in windows])
             yield law.delay_std * rates * is_timed

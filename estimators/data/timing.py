@@ -70,7 +70,7 @@ class Timing:
 
     @property
     def has_delay(self) -> bool:
-        """Return whether the torque of a recording was logged late by more than sampled torque is."""
+        """Return whether the torque of a recording was logged late or filtered, other than by half a sample."""
         return any(alignment.is_late and not alignment.is_half_sample for alignment in self.alignments)
 
     @property

@@ -37,7 +37,7 @@ def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criteri
     Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
     """
     point = Point.from_model(model)
-    noise = output_error.compute_noise(segments, model) + compute_floor(segments, criterion.accuracy)
+    noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
     errors = [simulate_errors(segment, model.terms, point.theta)[1:] for segment in segments]
     squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
     return bool(np.mean(squares / noise) > criterion.misfit_ratio**2)
@@ -47,8 +47,7 @@ def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) 
     """Return whether free-running simulation errs by more than `criterion.misfit_ratio` noise levels of each segment.
 
     That must hold from measured and from fitted initial states; from the latter, errors of the parameters are noise,
-    too. It is False for a transmission, with impacts too sharp
-    to simulate, and without segments or a known inertia.
+    too. It is False for a transmission, with impacts too sharp to simulate, and without segments or a known inertia.
     """
     if has_transmission(model.terms) or not (segments and model.has_known_inertia):
         return False
@@ -66,7 +65,7 @@ def compute_motion_squares(segments: Sequence[Segments], model: Model) -> Array:
 
 def compute_motion_noise(segments: Sequence[Segments], model: Model, accuracy: float) -> Array:
     """Return the mean square error of each segment by torque noise and its floor (B,) [rad^2], see `compute_floor`."""
-    noise = output_error.compute_noise(segments, model, has_free_states=True)
+    noise = output_error.compute_noise(segments, Point.from_model(model), has_free_states=True)
     return noise + compute_floor(segments, accuracy)
 
 

@@ -167,13 +167,13 @@ def compute_rms(segments: Sequence[Segments], point: Point, filters: Filters = (
     return float(np.sqrt(np.mean(error**2)))
 
 
-def compute_noise(segments: Sequence[Segments], model: Model, has_free_states: bool = False) -> Array:
+def compute_noise(segments: Sequence[Segments], point: Point, has_free_states: bool = False) -> Array:
     """Return the mean square change of the positions of each segment by noise of torque and initial velocity (B,).
 
     With free initial states, the velocity has no noise, and the part that the states explain is left out. Segments
     differ: torque that was moved in time is uncertain at its jumps, and an unstable motion amplifies noise.
     """
-    rng, perturbed, point = np.random.default_rng(0), list[Segments](), Point.from_model(model)
+    rng, perturbed = np.random.default_rng(0), list[Segments]()
     for segment, path in [*zip(segments, simulate_all(segments, [point]), strict=True)] * DRAWS:
         noisy = replace(segment, torque=redraw_torque(segment, rng), position=path[:, 0])
         if not has_free_states:
@@ -189,15 +189,18 @@ def compute_noise(segments: Sequence[Segments], model: Model, has_free_states: b
 
 
 def compute_uncertainty(segments: Sequence[Segments], model: Model) -> Array:
-    """Return the mean square change of the positions of each segment by errors of the parameters, states free (B,)."""
+    """Return the mean square change of the positions of each segment by errors of the parameters, to first order (B,).
+
+    Initial states are free. Parameters with an infinite error count as known.
+    """
     point, names = Point.from_model(model), [*model.estimates]
     place = [names.index(name) for name in (*(c.name for c in model.columns), *list_nonlinear_names(point.terms))]
-    covariance = model.assumed_covariance[np.ix_(place, place)]
-    power, directions = np.linalg.eigh(np.where(np.isfinite(covariance), covariance, 0.0))
-    draws = np.random.default_rng(0).standard_normal((DRAWS, len(place))) * np.sqrt(np.maximum(power, 0.0))
-    points = [point, *(point.with_values(point.values + directions @ draw) for draw in draws)]
-    errors, segment = compute_errors(segments, points)
-    squares = np.mean((errors[:, 1:] - errors[:, :1]) ** 2, axis=1)
+    size = np.maximum(np.abs(point.values), MIN_SIZE)
+    covariance = model.assumed_covariance[np.ix_(place, place)] / np.outer(size, size)
+    covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+    _, slopes = compute_slopes(lambda points: compute_errors(segments, points)[0], point)
+    _, segment = compute_errors(segments, [point])
+    squares = np.maximum(np.einsum("mp,pq,mq->m", slopes, covariance, slopes), 0.0)
     return np.asarray(np.bincount(segment, squares) / np.bincount(segment))
 
 

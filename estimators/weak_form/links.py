@@ -14,6 +14,7 @@ import numpy as np
 
 from estimators.decisions.score import BLOCK
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
+from estimators.signals.motion import HALF_WIDTHS
 from estimators.weak_form.averages import WindowAverages
 from estimators.weak_form.preparation import choose_half_width, limit_noise, smooth_laws
 from estimators.weak_form.resolution import RESOLUTION
@@ -42,7 +43,7 @@ def prepare_arm(
         IdentificationError: if a joint moves too little clear of stick.
     """
     mechanism = find_linked_mechanism(terms)
-    widths = half_widths or [max(map(choose_half_width, recording.joints)) for recording in recordings]
+    widths = half_widths or [choose_common_width(recording.joints) for recording in recordings]
     entries = [
         [
             replace(cut(joint, width, margin=margin), at=name, run=run, payload=recording.link_load)
@@ -62,6 +63,11 @@ def prepare_arm(
         for joints, part in zip(entries, parts, strict=True)
     ]
     return replace(_join_joints(calibrated, parts, terms), block=block)
+
+
+def choose_common_width(joints: Sequence[Recording]) -> float:
+    """Choose the half width of the windows of all joints [s]; long ones would leave none of a fast joint."""
+    return max(choose_half_width(joint, longest=HALF_WIDTHS[-1]) for joint in joints)
 
 
 def join_recording(entries: Sequence[Windows], terms: Sequence[Term]) -> TorqueWindows:

@@ -55,22 +55,24 @@ def prepare_windows(
     return data
 
 
-def choose_half_width(recording: Recording, known_inertia: float | None = None) -> float:
+def choose_half_width(
+    recording: Recording, known_inertia: float | None = None, longest: float = LONG_HALF_WIDTHS[-1]
+) -> float:
     """Choose the shortest half width [s] with enough windows clear of stick and little encoder noise.
 
     Encoder noise, scaled by the known inertia of the joint without load or else by that of the base model [kg m^2],
     must be below torque noise, or negligible for the torque, and bias the inertia by at most its standard error. If no
-    half width meets both, that with the smallest error of the inertia is chosen, see `InertiaError.rank`, also among
-    long ones if others bias it by more. Short windows include samples near reversals, which show friction.
-    Encoder noise falls with length^`decay`.
+    half width meets both, that with the smallest error of the inertia is chosen, see `InertiaError.cost`, also among
+    long ones, up to `longest`, if others bias it by more. Short windows include samples near reversals, which show
+    friction. Encoder noise falls with length^`decay`.
 
     In a free swing, the shortest windows in which encoder noise would be negligible may be much longer. Such windows
     include reversals, see `cut`. They are taken if noise in the longest of the others is above `negligible`, and are at
     most `longest_swing` long.
     """
     widths, cut_at = _list_half_widths(recording), cache(partial(cut, recording))
-    longest, settings = cut_at(widths[-1]), RESOLUTION.width
-    load_inertia = longest.noise.load_inertia
+    widest, settings = cut_at(widths[-1]), RESOLUTION.width
+    load_inertia = widest.noise.load_inertia
     # [kg m^2], and factor on the torque noise by calibration
     inertia, noise_factor = load_inertia + recording.known_inertia, 1.0
     for w in map(cut_at, reversed(widths)):  # long windows have less noise
@@ -78,7 +80,7 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
             inertia = load_inertia + (known_inertia or join_windows((w,)).base_inertia)
             noise_factor = calibrate_noise(w).noise.torque / max(w.noise.torque, 1e-300)
             break
-    negligible = (settings.negligible_swing if recording.known_inertia else settings.negligible) * longest.torque_scale
+    negligible = (settings.negligible_swing if recording.known_inertia else settings.negligible) * widest.torque_scale
 
     def is_feasible(width: float) -> bool:
         count = len(cut_at(width).centers)
@@ -95,21 +97,21 @@ def choose_half_width(recording: Recording, known_inertia: float | None = None) 
         return bound_error(width).is_small
 
     quiet = next((width for width in widths if is_feasible(width) and is_quiet(width)), None)  # others are not cut
-    noise = inertia * longest.noise.acceleration
-    if quiet is None and recording.known_inertia and noise > settings.negligible * longest.torque_scale:
+    noise = inertia * widest.noise.acceleration
+    if quiet is None and recording.known_inertia and noise > settings.negligible * widest.torque_scale:
         half_width = min(
             widths[-1] * (noise / negligible) ** (1 / settings.decay),
-            0.5 * settings.longest_swing * find_period(longest),
+            0.5 * settings.longest_swing * find_period(widest),
         )
         if half_width > HALF_WIDTHS[-1]:
             return half_width
     if quiet is not None:
         return quiet
-    best = min(list(filter(is_feasible, widths)) or widths, key=lambda width: bound_error(width).rank)
+    best = min(list(filter(is_feasible, widths)) or widths, key=lambda width: bound_error(width).cost)
     for width in () if recording.known_inertia else LONG_HALF_WIDTHS:
-        if bound_error(best).is_small or len(cut_at(width).centers) < settings.calibrating:
+        if bound_error(best).is_small or width > longest or len(cut_at(width).centers) < settings.calibrating:
             break
-        best = min(best, width, key=lambda width: bound_error(width).rank)
+        best = min(best, width, key=lambda width: bound_error(width).cost)
     return best
 
 
@@ -119,12 +121,10 @@ class InertiaError(NamedTuple):
     Attributes:
         std: standard error that its fit reports.
         bias: its bias by encoder noise.
-        noise: standard deviation of encoder noise in the acceleration [rad/s^2].
     """
 
     std: float
     bias: float
-    noise: float
 
     @property
     def is_small(self) -> bool:
@@ -132,14 +132,9 @@ class InertiaError(NamedTuple):
         return self.bias <= self.std < math.inf
 
     @property
-    def size(self) -> float:
-        """Root of the mean squared error."""
-        return math.hypot(self.std, self.bias)
-
-    @property
-    def rank(self) -> tuple[bool, float, float]:
-        """Order of preference: the smallest error whose standard error covers the bias, else the smallest bias."""
-        return (False, self.size, 0.0) if self.is_small else (True, self.bias, self.noise)
+    def cost(self) -> float:
+        """Root of the mean squared error, times the ratio of bias to standard error if that exceeds one."""
+        return math.hypot(self.std, self.bias) * max(1.0, self.bias / max(self.std, 1e-300))
 
 
 def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> InertiaError:
@@ -152,16 +147,16 @@ def bound_inertia_error(w: Windows, inertia: float, noise_factor: float) -> Iner
     columns = WindowColumns([w])
     acceleration, *others = (columns.columns([term])[0][0][:, 0] for term in BASE)
     if len(acceleration) <= 2 * len(BASE) or inertia <= 0:
-        return InertiaError(math.inf, math.inf, math.inf)
+        return InertiaError(math.inf, 0.0)
     if w.recording.known_inertia:
-        return InertiaError(w.noise.acceleration / math.sqrt(len(acceleration)), 0.0, w.noise.acceleration)
+        return InertiaError(w.noise.acceleration / math.sqrt(len(acceleration)), 0.0)
     phi = np.column_stack(others)
     free = acceleration - phi @ solve_least_squares(phi, acceleration)
     noise = w.noise.acceleration**2
     square = max(float(free @ free) / (len(free) - len(BASE)) - noise, 1e-3 * noise, 1e-300)
     of_torque = min(noise_factor * w.noise.torque / inertia, 1e100) ** 2
     std, bias = math.sqrt((noise + of_torque) / (len(free) * (noise + square))), noise / (noise + square)
-    return InertiaError(std, bias, w.noise.acceleration)
+    return InertiaError(std, bias)
 
 
 def find_period(w: Windows) -> float:

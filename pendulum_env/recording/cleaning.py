@@ -35,7 +35,7 @@ class CleaningSettings:
     repeated_step: float = 1e-6  # largest step of a repeated time, as share of the median step
     least_moved: float = 0.5  # least share of moved rows among those that repeat a time, relative to other rows
     smooth_ratio: float = 3.0  # least fall of the roughness without a stale value
-    slow_encoder: float = 0.5  # least share of repeated values whose next step is another's: a slower encoder
+    slow_encoder: float = 0.5  # least share of repeats beside another repeat, from which the encoder is slow
     short_run: int = 2  # most stale values in a row that show by roughness
     least_counts: float = 5.0  # least step of a joint whose stale values show by roughness [counts of the encoder]
     steady_tolerance: float = 0.25  # largest relative difference of equal steps
@@ -402,8 +402,8 @@ def _find_glitches(q: Array, typical_bend: float) -> Index:
 def _find_stale_samples(q: Array, typical_bend: float, cuts: Mask) -> Index:
     """Return the samples of q (N,) that repeat the last one although the joint moves on, not before cuts (N - 1,).
 
-    Few values are also stale if the motion without them is smoother, see `_is_smoother`. A joint that moves before or
-    after a stand-still, and jumps at its end, did not rest. The jump is compared with the
+    Runs of at most `short_run` values are also stale if the motion without them is smoother, see `_is_smoother`. A
+    joint that moves before or after a stand-still, and jumps at its end, did not rest. The jump is compared with the
     bends of motion alone, not of rest. Jumps of more than half a turn are left to `refuse_jumps`, since a wrapped angle
     has them. If the step to the repeated value is a jump, too, the first sample of the run is also invalid.
     """

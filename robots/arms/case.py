@@ -61,7 +61,7 @@ def check_completeness_of_arm(subject: Subject) -> Iterable[Finding]:
 @applies_to("identify", "diagnose")
 def check_frames(subject: Subject) -> Iterable[Finding]:
     """Find a joint with another sign or zero than in the robot file, if the model leaves a residual."""
-    is_incomplete = any(isinstance(finding, Incomplete) for finding in subject.earlier)
+    is_incomplete = any(isinstance(finding, Incomplete) and finding.joints for finding in subject.earlier)
     if subject.diagnosis is not None:
         is_incomplete, base = bool(subject.diagnosis.joint_residuals), subject.found[0].options.base
     else:

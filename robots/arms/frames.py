@@ -13,8 +13,9 @@ from estimators.checks.remedies import Remedy, WrongColumn
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Quantity
 from estimators.regression.least_squares import IdentificationError
-from estimators.weak_form.preparation import choose_half_width
+from estimators.weak_form.links import choose_common_width
 from estimators.weak_form.resolution import RESOLUTION
+from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 from pendulum_env.recording.origin import Origin
@@ -29,7 +30,8 @@ class FrameSettings:
     zeros: tuple[float, ...] = (-90.0, -45.0, -5.0, 5.0, 45.0, 90.0, 180.0)  # tried first [degrees]
     reach: float = math.radians(45.0)  # of the search near the best of them [rad]
     precision: float = math.radians(0.02)  # of the likeliest zero [rad]
-    same: float = math.radians(0.5)  # distance from it below which the zero is the one that was tried first [rad]
+    multiple: float = math.radians(45.0)  # usual error of a zero [rad]
+    same: float = math.radians(0.5)  # distance from a multiple below which the error is the multiple [rad]
 
 
 FRAMES = FrameSettings()
@@ -67,21 +69,24 @@ class Frame:
 def find_wrong_frame(recordings: Sequence[Recording], base: Sequence[Term]) -> WrongColumn | None:
     """Find the joint whose columns have another sign or zero than the robot file; None if no correction explains much.
 
-    The base model of corrected recordings leaves at most `RESOLUTION.tilted` of the residual, the geometric mean over
-    the joints.
+    The base model of corrected recordings leaves less residual, the geometric mean over the joints. At one joint, it is
+    at most the share `RESOLUTION.tilted`.
     """
     arms = [recording for recording in recordings if isinstance(recording, ArmRecording)]
-    widths = [max(map(choose_half_width, arm.joints)) for arm in arms]
+    widths = [choose_common_width(arm.joints) for arm in arms]
+    before = measure_residuals(arms, base, widths)
+    if not np.isfinite(before).all():
+        return None
 
-    def measure(frame: Frame) -> float:
-        return measure_residual([frame.correct(arm) for arm in arms], base, widths)
+    def measure(frame: Frame) -> Array:
+        return measure_residuals([frame.correct(arm) for arm in arms], base, widths) - before
 
-    before = measure_residual(arms, base, widths)
-    sizes = {frame: measure(frame) for frame in propose_frames(base)}
-    best = min(sizes, key=sizes.__getitem__)
+    falls = {frame: measure(frame) for frame in propose_frames(base)}
+    best = min(falls, key=lambda frame: float(falls[frame].mean()))
     if not best.is_opposite:
-        best = refine_zero(best, sizes[best], measure)
-    if measure(best) > before + math.log(RESOLUTION.tilted):
+        best = refine_zero(best, lambda frame: float(measure(frame).mean()))
+    fall = falls[best] if best in falls else measure(best)
+    if fall.mean() >= 0 or fall.min() > math.log(RESOLUTION.tilted):
         return None
     remedies = dict[tuple[tuple[str, str], ...], list[str]]()
     for arm in arms:
@@ -97,16 +102,16 @@ def find_wrong_frame(recordings: Sequence[Recording], base: Sequence[Term]) -> W
 
 
 def propose_frames(base: Sequence[Term]) -> Iterator[Frame]:
-    """Propose the opposite sign of each joint, and other zeros."""
+    """Propose the opposite sign of each joint, and other zeros of all but the last, whose link may be turned."""
     body = find_body(base)
     for joint, is_prismatic in zip(body.joints, body.is_prismatic, strict=True):
         yield Frame(joint, is_opposite=True)
-        for zero in () if is_prismatic else FRAMES.zeros:
+        for zero in () if is_prismatic or joint == body.joints[-1] else FRAMES.zeros:
             yield Frame(joint, math.radians(zero))
 
 
-def measure_residual(arms: Sequence[ArmRecording], base: Sequence[Term], half_widths: Sequence[float]) -> float:
-    """Return the logarithm of the RMS residual of the base model, the mean over the joints; infinite without a fit.
+def measure_residuals(arms: Sequence[ArmRecording], base: Sequence[Term], half_widths: Sequence[float]) -> Array:
+    """Return the logarithm of the RMS residual of the base model at each joint (n,); infinite without a fit.
 
     Windows have the half width [s] of each recording.
     """
@@ -114,18 +119,19 @@ def measure_residual(arms: Sequence[ArmRecording], base: Sequence[Term], half_wi
         data = RegressionData.from_arm(arms, terms=base, half_widths=half_widths)
         residual = data.residual(base, data.maker.fit(base)[1])
     except IdentificationError:
-        return math.inf
-    return float(np.mean(np.log([*data.layout.compute_joint_errors(residual).values()])))
+        return np.full(len(find_body(base).joints), np.inf)
+    return np.log([*data.layout.compute_joint_errors(residual).values()])
 
 
-def refine_zero(frame: Frame, size: float, measure: Callable[[Frame], float]) -> Frame:
-    """Return the frame with the likeliest zero near its own; `size` is what `measure` returns of it."""
+def refine_zero(frame: Frame, measure: Callable[[Frame], float]) -> Frame:
+    """Return the frame with the zero near its own at which `measure` is least, or a multiple of the usual error."""
     near, options = (frame.angle - FRAMES.reach, frame.angle + FRAMES.reach), {"xatol": FRAMES.precision}
     found = scipy.optimize.minimize_scalar(
         lambda angle: measure(replace(frame, angle=float(angle))), bounds=near, method="bounded", options=options
     )
-    is_same = found.fun >= size or abs(found.x - frame.angle) < FRAMES.same
-    return frame if is_same else replace(frame, angle=float(found.x))
+    usual = FRAMES.multiple * round(found.x / FRAMES.multiple)
+    angle = usual if usual and abs(found.x - usual) < FRAMES.same else float(found.x)
+    return replace(frame, angle=math.remainder(angle, 2 * math.pi))
 
 
 def correct_options(arm: ArmRecording, frame: Frame) -> dict[str, str] | None:

@@ -289,10 +289,12 @@ def _describe_wrong_column(finding: WrongColumn) -> str:
     if finding.column == "load_torque":
         text = "The motion follows load_torque with the opposite sign: a load torque that drives the joint is positive"
     elif finding.joint:
-        wrong = "signs of its position and torque are opposite"
+        wrong = "position and torque have the opposite sign of the robot file"
         if finding.angle is not None:
-            wrong = f"zero of its position is {abs(np.degrees(finding.angle.value)):.4g} degrees off"
-        text = f"{capitalise(finding.joint)} moves otherwise than in the robot file: the {wrong}"
+            error = abs(np.degrees(finding.angle.value))
+            wrong = f"the zero of the position is {error:.4g} degrees off that of the robot file"
+        text = f"{capitalise(finding.joint)}: {wrong}"
+        otherwise = "Correct the recording."
     elif finding.inertia is not None:
         inertia, otherwise = measure(finding.inertia, 2), "Give one of them a minus sign."
         text = f"The inertia came out negative ({inertia}): torque and position have opposite signs"

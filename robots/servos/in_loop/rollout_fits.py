@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.point import Point
 from estimators.weak_form.rows import Terms
 from pendulum_env._typing import Array
@@ -176,12 +177,14 @@ def vary_dry_friction(point: Point, typical: Array) -> list[Point]:
     """Return a point, and the same with smaller and larger dry friction.
 
     Where a servo sticks depends on its dry friction, so the likelihood has several minima over it. `typical` is the
-    size of each linear parameter that matters (P,).
+    size of each linear parameter that matters (P,). Parameters of either sign stay.
     """
     is_dry = np.array([column.dry is not return_zero for term in point.terms for column in term.columns])
-    sizes = np.maximum(np.abs(point.theta), typical)
+    is_dry &= list_bounds(point.terms)[0] == 0
+    sizes = np.maximum(point.theta, typical)
     others = [np.where(is_dry, factor * sizes, point.theta) for factor in LOOP.fit.friction]
-    return [point, *(bind_terms(point.with_values(np.r_[theta, point.values[len(theta) :]])) for theta in others)]
+    changed = [np.r_[theta, point.values[len(theta) :]] for theta in others if (theta != point.theta).any()]
+    return [point, *(bind_terms(point.with_values(values)) for values in changed)]
 
 
 def _list_columns_without_link(terms: Key) -> list[list[str]]:
