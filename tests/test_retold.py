@@ -16,8 +16,9 @@ from benchmarks.retold.scenario import LEAST_BOUND
 SEED = 20261129
 QUICK = {  # numbers with their rows
     63: "unit in header", 80: "load sensor", 83: "value fixed", 89: "jitter", 93: "split", 95: "decimal comma",
-    97: "further columns", 98: "idle", 101: "both signs", 105: "speed by differences", 107: "decimals",
-    108: "speed alone", 111: "actuator noise", 117: "Unix clock", 119: "renamed", 120: "as it is",
+    97: "further columns", 98: "idle", 101: "both signs", 104: "both signs", 105: "speed by differences",
+    107: "decimals", 108: "speed alone", 110: "load sensor", 111: "actuator noise", 116: "value fixed",
+    117: "Unix clock", 118: "split", 119: "renamed", 120: "as it is", 121: "Unix clock", 122: "split",
 }  # fmt: skip
 SLOW_SWEEPS = {22: "torque filtered", 59: "renamed"}  # of another seed: a coarse encoder under a controller
 

@@ -62,6 +62,11 @@ class ChannelFits(ChannelRows):
         """Law with a free delay."""
         return self.fit([self.make_law(CHANNEL.zero), self.start])
 
+    @cached_property
+    def half_sample_fit(self) -> Alignment:
+        """Law with a delay of half a sample."""
+        return self.fit([self.make_law(0.5 * self.period)], is_free=False)
+
     def fit(self, laws: Iterable[Channel], is_free: bool = True) -> Alignment:
         """Fit the best of some laws: its delay and lag other than zero, unless `is_free` is false.
 
@@ -229,12 +234,12 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     free_delay, with_jumps = fits.delay_fit, sampled.with_jump_errors()
     half = sampled.make_law(0.5 * fits.period)
     is_likelier = with_jumps.compute_log_likelihood(half) > fits.compute_log_likelihood(law.channel)
-    half_with_jumps = with_jumps.fit([half], is_free=False) if law.is_late or is_likelier else law
-    if half_with_jumps.beats(law) and not with_jumps.delay_fit.beats(half_with_jumps):
-        return replace(half_with_jumps, delay_std=free_delay.delay_std, is_half_sample=True)
+    is_half = (law.is_late or is_likelier) and with_jumps.half_sample_fit.beats(law)
+    if is_half and not with_jumps.delay_fit.beats(with_jumps.half_sample_fit):
+        return replace(with_jumps.half_sample_fit, delay_std=free_delay.delay_std, is_half_sample=True)
     if not (law.is_late or (free_delay.is_significant and not law.is_found)):
         return law
-    half_sample = sampled.fit([half], is_free=False)
+    half_sample = sampled.half_sample_fit
     if not law.is_late:
         is_half = (
             half_sample.agrees(free_delay) and half_sample.predicts_better(law) and not free_delay.beats(half_sample)
@@ -251,8 +256,9 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
     if not (is_sampled and sampled_law.is_late):
         return law
     sampled_law = with_jumps.select_law()
-    if half_with_jumps.agrees(sampled_law) and not sampled_law.beats(half_with_jumps):
-        return replace(half_with_jumps, delay_std=sampled_law.delay_std, is_half_sample=True)
+    half_sample = with_jumps.half_sample_fit
+    if half_sample.agrees(sampled_law) and not sampled_law.beats(half_sample):
+        return replace(half_sample, delay_std=sampled_law.delay_std, is_half_sample=True)
     return replace(sampled_law, rival=None)
 
 

@@ -1,6 +1,6 @@
 """Detection of wrong signs and zeros of columns by a fit, with the columns that correct them."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -207,12 +207,15 @@ def find_reversed_torque(
 def _make_remedies(
     recordings: Sequence[Recording], correct: Callable[[Origin], dict[str, str] | None]
 ) -> tuple[Remedy, ...]:
-    """Make a remedy for each set of corrected columns, with its recordings.
+    """Make the remedies of recordings; `correct` returns the corrected columns of an origin, or None."""
+    origins = ((recording.name, recording.origin) for recording in recordings)
+    return group_remedies((name, None if origin is None else correct(origin)) for name, origin in origins)
 
-    Recordings of unknown origin are left out. `correct` returns the corrected columns of an origin, or None.
-    """
+
+def group_remedies(corrected: Iterable[tuple[str, Mapping[str, str] | None]]) -> tuple[Remedy, ...]:
+    """Make a remedy for each set of corrected columns, with the names of its recordings; those without are left out."""
     names_of: dict[tuple[tuple[str, str], ...], list[str]] = {}
-    for recording in recordings:
-        if recording.origin is not None and (columns := correct(recording.origin)) is not None:
-            names_of.setdefault(tuple(columns.items()), []).append(recording.name)
+    for name, columns in corrected:
+        if columns is not None:
+            names_of.setdefault(tuple(columns.items()), []).append(name)
     return tuple(Remedy(dict(columns), tuple(names)) for columns, names in names_of.items())

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from estimators.checks.remedies import Remedy, WrongColumn
+from estimators.checks.remedies import WrongColumn, group_remedies
 from estimators.data.regression_data import RegressionData
 from estimators.findings import Quantity
 from estimators.regression.least_squares import IdentificationError
@@ -88,13 +88,9 @@ def find_wrong_frame(recordings: Sequence[Recording], base: Sequence[Term]) -> W
     fall = falls[best] if best in falls else measure(best)
     if fall.mean() >= 0 or fall.min() > math.log(RESOLUTION.tilted):
         return None
-    remedies = dict[tuple[tuple[str, str], ...], list[str]]()
-    for arm in arms:
-        if columns := correct_options(arm, best):
-            remedies.setdefault(tuple(columns.items()), []).append(arm.name)
     return WrongColumn(
         f"position_{best.joint}",
-        tuple(Remedy(dict(columns), tuple(names)) for columns, names in remedies.items()),
+        group_remedies((arm.name, correct_options(arm, best)) for arm in arms),
         angle=None if best.is_opposite else Quantity(-best.angle, unit="rad"),
         has_bias=True,
         joint=best.joint,

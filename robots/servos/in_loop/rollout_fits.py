@@ -119,7 +119,7 @@ class RolloutFits:
         return bool(len(self.rollouts.positions.measured) * np.log(ratio) < LOOP.fit.hopeless)
 
     def _choose_start(self, terms: Key) -> Point:
-        """Return the likeliest start of a fit, from the most similar fitted model or from a linear fit.
+        """Return the likeliest start of a fit, from the most similar fitted model.
 
         Parameters that the similar model lacks are 0, or their typical size times 1 or 3. A link also starts from the
         likeliest model with another link, with the same inertia.
