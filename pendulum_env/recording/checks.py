@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from pendulum_env._typing import Array, Index
 from pendulum_env.errors import ColumnError, RecordingError
@@ -149,11 +150,17 @@ def refuse_motionless(position: Array) -> None:
 def refuse_jumps(
     position: Array, rows: Index, starts: Sequence[int], origin: Origin, *, turn: float, allow_wrapped: bool
 ) -> None:
-    """Refuse positions that jump by more than half a turn [rad] between samples: wrapped, or not an angle."""
-    jumps = np.abs(np.diff(position))
-    jumps[[start - 1 for start in starts[1:]]] = 0.0  # gaps are no jumps
+    """Refuse positions that jump by more than half a turn [rad] between samples: wrapped, or not an angle.
+
+    A joint with many turns may move by more: its jumps are the differences from the median of five steps.
+    """
+    steps = np.diff(position)
+    steps[[start - 1 for start in starts[1:]]] = 0.0  # gaps are no jumps
+    jumps = np.abs(steps)
+    is_wrapped = bool(np.ptp(position) < WRAPPED_RANGE * turn or abs(jumps.max() - turn) < 0.08 * turn)
+    if not is_wrapped:
+        jumps = np.abs(steps - scipy.ndimage.median_filter(steps, 5, mode="nearest"))
     size = float(jumps.max())
-    is_wrapped = bool(np.ptp(position) < WRAPPED_RANGE * turn or abs(size - turn) < 0.08 * turn)
     if size <= np.pi and not (is_wrapped and size > turn / 2):
         return
     row = rows[int(np.argmax(jumps > size / 2)) + 1]

@@ -39,6 +39,7 @@ TICKS = {
     "nanoseconds": "ns",
     "utime": "us",
 }  # of a clock
+NOW = "current"  # before a long alias: measured, `current_torque`, but `torque_current` and `current_q` are currents
 CARRIERS = ("shaft", "pendulum", "arm", "dof")  # before an alias: the moving part
 JOINT_WORDS = frozenset((*CARRIERS, "joint", "joints", "motor", "axis", "j", "id"))  # words that name no one joint
 LABELS = ("state", "phase", "test")  # of a column that counts segments, where its cells are words
@@ -134,7 +135,7 @@ UNIT_NAMES = {  # units in messages
     "time": "s, ms, us, ns, min, h",
     "position": "rad, mrad, deg, rev, counts",
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
-    "torque": "Nm, mNm, Ncm, A, mA, V, duty, cNm, Nmm, kgfcm, ozfin, lbfin, lbfft",
+    "torque": "Nm, mNm, Ncm, A, mA, V, mV, duty, %, cNm, Nmm, kgfcm, ozfin, lbfin, lbfft",
     "reference": "rad, mrad, deg, rev, counts, rad/s, deg/s, rpm, rev/s",
     "load_torque": "Nm, mNm, Ncm, cNm, Nmm, kgfcm, ozfin, lbfin, lbfft",
     "supply": "V, mV",
@@ -183,6 +184,7 @@ def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
             for rank, stems_of_rank in words.items():
                 stems |= {stem: rank for word in stems_of_rank for stem in (alias + word, word + alias)}
             if quantity in ("position", "velocity", "torque") and len(alias) > 2:
+                stems |= {NOW + alias: Rank.MEASURED}
                 stems |= dict.fromkeys((carrier + alias for carrier in CARRIERS), Rank.ESTIMATED)
             if quantity != "time":
                 stems |= {alias + "estimate": Rank.ESTIMATED}  # before an alias, `estimate dq` would be `estimated q`
