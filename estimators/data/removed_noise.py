@@ -36,8 +36,6 @@ def compute_removed_noise(data: RegressionData, terms: Terms, theta: Array, iner
             if term.at == at and not isinstance(term, Links) and np.any(mass := column.mass(part.samples)):
                 after = after + value * mass
         if np.any(after < before):
-            # the known inertia of a free swing stays
-            noises = [0.0 if w.recording.known_inertia else w.noise.acceleration for w in part.windows]
-            noise = np.concatenate([own * w.row_scale for own, w in zip(noises, part.windows, strict=True)])
+            noise = np.concatenate([w.noise.acceleration * w.row_scale for w in part.windows])
             variance[data.locate_rows(at)] = (before**2 - np.clip(after, 0.0, before) ** 2) * noise**2
     return variance

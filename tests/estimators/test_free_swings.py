@@ -278,3 +278,17 @@ def test_loads_of_known_size_are_beside_the_inertia():
     with pytest.raises(IdentificationError, match="their known loads differ: fix the inertia"):
         identify([swinging(), loaded])
     assert identify(loaded).torque_unit == "rad/s^2"  # of the joint with its load
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_of_a_camera_is_no_error_of_an_encoder(seed):
+    plant = Plant(1.0, gravity=21.4, viscous=0.085, coulomb=0.0)
+    experiment = Experiment(
+        30.0, 45.0, start=(0.31, 0.0), counts=None, position_noise=2.6e-3, torque_noise=0.0, seed=seed
+    )
+    (run,) = simulate([(plant, experiment)], [np.zeros(experiment.samples)])
+    found = diagnose(
+        [Recording(run.time, run.position, name="camera")], only=["encoder_eccentricity", "payload_change"]
+    )
+    assert found.selected == () and not found.unexplained
+    assert found.model.estimates["gravity"].value == pytest.approx(21.4, rel=5e-3)
