@@ -149,9 +149,9 @@ def _is_saturation(term: TorqueSaturation, x: Samples) -> bool:
 
 
 def _list_stribeck_velocities(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List ten Stribeck velocities up to half of the 95th percentile of the speed, at least 0.1 rad/s."""
-    fast = float(np.percentile(np.abs(x.velocity), 95))
-    return [kind(float(vs)) for vs in np.geomspace(max(0.03, fast / 60), max(0.1, fast / 2), 10)]
+    """List ten Stribeck velocities, from a 60th to half of the 95th percentile of the speed."""
+    fast = max(float(np.percentile(np.abs(x.velocity), 95)), 1e-6)
+    return [kind(float(vs)) for vs in np.geomspace(fast / 60, fast / 2, 10)]
 
 
 def _is_stribeck(term: Stribeck, x: Samples) -> bool:

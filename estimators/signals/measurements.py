@@ -21,7 +21,7 @@ import numpy as np
 
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.differentiation import estimate_encoder_noise, estimate_scatter, find_near_reversals
-from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, get_known_load, get_temperature
+from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, find_slowest, get_known_load, get_temperature
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
 from pendulum_env.physics.term import ROOM, UNLOADED, Memory
@@ -306,7 +306,8 @@ def choose_smoothing(recording: Recording) -> Smoothing:
     widths = _list_half_widths(recording)
     half_width = next((width for width in widths if _has_negligible_noise(recording, width, noise)), widths[-1])
     velocity_noise = noise * recording.rate * _compute_noise_gain(np.convolve(make_window(half_width), SLOPE))
-    return Smoothing(half_width, max(SLOWEST, 5 * velocity_noise))
+    velocity = np.convolve(recording.position, np.convolve(make_window(half_width), SLOPE), "valid") * recording.rate
+    return Smoothing(half_width, max(find_slowest(velocity), 5 * velocity_noise))
 
 
 def has_encoder_bias(recording: Recording) -> bool:

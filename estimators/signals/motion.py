@@ -13,6 +13,12 @@ HALF_WIDTHS = (0.008, 0.01, 0.012, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06, 0
 LONG_HALF_WIDTHS = (0.11, 0.16, 0.22, 0.32)  # of slow motion whose inertia a coarse encoder biases in shorter ones [s]
 LEAD_IN = 0.3  # [s] at the start, where effects with memory depend on their unrecorded initial state
 SLOWEST = 0.02  # [rad/s], least speed with a known sign; at least five times the noise of the velocity
+SLOW, FAST = 0.02, 95  # share of the fast speed, this percentile, to which a slow or linear joint lowers it
+
+
+def find_slowest(velocity: Array) -> float:
+    """Return the least speed with a known sign along a velocity (N,), apart from noise [rad/s or m/s]."""
+    return min(SLOWEST, SLOW * float(np.percentile(np.abs(velocity), FAST)))
 
 
 def get_temperature(recording: Recording) -> Array:

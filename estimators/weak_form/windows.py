@@ -24,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 
 from estimators.signals.differentiation import differentiate_position, find_near_reversals
-from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, get_known_load, get_temperature
+from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, find_slowest, get_known_load, get_temperature
 from estimators.weak_form.averages import WindowAverages
 from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.window_noise import WindowNoise, scale_by_jumps
@@ -199,7 +199,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: flo
     motion = differentiate_position(recording, window, smoothing)
     v = motion.velocity
     speed = np.sqrt(np.convolve(v**2, window, "same")) if has_reversals else np.abs(v)
-    moving = speed > max(SLOWEST, settings.moving * motion.velocity_noise)
+    moving = speed > max(find_slowest(v), settings.moving * motion.velocity_noise)
     guard = m + 1 + smoothing // settings.shift  # smoothing may shift a zero of the velocity
     mostly_moving = np.convolve(moving, window, "same") > settings.mostly
     near_stick = ~mostly_moving if has_reversals else find_near_reversals(v, moving, guard)

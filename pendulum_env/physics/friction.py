@@ -50,7 +50,7 @@ class Stribeck(Term):
     kind = "dissipative"
     is_common = True
     nonlinear_parameters = (
-        NonlinearParameter("stribeck_velocity", "rad/s", 0.01, 1e4),
+        NonlinearParameter("stribeck_velocity", "rad/s", 1e-6, 1e4),
         NonlinearParameter("exponent", "1", 0.3, 6.0, nominal=2.0),
     )
     typical_size = "stribeck=0.45"

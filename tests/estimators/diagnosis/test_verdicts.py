@@ -12,6 +12,7 @@ from estimators.diagnosis.experiment import UnreachableAims
 from estimators.diagnosis.ranking import Tie
 from estimators.diagnosis.suggestion import Aim
 from pendulum_env.physics import BASE, effects, library, register
+from pendulum_env.recording import Recording
 from tests import slow
 from tests.cases import (
     CASES,
@@ -214,3 +215,16 @@ def test_clipped_torque_at_a_low_rate_leaves_noise_and_no_delay():
     for name, truth in (THETA | {"torque_saturation.limit": 3.0}).items():
         estimate = found.model.estimates[name]
         assert abs(estimate.value - truth) < 4 * estimate.std, name
+
+
+@pytest.mark.parametrize("lead", [1.0, 1e-3])  # [m/rad], of the screw that a joint turns
+def test_a_joint_that_slides_in_millimetres_has_the_friction_of_the_screw_that_drives_it(lead):
+    hidden = {"stribeck": {"strib_d": 0.3, "strib_v": 0.4}}
+    plant = Plant(0.02, gravity=0.0, viscous=0.05, coulomb=0.5, effects=hidden)
+    (run,) = recorded(plant, Experiment(counts=100_000, torque_noise=2e-3, scale=0.5))
+    slide = Recording(run.time, lead * run.position, run.torque / lead, name="slide")
+    found = diagnosed([slide], only=["stribeck", "quadratic_drag", "viscous_asymmetry"])
+    assert found.selected == ("stribeck",) and not found.unexplained
+    estimates = found.model.estimates
+    assert estimates["stribeck.stribeck_velocity"].value == pytest.approx(0.4 * lead, rel=0.05)
+    assert estimates["coulomb"].value == pytest.approx(0.5 / lead, rel=0.02)
