@@ -14,7 +14,7 @@ from estimators.diagnosis.result import TriedTreatment
 from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence, Hypothesis
 from estimators.selection.policies import ADD_STOP, FOLLOW, SWAP, TIE
-from pendulum_env.physics import BASE, Term, list_ids
+from pendulum_env.physics import BASE, Term, has_link, list_ids
 
 TIMES = {Action.TIMED_BESIDE, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
 PURPOSES: Mapping[str, Policy[Hypothesis]] = {
@@ -125,10 +125,13 @@ def scale_noise_by_model(trial: Trial) -> FitData | None:
 
 
 def include_contacts(trial: Trial) -> FitData | None:
-    """Add windows in contact with a stop, see `add_contacts` of `split`; None for few contacts."""
+    """Add windows in contact with a stop, see `add_contacts` of `split`; None for few contacts.
+
+    A link, which has impacts of its own, is left out of the model that shows them.
+    """
     if Action.IMPACTS_INCLUDED in trial.data.actions:
         return None
-    data = trial.data.with_contacts(trial.result.terms)
+    data = trial.data.with_contacts([term for term in trial.result.terms if not has_link([term])])
     return None if data is trial.data else data
 
 
