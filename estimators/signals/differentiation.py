@@ -38,11 +38,9 @@ def find_rounding(series: Array) -> float:
     A held command counts as not rounded. It rests for more than three quarters of the samples and changes by more than
     one step, or has at most three values.
     """
-    changes = np.abs(np.diff(series))
-    changes = changes[changes > 1e-12]
-    if not len(changes):
+    changes, step = _list_changes(series), _find_least_change(series)
+    if not step:
         return 0.0
-    step = float(changes.min())
     values = np.unique(np.rint((series - series[0]) / step))
     is_held = 4 * len(changes) < len(series) and np.quantile(changes, 0.95) > 1.5 * step
     return 0.0 if is_held or len(values) <= 3 else step
@@ -60,8 +58,21 @@ def estimate_log_noise(series: Array, position: Array) -> float:
 
 
 def estimate_encoder_noise(position: Array) -> float:
-    """Estimate the standard deviation of encoder noise [rad] on a position (N,), at least that of samples in motion."""
-    return estimate_log_noise(position, position)
+    """Estimate the standard deviation of encoder noise [rad] on a position (N,), at least that of samples in motion.
+
+    A position is no command: it may rest for most of the time and move by several steps, and is rounded nevertheless.
+    """
+    return max(estimate_log_noise(position, position), _find_least_change(position) / np.sqrt(12))
+
+
+def _list_changes(series: Array) -> Array:
+    changes = np.abs(np.diff(series))
+    return np.asarray(changes[changes > 1e-12])
+
+
+def _find_least_change(series: Array) -> float:
+    changes = _list_changes(series)
+    return float(changes.min()) if len(changes) else 0.0
 
 
 def estimate_noise_slope(position: Array, torque: Array) -> float:

@@ -62,6 +62,8 @@ def prepare_arm(
         [_calibrate_windows(joints, k, part) for k in range(len(joints))]
         for joints, part in zip(entries, parts, strict=True)
     ]
+    if any(w.noise.excess is not None for joints in calibrated for w in joints):  # other scales of equations
+        parts = [_compute_link_columns(joints, mechanism) for joints in calibrated]
     return replace(_join_joints(calibrated, parts, terms), block=block)
 
 

@@ -107,9 +107,13 @@ def choose_half_width(
             return half_width
     if quiet is not None:
         return quiet
-    best = min(list(filter(is_feasible, widths)) or widths, key=lambda width: bound_error(width).cost)
+
+    def has_windows(width: float) -> bool:
+        return len(cut_at(width).centers) >= settings.calibrating
+
+    best = min(list(filter(has_windows, widths)) or widths, key=lambda width: bound_error(width).cost)
     for width in () if recording.known_inertia else LONG_HALF_WIDTHS:
-        if bound_error(best).is_small or width > longest or len(cut_at(width).centers) < settings.calibrating:
+        if bound_error(best).is_small or width > longest or not has_windows(width):
             break
         best = min(best, width, key=lambda width: bound_error(width).cost)
     return best
@@ -183,7 +187,7 @@ def _list_half_widths(recording: Recording) -> tuple[float, ...]:
 def smooth_laws(w: Windows) -> tuple[Term, ...]:
     """Return terms that together fit nearly any smooth torque; their residual is noise."""
     settings = RESOLUTION.width
-    fast = max(float(np.percentile(np.abs(w.samples.velocity), settings.fast)), settings.slow)
+    fast = max(float(np.percentile(np.abs(w.samples.velocity), settings.fast)), 1e-6)
     return (
         *BASE,
         TorqueOffset(),
@@ -209,6 +213,13 @@ def calibrate_noise(w: Windows) -> Windows:
     return limit_noise(w, phi, lambda theta: float(theta[0]))
 
 
+def scale_by_rounding(w: Windows, inertia: float) -> Windows:
+    """Return windows whose equations count less where a position of significant digits has larger steps."""
+    if (factor := w.noise.scale_rows(inertia)) is None:
+        return w
+    return replace(w, scale=factor if w.scale is None else 1.0 / np.sqrt(w.scale**-2 + factor**-2 - 1.0))
+
+
 def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known: Array | float = 0.0) -> Windows:
     """Lower the noise estimates of windows so that their floor is at most the residual of a linear fit.
 
@@ -224,6 +235,7 @@ def limit_noise(w: Windows, phi: Array, inertia: Callable[[Array], float], known
     y = WindowTorque([w]).net - known
     theta = solve_least_squares(phi, y)
     residual, load, noise = y - phi @ theta, abs(inertia(theta)), w.noise
+    w = scale_by_rounding(w, load)
     power = float(residual @ residual) / freedom
     if power >= noise.compute_std(load) ** 2:
         return w

@@ -35,6 +35,8 @@ class WindowNoise:
         kernel: weights of a window (2 m + 1,).
         log_weights: weights of the samples of the log in a window's torque.
         rate: samples per second [Hz].
+        excess: variance of the acceleration about each sample beyond that of the recording, over the latter (N,), by
+            a position of significant digits; None if its step is constant.
     """
 
     torque: float
@@ -46,6 +48,7 @@ class WindowNoise:
     kernel: Array
     log_weights: Array
     rate: float
+    excess: Array | None = None
 
     @classmethod
     def measure(cls, recording: Recording, load: KnownLoad, kernel: Array, motion: Motion) -> WindowNoise:
@@ -61,6 +64,7 @@ class WindowNoise:
             kernel=kernel,
             log_weights=log_weights,
             rate=recording.rate,
+            excess=_compute_excess(recording, motion),
         )
 
     @property
@@ -94,6 +98,13 @@ class WindowNoise:
             common=(encoder_share * self.common[0], encoder_share * self.common[1]),
         )
 
+    def scale_rows(self, inertia: float) -> Array | None:
+        """Return the factor on the equation about each sample (N,): its noise over that with `excess`; None for one."""
+        if self.excess is None:
+            return None
+        of_excess = self.excess * ((inertia + self.load_inertia) * self.acceleration) ** 2
+        return np.asarray(1.0 / np.sqrt(1.0 + of_excess / max(self.compute_std(inertia) ** 2, 1e-300)))
+
     def scale(self, factor: float) -> WindowNoise:
         """Return the noise times a factor."""
         common = (factor**2 * self.common[0], factor**2 * self.common[1])
@@ -122,6 +133,16 @@ class WindowNoise:
         load = inertia + self.load_inertia
         of_motion = (load * self.acceleration) ** 2 * self.acceleration_shared
         return of_torque + of_motion - 2 * load * self.common[1]
+
+
+def _compute_excess(recording: Recording, motion: Motion) -> Array | None:
+    """Return the relative excess of the acceleration's variance about each sample; see `WindowNoise`."""
+    if (steps := recording.position_steps) is None:
+        return None
+    of_rounding, weights = steps**2 / 12, motion.noise_weights**2
+    of_sensor = max(motion.acceleration_noise**2 / weights.sum() - float(np.median(of_rounding)), 0.0)
+    relative = np.convolve(of_sensor + of_rounding, weights, "same") / max(motion.acceleration_noise**2, 1e-300)
+    return np.maximum(relative - 1.0, 0.0)
 
 
 def _average_log(recording: Recording, window: Array) -> Array:

@@ -17,6 +17,7 @@ from pendulum_env.recording.joint_names import name_errors
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NO_TORQUE, Recording, complete_torque
+from pendulum_env.recording.rounding import count_significant_digits
 from pendulum_env.recording.table import RawTable
 
 
@@ -102,6 +103,7 @@ def _open_log(
         named_columns = {**others, "torque": named_columns.get("load_torque", columns["torque"].header)}
     if columns["position"].is_integral:
         values["position"] = _integrate_velocity(values, columns)
+    columns["position"] = replace(columns["position"], digits=count_significant_digits(values["position"]))
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))
     _convert_to_si(values, origin)
     actuator.check_columns(values)

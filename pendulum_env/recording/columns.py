@@ -77,6 +77,7 @@ class FileColumn:
     expression: Expression = NO_EXPRESSION  # expression of the user; empty if not given
     is_unit_inferred: bool = False  # whether the unit of the expression is that of the name alone
     is_integral: bool = False  # whether the quantity is the integral of the column
+    digits: int | None = None  # significant digits to which the column is rounded; None for a constant step
 
     @property
     def scale(self) -> float:
@@ -197,11 +198,11 @@ def find_columns(
         Columns by quantity. Column `fraction` has the fraction of each second, if `time` has whole seconds.
     """
     expressions = {quantity: text.strip() for quantity, text in (named_columns or {}).items()}
-    omitted = {q for q in (*OPTIONAL, "torque") if expressions.get(q) == NONE and NONE not in headers}
+    omitted = {q for q in (*OPTIONAL, "position", "torque") if expressions.get(q) == NONE and NONE not in headers}
     columns = {q: parse_column(q, text, headers) for q, text in expressions.items() if q not in omitted}
     used = {column.index for column in columns.values()}
     positions, torque = [columns["position"]] if "position" in columns else [], columns.get("torque")
-    if not positions:
+    if not positions and "position" not in omitted:  # without a position, the integral of a velocity
         matches = _find_positions(headers, torque, used, text_columns)
         positions = _prefer_measured(matches)
         if len(positions) > 1 and torque:
@@ -230,11 +231,17 @@ def find_columns(
     if "torque" not in columns and "load_torque" in columns and output is None:
         if "torque" in omitted or not any(_is_raw("torque", header) for header in headers):  # without a motor
             columns["torque"] = replace(columns.pop("load_torque"), quantity="torque")
-    if "position" not in columns and "velocity" in columns and not any(map(_can_be_position, headers)):
+    if (
+        "position" not in columns
+        and "velocity" in columns
+        and ("position" in omitted or not any(map(_can_be_position, headers)))
+    ):
         unit = "m" if columns["velocity"].unit in LINEAR["velocity"] else "rad"
         columns["position"] = replace(columns["velocity"], quantity="position", unit=unit, is_integral=True)
     required = ("time", "position", "torque" if output is None else "reference")
-    missing = [name for name in required if name not in columns and expressions.get(name) != NONE]
+    missing = [
+        name for name in required if name not in columns and (name == "position" or expressions.get(name) != NONE)
+    ]
     chosen = {column.index for column in columns.values()}.union(text_columns)
     unused = {k: header for k, header in enumerate(headers) if k not in chosen}
     is_swing = columns.keys().isdisjoint(DRIVEN_ONLY) and not any(can_be_torque(unused[k], k) for k in unused)
@@ -540,7 +547,7 @@ def _write_gain(quantity: str, header: str, can_find_gain: bool = True) -> tuple
     if quantity != "torque":
         return f":{'counts/s' if quantity == 'velocity' else 'counts'}/4096", " with the counts of a turn"
     unit, trailing_unit = _find_header_raw_unit(header), find_trailing_unit(RAW["torque"], header)
-    unit_text = f":{ {'ma': 'mA', 'mv': 'mV'}.get(trailing_unit or '', unit) }"
+    unit_text = f":{ {'ma': 'mA', 'mv': 'mV', '%': '%', 'percent': '%'}.get(trailing_unit or '', unit) }"
     alternative = f", or {format_setting('columns', {quantity: f'{header}{unit_text}*?'})} if known loads determine it"
     return f"{unit_text}*0.1", f" with {TORQUE_GAINS[unit]}{alternative if can_find_gain else ''}"
 

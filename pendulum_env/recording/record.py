@@ -19,6 +19,7 @@ from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
 from pendulum_env.recording.notes import Note, warn_of_notes
 from pendulum_env.recording.origin import Origin
+from pendulum_env.recording.rounding import compute_steps
 from pendulum_env.recording.vocabulary import QUANTITIES
 from pendulum_env.units import JointUnits
 
@@ -170,6 +171,14 @@ class Recording(Shown):
     def units(self) -> JointUnits:
         """Return the units of quantities; the joint is linear if the file's position is in metres."""
         return JointUnits(self.torque_unit, self.origin is not None and self.origin.is_prismatic)
+
+    @property
+    def position_steps(self) -> Array | None:
+        """Return the step of each position by significant digits (N,) [rad], of a file; None for a constant step."""
+        column = None if self.origin is None else self.origin.columns["position"]
+        if column is None or column.digits is None or column.is_integral:
+            return None
+        return abs(column.scale) * compute_steps((self.position - column.offset) / column.scale, column.digits)
 
     @property
     def summary(self) -> str:

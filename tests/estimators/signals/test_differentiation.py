@@ -5,7 +5,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from estimators.signals.differentiation import correlate_averages, estimate_white_noise, find_rounding
+from estimators.signals.differentiation import (
+    correlate_averages,
+    estimate_encoder_noise,
+    estimate_white_noise,
+    find_rounding,
+)
 
 
 @pytest.mark.parametrize("lag", [1, 3, 6])
@@ -33,3 +38,10 @@ def test_a_command_that_is_held_at_some_values_was_not_rounded_to_their_least_di
     two, three = (least * rng.choice(levels, 25) for levels in ((-1.0, 1.0), (-1.0, 0.0, 1.0)))
     for values in (rng.uniform(-5, 5, 25), two, three, seven):
         assert find_rounding(values[held]) == estimate_white_noise(values[held]) == 0.0
+
+
+def test_a_position_that_rests_for_most_of_the_time_is_rounded_nevertheless():
+    time, step = np.arange(0, 10, 5e-3), 1e-3
+    position = step * np.rint(0.05 * np.clip(np.sin(2.0 * time) - 0.8, 0, None) / 0.2 / step)  # at rest for 80 %
+    assert np.mean(np.diff(position) == 0) > 0.75
+    assert estimate_encoder_noise(position) >= step / np.sqrt(12)

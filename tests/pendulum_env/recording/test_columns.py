@@ -143,7 +143,11 @@ CURRENTS = ["iq", "Current [A]", "/motor/iq_measured", "PWM"]
             {"torque": "current:A*2+1"},
             "offset in .* needs a unit of its own: .*[+]1:Nm",
         ),
-        (HEADERS, {"torque": "current:Foo*2"}, "'Foo' of torque is not known: use one of Nm, mNm, Ncm, A, mA, V, duty"),
+        (
+            HEADERS,
+            {"torque": "current:Foo*2"},
+            "'Foo' of torque is not known: use one of Nm, mNm, Ncm, A, mA, V, mV, duty, %",
+        ),
         (HEADERS, {"position": "q*1e999"}, "are finite, gains are not 0"),
         (HEADERS, {"position": "q**2"}, r"'\*\*2' behind column 'q' is not understood: write NAME:UNIT"),
         (HEADERS, {"position": "q:V" + "/6+0.1:Nm" * 100_000}, "unit 'V' of position is not known"),  # at once

@@ -1,0 +1,34 @@
+"""Rounding of a column to significant digits, as `%g` and MATLAB write it: its step grows with the value."""
+
+import numpy as np
+
+from pendulum_env._typing import Array
+
+FEWEST_DIGITS, MOST_DIGITS = 4, 9  # of columns that count as rounded; more are those of single or double precision
+LARGE = 20  # number of the largest values, which may end in zeros by chance
+
+
+def count_significant_digits(values: Array) -> int | None:
+    """Return the number of significant digits to which values (N,) are rounded; None for a constant step, or none.
+
+    The step is constant if large values have as many decimals as the others.
+    """
+    sizes = np.abs(values[np.isfinite(values) & (values != 0)])
+    if not len(sizes):
+        return None
+    exponents = np.floor(np.log10(sizes)).astype(int)
+    for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
+        if _is_whole(sizes * 10.0 ** (digits - 1 - exponents)):
+            largest = np.sort(exponents)[-LARGE:][0]
+            return None if _is_whole(sizes * 10.0 ** (digits - 1 - largest)) else digits
+    return None
+
+
+def compute_steps(values: Array, digits: int) -> Array:
+    """Return the step of rounding to significant digits of each value (N,)."""
+    sizes = np.maximum(np.abs(values), np.abs(values[values != 0]).min(initial=1.0))
+    return np.asarray(10.0 ** (np.floor(np.log10(sizes)) + 1 - digits))
+
+
+def _is_whole(multiples: Array) -> bool:
+    return bool(np.all(np.abs(multiples - np.rint(multiples)) <= 1e-5))
