@@ -198,7 +198,8 @@ SHARED: dict[str, dict[str, Any]] = {  # arguments of `add_argument`; `help` may
         "help": "columns of time, position, torque, velocity, reference, load_torque, segment, supply, enabled and "
         "temperature whose names are not known, with unit and conversion, as "
         "time=clock:ms,position=-motor:deg/6+90,torque=current:A*0.091,velocity=none; torque=none: nothing drives the "
-        f"joint; units: {'; '.join(UNIT_NAMES[q] for q in ('time', 'position', 'velocity', 'torque'))} (default: SI)",
+        f"joint; units: {'; '.join(UNIT_NAMES[q] for q in ('time', 'position', 'velocity', 'torque'))} "
+        "(default: SI)".replace("%", "%%"),
     },
     "--unwrap": {"action": "store_true", "help": "undo jumps of a turn in position"},
     "--drive": {

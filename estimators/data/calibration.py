@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from estimators.checks.torque_constant import UnknownConstant, estimate_torque_constant, find_torque_unit
+from estimators.data.integrated_zero import set_integrated_zero
 from estimators.data.preparation import Recordings, find_preparation
 from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
@@ -49,6 +50,8 @@ def calibrate(
         fitted = [recording for recording in combined[:count] if not recording.is_free]
         inertia = known.get("inertia") or fit_inertia(fitted)
         combined = _scale_swings(combined, inertia, combined[0].torque_unit)
+    if known.get("gravity") != 0:
+        combined = tuple(map(set_integrated_zero, combined))
     return combined[:count], combined[count:], doubt
 
 
@@ -133,4 +136,6 @@ def convert_to_model_unit(
                 f"the model is in {NEWTON_METRE}, and the recordings are in {unit} with an unknown torque constant: "
                 "record under known loads that differ, or identify the model with a torque constant"
             )
+    if "gravity" in model.estimates and model.estimates["gravity"].value != 0:
+        recordings = [set_integrated_zero(recording) for recording in recordings]
     return find_preparation(recordings).complete(recordings, model.log_format, criterion)

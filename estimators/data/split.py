@@ -16,6 +16,7 @@ from estimators.regression.least_squares import IdentificationError
 from estimators.simulation.free_running import choose_segments
 from estimators.weak_form.contacts import ContactTest, count_contacts, list_contact_instants
 from estimators.weak_form.preparation import choose_half_width, prepare_windows
+from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.windows import Part
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term, has_link
@@ -95,7 +96,8 @@ def _split_into_parts(
     """Return fitted and held-out data; `shorter` scales the chosen window lengths.
 
     Without `holdout`, the last 30 % of each recording is held out. A part may hold less than half of the window
-    centres, or too little motion. The split is then at the share of time before which 70 % of all centres lie.
+    centres, or too little motion. The split is then at the share of time before which 70 % of all centres lie, or
+    earlier if the rest would be too few.
     """
     cut = partial(RegressionData.from_recordings, inertia=inertia, block=block)
     widths, holdout_widths = ([shorter * choose_half_width(r, inertia) for r in part] for part in (recordings, holdout))
@@ -109,7 +111,8 @@ def _split_into_parts(
     if np.mean(center_shares < 1 - HELD_OUT) >= DATA.motion:
         with suppress(IdentificationError):
             return split(1 - HELD_OUT)
-    return split(float(np.quantile(center_shares, 1 - HELD_OUT)))
+    held_out = max(HELD_OUT, min(0.5, (RESOLUTION.fewest + 1) / len(center_shares)))
+    return split(float(np.quantile(center_shares, 1 - held_out)))
 
 
 def add_contacts(data: Parts, terms: Sequence[Term]) -> Parts:

@@ -73,11 +73,6 @@ class Timing:
         """Return whether the torque of a recording was logged late or filtered, other than by half a sample."""
         return any(alignment.is_late and not alignment.is_half_sample for alignment in self.alignments)
 
-    @property
-    def has_unknown(self) -> bool:
-        """Return whether the time between torque and motion of a recording could not be determined."""
-        return any(np.isinf(alignment.delay_std) for alignment in self.alignments)
-
     def agrees(self, other: Timing) -> bool:
         """Return whether another timing has the same alignments, within their standard errors; unknown ones agree."""
         return all(

@@ -29,6 +29,7 @@ from estimators.regression.balance import Balance
 from estimators.regression.fold_fits import solve_without
 from estimators.regression.least_squares import SOLVER
 from pendulum_env._typing import JSON, Array, Index
+from pendulum_env.physics.estimate import LARGEST
 from pendulum_env.quantity import get_finite
 
 BLOCK, FOLDS = 1.0, 10  # length of a block [s]; number of folds of cross-validation, to which blocks belong in turn
@@ -134,7 +135,7 @@ def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hid
     same recording.
     """
     residual, slopes = balance.residual(theta)
-    residual = np.clip(residual, -1e60, 1e60)  # [N m], against overflow
+    residual = np.clip(residual, -LARGEST, LARGEST)
     for rows, variance in hidden:
         residual[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(residual[:, rows] ** 2)), 1e-300))
     cell = np.minimum(blocks.fold, len(residual) - 1), np.arange(len(blocks.fold))

@@ -144,14 +144,11 @@ def exclude_outliers(trial: Trial) -> FitData | None:
 def align_with_effects(trial: Trial) -> FitData | None:
     """Return data with torque timed under a model with the selected effects, which may imitate or hide a delay.
 
-    None if this was done, if torque is kept as logged, if it needs no correction and all is explained, or if the timing
-    agrees.
+    None if this was done, if torque is kept as logged, or if the timing agrees.
     """
     known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
     effects = [term for term in trial.result.terms if term.id not in known]
     if not effects or any(action in TIMES for action in trial.data.actions):
-        return None
-    if not (trial.data.timing.has_moved or trial.data.timing.has_unknown or trial.unexplained):
         return None
     timed = trial.data.with_timing(effects)
     return None if timed.timing.agrees(trial.data.timing) else timed

@@ -22,6 +22,7 @@ from estimators.regression.least_squares import (
 )
 from estimators.regression.response import LEAST_SLOPE, TorqueResponse
 from pendulum_env._typing import Array, Index, Mask
+from pendulum_env.physics.estimate import LARGEST
 
 
 class Columns(NamedTuple):
@@ -120,7 +121,7 @@ class Balance:
         """Return the errors (R,) and the slopes of the equations by the torque (R,)."""
         residual = (self.y - self.phi @ theta) / self.torque_share
         if self.is_linear:
-            return residual, np.ones(len(residual))
+            return np.clip(residual, -LARGEST, LARGEST), np.ones(len(residual))
         column_slope = self.by_torque[:, self.of_torque] @ np.compress(self.of_torque, theta)
         slope = np.maximum(1.0 - column_slope, LEAST_SLOPE)
         error = residual / slope
@@ -128,7 +129,7 @@ class Balance:
             has_slope = bool(self.of_torque.any())
             curved, errors, slopes = self.response.find_errors(residual, column_slope if has_slope else None)
             error[curved], slope[curved] = errors, slopes
-        return error, slope
+        return np.clip(error, -LARGEST, LARGEST), slope
 
     def solve(self, start: Array | None = None) -> Array:
         """Fit parameters (P,) within their bounds by weighted least squares, from a start (P,), or from zero."""

@@ -196,7 +196,7 @@ def compute_uncertainty(segments: Sequence[Segments], model: Model) -> Array:
     point, names = Point.from_model(model), [*model.estimates]
     place = [names.index(name) for name in (*(c.name for c in model.columns), *list_nonlinear_names(point.terms))]
     size = np.maximum(np.abs(point.values), MIN_SIZE)
-    covariance = model.assumed_covariance[np.ix_(place, place)] / np.outer(size, size)
+    covariance = model.assumed_covariance[np.ix_(place, place)] / size[:, None] / size
     covariance = np.where(np.isfinite(covariance), covariance, 0.0)
     _, slopes = compute_slopes(lambda points: compute_errors(segments, points)[0], point)
     _, segment = compute_errors(segments, [point])

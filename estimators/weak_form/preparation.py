@@ -109,7 +109,7 @@ def choose_half_width(
         return quiet
 
     def has_windows(width: float) -> bool:
-        return len(cut_at(width).centers) >= settings.calibrating
+        return len(cut_at(width).centers) >= 2 * RESOLUTION.fewest
 
     best = min(list(filter(has_windows, widths)) or widths, key=lambda width: bound_error(width).cost)
     for width in () if recording.known_inertia else LONG_HALF_WIDTHS:

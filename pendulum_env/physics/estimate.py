@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,6 +14,7 @@ from pendulum_env.physics.term import Term
 from pendulum_env.quantity import Quantity
 from pendulum_env.units import JointUnits, to_shown_unit
 
+LARGEST = 1e60  # size of an error or a standard error whose powers do not overflow
 SIGNIFICANT = 3.0  # standard errors from zero of a significant parameter
 
 
@@ -33,7 +35,8 @@ class Estimate(Quantity):
     def from_bounds(cls, value: float, std: float, unit: str, low: float, high: float) -> Estimate:
         """Make an estimate from a fit within bounds; with equal bounds, the value is known."""
         at_bound = low < high and value in (low, high)
-        return cls(value, 0.0 if at_bound or low == high else std, unit, at_bound)
+        finite_std = std if std < LARGEST else math.inf  # its square overflows
+        return cls(value, 0.0 if at_bound or low == high else finite_std, unit, at_bound)
 
     @property
     def is_significant(self) -> bool:

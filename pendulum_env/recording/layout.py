@@ -58,13 +58,15 @@ def find_layout(head: bytes) -> Layout:
     if (is_bare or is_sentence) and width not in (len(_split_cells(line)), len(line.split())):
         raise RecordingError(f"the file has no header: {NAME_COLUMNS.format(width, quote_value(row.strip(), 40))}")
     delimiter = _find_delimiter(line)
-    headers = _split_cells(line)
+    headers = _split_cells(line.lstrip(" %"))  # MATLAB's comments, as of a KUKA log
     if data and _are_units(units := _split_cells(lines[data[0]][1], delimiter), headers):
         headers = [
             f"{name} [{unit.strip(' []()')}]" if unit.strip(" []()-") else name
             for name, unit in zip(headers, units, strict=True)
         ]
         start, data = lines[data[0]][0], data[1:]
+    if count := _count_metadata([_split_cells(lines[number][1], delimiter) for number in data]):
+        start, data = lines[data[count - 1]][0], data[count:]
     samples = [lines[number][1] for number in data]
     rows = [_split_cells(text, delimiter) for text in samples[:-1]]  # the last line may be incomplete
     if rows and {len(row) for row in rows} == {width := len(rows[0])}:
@@ -118,6 +120,14 @@ def _count_preamble(content: list[str]) -> int:
     trimmed, width = [_trim_header(cells) for cells in rows], len(_trim_header(rows[-2]))
     trimmed_names = [number for number, cells in enumerate(trimmed) if len(cells) == width > 1 and _are_names(cells)]
     return trimmed_names[-1] if trimmed_names else 0
+
+
+def _count_metadata(rows: Sequence[list[str]]) -> int:
+    """Count the rows above the data that describe the columns: words in the first column, which has numbers below."""
+    first_cells = [row[0] if row else "" for row in rows]
+    if len(rows) < 3 or not _is_numeric(first_cells[-2:-1]):
+        return 0
+    return next(number for number, cell in enumerate(first_cells) if _is_numeric([cell]))
 
 
 def _are_names(cells: list[str]) -> bool:

@@ -16,7 +16,7 @@ from pendulum_env.backends import record
 from pendulum_env.excitation import STILL
 from pendulum_env.physics import Model, ModelError, effects
 from pendulum_env.plant import paper_plant
-from pendulum_env.recording import Load, Recording
+from pendulum_env.recording import Load, Recording, read_recording
 from tests import slow
 from tests.cases import diagnosed
 from tests.once import once
@@ -31,7 +31,7 @@ RATIOS = {name: value / INERTIA for name, value in TRUTH.items()}
 def swinging(
     start: float = 2.6,
     hidden: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = (),
-    counts: int = 4096,
+    counts: int | None = 4096,
     **base: float,
 ) -> Recording:
     """A pendulum of a course, let go at rest: 20 s at 200 Hz."""
@@ -292,3 +292,14 @@ def test_noise_of_a_camera_is_no_error_of_an_encoder(seed):
     )
     assert found.selected == () and not found.unexplained
     assert found.model.estimates["gravity"].value == pytest.approx(21.4, rel=5e-3)
+
+
+def test_a_gyroscope_that_has_no_zero_shows_the_drag_and_no_tilt():
+    run = swinging(1.2, (("quadratic_drag", (("drag", 1e-3),)),), counts=None)
+    speed = np.gradient(run.position, run.time)
+    read = read_recording({"time": run.time, "velocity": speed + np.random.default_rng(0).normal(0, 2e-3, len(speed))})
+    assert read.has_integrated_position and abs(read.position[-1]) > 1.0  # rad from where it hangs
+    found = diagnose([read], only=["quadratic_drag", "gravity_tilt", "spring"])
+    assert found.selected == ("quadratic_drag",) and not found.unexplained
+    estimate = found.model.estimates["gravity"]
+    assert abs(estimate.value - RATIOS["gravity"]) < 5 * estimate.std

@@ -105,3 +105,20 @@ def test_a_law_beside_the_spring_stays_unexplained():
     assert found.selected == ("spring",) and found.unexplained
     added = add(Model(), "spring", fitted, unseen)
     assert all(estimate.is_biased for estimate in added.model.estimates.values())
+
+
+def test_a_controller_that_runs_ten_times_faster_than_the_log_is_timed_beside_the_friction_of_its_gear():
+    plant = Plant(
+        0.0125, gravity=0.92, viscous=0.16, coulomb=0.1, effects={"load_dependent_friction": {"load_mu": 0.16}}
+    )
+    loop = {"excitation": "pd_loop", "gains": (6.0, 0.12), "scale": 0.8}
+    experiment = Experiment(1000.0, 40.0, seed=3, counts=4096, torque_noise=2e-3, **loop)
+    (run,) = simulate([(plant, experiment)])
+    rows = slice(None, None, 10)
+    found = diagnose(
+        [Recording(run.time[rows], run.position[rows], run.torque[rows])], only=["load_dependent_friction"]
+    )
+    assert found.selected == ("load_dependent_friction",) and not found.unexplained
+    for name, truth in {"inertia": 0.0125, "viscous": 0.16, "coulomb": 0.1, "load_dependent_friction": 0.16}.items():
+        estimate = found.model.estimates[name]
+        assert abs(estimate.value - truth) < 5 * estimate.std, name
