@@ -92,9 +92,10 @@ def flatten_structures(name: str, value: Any) -> Iterator[tuple[str, Any]]:
             yield from flatten_structures(f"{name}.{key}" if name else key, inner)
     elif isinstance(value, list) and len(value) > WIDEST and all(isinstance(row, dict) for row in value):
         for key in dict.fromkeys(key for row in value for key in row):  # rows may lack some
-            yield from flatten_structures(
-                f"{name}.{key}", np.array([row.get(key, np.nan) for row in value], dtype=object)
-            )
+            cells = [row.get(key, np.nan) for row in value]
+            is_nested = any(isinstance(cell, dict) for cell in cells)
+            rows = [cell if isinstance(cell, dict) else {} for cell in cells]
+            yield from flatten_structures(f"{name}.{key}", rows if is_nested else np.array(cells, dtype=object))
     elif isinstance(value, list):
         for k, inner in enumerate(value[:WIDEST]):
             yield from flatten_structures(f"{name}[{k}]", inner)

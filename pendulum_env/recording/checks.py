@@ -176,6 +176,11 @@ def refuse_jumps(
             f"{jump_text}, as an angle wrapped at 360 degrees does: read it with {format_setting('unwrap', True)}, and "
             f"with {_format_columns(origin.change_column('position', unit='deg'))}"
         )
+    elif abs(size / float(np.ptp(position)) - 1) < 0.05 and (counter := origin.change_to_counter(size)) is not None:
+        raise ColumnError(
+            f"{jump_text}, as a counter of several turns that starts again does: read it with "
+            f"{format_setting('unwrap', True)}, and with {_format_columns(counter)}"
+        )
     else:
         raise ColumnError(
             f"{jump_text}: {_suggest_position_unit(origin, confirms=False)}, or repair the glitch if it is one"

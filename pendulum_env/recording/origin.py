@@ -45,6 +45,18 @@ class Origin:
         factors = ("/4096", *self._get_expression("position").factors)
         return self.change_column("position", unit="counts", factors=factors)
 
+    def change_to_counter(self, jump: float) -> dict[str, str] | None:
+        """Return the option `columns` with position in counts of a counter that starts again, by its jump [rad].
+
+        The counter has a whole number of turns, each of the counts that the user gave. Return None without counts.
+        """
+        column = self.columns["position"]
+        first, *others = column.expression.factors or ("",)
+        if column.unit not in RAW["position"] or not first.startswith("/"):
+            return None
+        turns = round(jump / column.turn)
+        return self.change_column("position", factors=(f"/{turns * float(first[1:]):g}", f"*{turns}", *others))
+
     def flip_sign(self, quantity: str) -> dict[str, str] | None:
         """Return the option `columns` with the opposite sign of a quantity, including its offset; None without it."""
         if quantity not in self.columns or self.columns[quantity].is_integral:

@@ -135,7 +135,7 @@ UNIT_NAMES = {  # units in messages
     "time": "s, ms, us, ns, min, h",
     "position": "rad, mrad, deg, rev, counts",
     "velocity": "rad/s, deg/s, rpm, rev/s, counts/s",
-    "torque": "Nm, mNm, Ncm, A, mA, V, mV, duty, %, cNm, Nmm, kgfcm, ozfin, lbfin, lbfft",
+    "torque": "Nm, mNm, kNm, Ncm, A, mA, V, mV, duty, %, cNm, Nmm, kgfcm, ozfin, lbfin, lbfft",
     "reference": "rad, mrad, deg, rev, counts, rad/s, deg/s, rpm, rev/s",
     "load_torque": "Nm, mNm, Ncm, cNm, Nmm, kgfcm, ozfin, lbfin, lbfft",
     "supply": "V, mV",

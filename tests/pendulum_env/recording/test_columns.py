@@ -146,7 +146,7 @@ CURRENTS = ["iq", "Current [A]", "/motor/iq_measured", "PWM"]
         (
             HEADERS,
             {"torque": "current:Foo*2"},
-            "'Foo' of torque is not known: use one of Nm, mNm, Ncm, A, mA, V, mV, duty, %",
+            "'Foo' of torque is not known: use one of Nm, mNm, kNm, Ncm, A, mA, V, mV, duty, %",
         ),
         (HEADERS, {"position": "q*1e999"}, "are finite, gains are not 0"),
         (HEADERS, {"position": "q**2"}, r"'\*\*2' behind column 'q' is not understood: write NAME:UNIT"),

@@ -1,7 +1,11 @@
-"""Rows of metadata between names and data, and names behind a percent sign."""
+"""Rows of metadata between names and data, names behind a percent sign, nested rows, and counters that start again."""
+
+import json
 
 import numpy as np
+import pytest
 
+from pendulum_env.errors import ColumnError
 from pendulum_env.recording import read_recording
 
 TIME = np.arange(300) / 100
@@ -23,3 +27,24 @@ def test_names_behind_a_percent_sign_have_seconds_and_nanoseconds(tmp_path):
     path.write_text("\n".join(["%TimeInSec TimeInNanoSec position torque", *seconds]) + "\n")
     read = read_recording(path)
     np.testing.assert_allclose(read.time - read.time[0], TIME, atol=1e-6)
+
+
+def test_rows_of_json_may_be_nested(tmp_path):
+    path = tmp_path / "status.jsonl"
+    rows = [{"time": t, "lift": {"pos": np.sin(t), "motor": {"effort": np.cos(t)}}, "arm": {"pos": 0.1}} for t in TIME]
+    path.write_text("\n".join(map(json.dumps, rows)))
+    read = read_recording(path, columns={"position": "lift.pos:rad", "torque": "lift.motor.effort:Nm"})
+    np.testing.assert_allclose(read.position, np.sin(TIME), atol=1e-9)
+
+
+def test_a_counter_of_many_turns_that_starts_again_is_unwrapped_as_printed(tmp_path):
+    path, angle = tmp_path / "wheel.csv", 300 * TIME + 5 * np.sin(TIME)
+    counts = np.rint(angle / (2 * np.pi) * 90).astype(int) % 9000
+    np.savetxt(
+        path, np.column_stack([TIME, counts, np.cos(TIME)]), delimiter=",", header="time,ticks,torque", comments=""
+    )
+    with pytest.raises(ColumnError) as refusal:
+        read_recording(path, columns={"position": "ticks:counts/90"})
+    assert "counts/9000*100" in str(refusal.value) and "unwrap" in str(refusal.value)
+    read = read_recording(path, columns={"position": "ticks:counts/9000*100"}, unwrap=True)
+    np.testing.assert_allclose(read.position - read.position[0], angle - angle[0], atol=0.08)
