@@ -19,7 +19,7 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import compute_inertia
 from estimators.data.model_errors import compute_errors
 from estimators.data.preparation import find_preparation
-from estimators.data.regions import find_failures
+from estimators.data.regions import compute_profiles_at, find_failures
 from estimators.data.regression_data import RegressionData, drop_unstable_segments
 from estimators.data.settings import DATA
 from estimators.data.split import CutSettings
@@ -27,7 +27,6 @@ from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.cases import choose_case
 from estimators.diagnosis.checks import Subject, examine
 from estimators.results import Comparison, RecordingErrors
-from estimators.signals.residual import compute_profiles
 from estimators.simulation.free_running import HORIZON
 from estimators.simulation.whole_motion import WholeMotion
 from pendulum_env.lookup import refuse_unknown_arguments
@@ -96,7 +95,7 @@ def compare(
             for k, part in enumerate(separate)
         ),
         joint,
-        tuple(compute_profiles(joined.samples, residual, joint.noise_floor, units=joined.units()) if separate else ()),
+        tuple(compute_profiles_at(joined, residual) if separate else ()),
         tuple(find_failures(joined, residual, criterion, n_regions)) if has_torque else (),
         examine(Subject("compare", choose_case(model.terms, recordings), data, model, fits=fits)),
         recordings[0].torque_constant,

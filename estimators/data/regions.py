@@ -7,28 +7,40 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.settings import DATA
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Quantity
-from estimators.signals.residual import SYMBOLS, Region, find_regions, make_region_everywhere
+from estimators.signals.residual import (
+    SYMBOLS,
+    Profile,
+    Region,
+    compute_profiles,
+    find_regions,
+    make_region_everywhere,
+)
 from estimators.weak_form.torque_windows import compute_negligible_residual
 from pendulum_env._typing import Array
 from pendulum_env.recording.channel import NEWTON_METRE
 
 
-def find_regions_at(
+def compute_profiles_at(
     data: RegressionData,
     residual: Array,
     at: str = "",
     axes: Sequence[str] = tuple(SYMBOLS),
-    most: int = DATA.regions,
     floor: float | None = None,
-) -> list[Region]:
-    """Return at most `most` regions of a residual (R,) [N m] of all rows, at a joint, in the order of `find_regions`.
+) -> list[Profile]:
+    """Return the profiles of a residual (R,) [N m] of all rows, at a joint.
 
-    Regions with a negligible mean are left out. `floor` is the noise floor [N m], by default that of the data.
+    `floor` is the noise floor [N m], by default that of the data.
     """
-    of_joint, least = residual[data.locate_rows(at)], compute_negligible_residual(data.data, at)
-    floor = data.floors[at] if floor is None else floor
-    regions = find_regions(data.data.part(at).samples, of_joint, floor, axes, most, data.units(at))
-    return [replace(region, at=at) for region in regions if abs(region.residual) > least]
+    floor, negligible = data.floors[at] if floor is None else floor, compute_negligible_residual(data.data, at)
+    of_joint = residual[data.locate_rows(at)]
+    return compute_profiles(data.data.part(at).samples, of_joint, floor, axes, data.units(at), negligible)
+
+
+def find_regions_at(
+    data: RegressionData, residual: Array, at: str = "", most: int = DATA.regions, floor: float | None = None
+) -> list[Region]:
+    """Return the most significant `most` regions of the profiles of a residual (R,) [N m] at a joint."""
+    return [replace(r, at=at) for r in find_regions(compute_profiles_at(data, residual, at, floor=floor))[:most]]
 
 
 @dataclass(frozen=True)

@@ -6,24 +6,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimators.findings import Finding
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.notebook import summarise
 from pendulum_env.physics import Samples
 from pendulum_env.quantity import get_finite
 from pendulum_env.units import TURNING, JointUnits
 
 AXES = {"position": "rad", "velocity": "rad/s", "torque": "N m", "time": "s"}
-SYMBOLS = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t", "frequency": "f"}
+SPECTRA = {"frequency": "Hz", "order": "periods per turn"}  # over time, and over the angle
+SYMBOLS = {"position": "q", "velocity": "q'", "torque": "tau", "time": "t", "frequency": "f", "order": "n"}
 
 
 @dataclass(frozen=True)
 class RegionSettings:
     """Settings of profiles, and limits of significant regions."""
 
-    bins: int = 24  # largest number of bins of a profile
+    bins: int = 24  # least number of bins of a profile with enough data, and the number over time
+    most_bins: int = 384  # largest number of bins; between both, the number doubles while the data resolve more
+    rows: int = 8  # least number of rows of a bin
+    lines: int = 399  # largest number of frequencies or orders of a spectrum
     turns: float = 2.0  # range of the angle above which it is wrapped to one turn [turns]
-    fine: int = 4  # factor on the bins of wrapped angles, to resolve periodic torque
-    share: float = 0.03  # least significance of a further profile, relative to the first
+    tone: float = 0.9  # significance from which one tone is preferred to the bins of a profile, relative to theirs
     z_limit: float = 5.0  # least mean residual of a region [standard errors]
 
 
@@ -33,15 +36,16 @@ WITHIN = "rad within a turn"  # unit of wrapped angles
 
 @dataclass(frozen=True)
 class Profile:
-    """Mean residual over one quantity, in bins of equal count; over frequency, a spectrum.
+    """Mean residual over one quantity, in bins of equal count; over frequency and order, a spectrum.
 
     Attributes:
         axis: key of `SYMBOLS`.
         unit: unit of the axis.
         edges: limits of the bins (K + 1,), in `unit`.
-        mean: mean residual in each bin (K,) [N m]; over frequency the amplitude.
+        mean: mean residual in each bin (K,) [N m]; of a spectrum the amplitude.
         error: standard error of the mean by noise alone (K,) [N m].
         units: names of the joint's units.
+        negligible: mean residual without meaning [N m].
     """
 
     axis: str
@@ -50,6 +54,22 @@ class Profile:
     mean: Array
     error: Array
     units: JointUnits = TURNING
+    negligible: float = 0.0
+
+    @property
+    def middle(self) -> Array:
+        """Return the middle of each bin (K,), in `unit`."""
+        return 0.5 * (self.edges[1:] + self.edges[:-1])
+
+    @property
+    def band(self) -> Array:
+        """Return the limit of an insignificant mean in each bin (K,) [N m]."""
+        return np.maximum(REGIONS.z_limit * self.error, self.negligible)
+
+    @property
+    def is_spectrum(self) -> bool:
+        """Return whether the profile has amplitudes, over frequency or order."""
+        return self.axis in SPECTRA
 
 
 @dataclass(frozen=True)
@@ -59,14 +79,15 @@ class Region:
     Attributes:
         axis: key of `SYMBOLS`.
         low, high: ends of the interval, in `unit`.
-        residual: mean residual [N m]; over frequency the amplitude.
-        significance: absolute mean over its standard error by noise.
+        residual: mean residual of its bins [N m]; of a spectrum their largest amplitude.
+        significance: absolute residual over its standard error by noise.
         unit: unit of the axis; empty for a constant.
         at: name of the joint; empty for a pendulum.
         units: names of the joint's units.
         is_profiled: whether the interval comes from a profile; else the residual is not limited to it.
         held_out_recordings: names of the recordings, if only held-out data have the residual.
         cause: finding that explains the residual, or None.
+        peak: place of the largest amplitude of a spectrum, in `unit`, else None.
     """
 
     axis: str
@@ -80,6 +101,7 @@ class Region:
     is_profiled: bool = True
     held_out_recordings: tuple[str, ...] = ()
     cause: Finding | None = None
+    peak: float | None = None
 
     def __str__(self) -> str:
         return summarise(self)
@@ -101,6 +123,7 @@ class Region:
             "axis": self.axis,
             "low": get_finite(self.low),
             "high": get_finite(self.high),
+            "peak": self.peak,
             "unit": self.unit,
             "residual": self.residual,
             "significance": self.significance,
@@ -140,17 +163,44 @@ def wrap_angles(position: Array) -> Array:
 def compute_profile(axis: str, values: Array, residual: Array, noise: float) -> Profile:
     """Return the profile of a residual (R,) [N m] over `values` (R,), in bins of equal count.
 
+    The number of bins follows the data, see `_choose_bins`; over time it is fixed, as the spectrum shows fast changes.
     `axis` is a key of `AXES`, and `noise` the standard deviation of each residual by noise alone [N m]. Angles of a
     joint that makes whole turns are wrapped to one turn.
     """
     is_wrapped = axis == "position" and makes_whole_turns(values)
     values, unit = (wrap_angles(values), WITHIN) if is_wrapped else (np.asarray(values), AXES[axis])
-    count = max(2, min(REGIONS.bins * (REGIONS.fine if is_wrapped else 1), len(values) // 8))
-    edges = np.quantile(values, np.linspace(0, 1, count + 1))
-    bin_of_row = _find_bins(values, edges)
-    counts = np.maximum(np.bincount(bin_of_row, minlength=count), 1)
-    mean = np.bincount(bin_of_row, weights=residual, minlength=count) / counts
+    edges = _choose_bins(values, residual, REGIONS.bins if axis == "time" else REGIONS.most_bins)
+    mean, counts = _average_bins(values, residual, edges)
     return Profile(axis, unit, edges, mean, noise / np.sqrt(counts))
+
+
+def _choose_bins(values: Array, residual: Array, most: int) -> Array:
+    """Return the edges (K + 1,) of at most `most` bins of equal count that explain a residual (R,) best.
+
+    K minimises R ln(sum (r - mean of its bin)^2) + K ln R, the Bayesian information criterion, among doubled numbers.
+    The scatter of the residual itself decides, so another structure in it needs no bins.
+
+    Source: Schwarz, Annals of Statistics 6, 1978.
+    """
+    largest = max(2, min(most, len(values) // REGIONS.rows))
+    best, least = np.empty(0), np.inf
+    count = min(REGIONS.bins, largest)
+    while count <= largest:
+        edges = np.quantile(values, np.linspace(0, 1, count + 1))
+        mean, counts = _average_bins(values, residual, edges)
+        rest = max(float(residual @ residual - counts @ mean**2), np.finfo(float).tiny)
+        criterion = len(residual) * np.log(rest) + count * np.log(len(residual))
+        if criterion < least:
+            best, least = edges, criterion
+        count *= 2
+    return best
+
+
+def _average_bins(values: Array, residual: Array, edges: Array) -> tuple[Array, Array]:
+    """Return the mean residual (K,) of the rows in each bin, and their number (K,), at least 1."""
+    bin_of_row = _find_bins(values, edges)
+    counts = np.maximum(np.bincount(bin_of_row, minlength=len(edges) - 1), 1)
+    return np.bincount(bin_of_row, weights=residual, minlength=len(edges) - 1) / counts, counts
 
 
 def _find_bins(values: Array, edges: Array) -> Array:
@@ -161,25 +211,45 @@ def _find_bins(values: Array, edges: Array) -> Array:
 def compute_spectrum(time: Array, residual: Array, noise: float) -> Profile:
     """Return the spectrum of a residual (R,) [N m] at times (R,) [s] by Lomb-Scargle, as windows may be missing.
 
-    It has at most 399 frequencies, multiples of one over the duration, up to 0.4 of the window rate. `noise` is the
-    standard deviation of each residual by noise alone [N m].
+    Its frequencies are multiples of one over the duration, up to 0.4 of the window rate. `noise` is the standard
+    deviation of each residual by noise alone [N m].
 
     Source: Scargle, Astrophysical Journal 263, 1982.
     """
     span = float(np.ptp(time)) or 1.0
     step = float(np.median(np.diff(np.unique(time))))
-    frequency = np.arange(1, max(2, min(400, int(0.4 * span / step)))) / span
-    amplitude = np.array([_fit_amplitude(time, residual, 2 * np.pi * hertz) for hertz in frequency])
-    edges = np.r_[frequency - 0.5 / span, frequency[-1] + 0.5 / span]
-    return Profile("frequency", "Hz", edges, amplitude, np.full(len(frequency), noise * np.sqrt(2 / len(residual))))
+    lines = np.arange(1, max(2, min(REGIONS.lines + 1, int(0.4 * span / step)))) / span
+    return _fit_spectrum("frequency", time, lines, 1 / span, residual, noise)
 
 
-def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
-    """Fit a cosine and a sine of omega [rad/s] to a residual (R,) at times (R,) [s]; return the amplitude of their sum.
+def compute_order_spectrum(position: Array, residual: Array, noise: float) -> Profile | None:
+    """Return the spectrum of a residual (R,) [N m] over the angle (R,) [rad]: amplitude against periods per turn.
+
+    The first order has one period in the range of the angle, the last 2.5 samples a period at the typical speed.
+    None if no order is between them.
+    """
+    turns = np.asarray(position) / (2 * np.pi)
+    step = float(np.median(np.abs(np.diff(turns))))
+    first, last = np.ceil(1 / max(np.ptp(turns), 1e-12)), min(REGIONS.lines, 0.4 / max(step, 1e-12))
+    if first > last:
+        return None
+    return _fit_spectrum("order", turns, np.arange(first, last + 1), 1.0, residual, noise)
+
+
+def _fit_spectrum(axis: str, values: Array, lines: Array, width: float, residual: Array, noise: float) -> Profile:
+    """Fit a tone of each of the lines (K,), `width` apart, to a residual (R,) over values (R,) without its mean."""
+    centered = residual - residual.mean()
+    amplitude = np.array([_fit_amplitude(values, centered, 2 * np.pi * line) for line in lines])
+    edges = np.r_[lines - 0.5 * width, lines[-1] + 0.5 * width]
+    return Profile(axis, SPECTRA[axis], edges, amplitude, np.full(len(lines), noise * np.sqrt(2 / len(residual))))
+
+
+def _fit_amplitude(values: Array, residual: Array, omega: float) -> float:
+    """Fit a cosine and a sine of omega to a residual (R,) over values (R,); return the amplitude of their sum.
 
     It is sqrt(4 P / R) of the power P by `scipy.signal.lombscargle`; importing that takes half a second.
     """
-    wave = np.exp(1j * omega * time)
+    wave = np.exp(1j * omega * values)
     overlap = np.mean(wave**2)  # half its phase makes cosine and sine orthogonal
     share = np.mean(residual * wave) * np.exp(-0.5j * np.angle(overlap))
     size = abs(overlap)
@@ -187,101 +257,99 @@ def _fit_amplitude(time: Array, residual: Array, omega: float) -> float:
 
 
 def compute_profiles(
-    x: Samples, residual: Array, noise: float, axes: Sequence[str] = tuple(SYMBOLS), units: JointUnits = TURNING
-) -> list[Profile]:
-    """Compute the profile of a residual (R,) over each of some axes, keys of `SYMBOLS`; see `compute_profile`.
-
-    Frequency gives the spectrum. Torque is left out if it is constant.
-    """
-    profiles = [
-        compute_spectrum(np.asarray(x.time), residual, noise)
-        if axis == "frequency"
-        else compute_profile(axis, np.asarray(getattr(x, axis)), residual, noise)
-        for axis in axes
-        if axis != "torque" or np.ptp(x.torque) > 0
-    ]
-    return [replace(profile, unit=units.unit(profile.unit), units=units) for profile in profiles]
-
-
-def find_regions(
     x: Samples,
     residual: Array,
     noise: float,
     axes: Sequence[str] = tuple(SYMBOLS),
-    most: int = 6,
     units: JointUnits = TURNING,
-) -> list[Region]:
-    """Find at most `most` regions with a mean residual above five standard errors.
+    negligible: float = 0.0,
+) -> list[Profile]:
+    """Compute the profile of a residual (R,) over each of some axes, keys of `SYMBOLS`; see `compute_profile`.
 
-    The most significant profile, or a constant, is subtracted from the residual (R,) [N m]. This repeats until no
-    profile is significant and exceeds `REGIONS.share` of the first. The top region of each profile comes first, then
-    the others. `noise` is the standard deviation of each residual by noise alone [N m].
+    Frequency and order give spectra. Torque is left out if it is constant, order if no range of it is resolved, and at
+    a linear joint. A mean below `negligible` [N m] has no meaning.
     """
-    main: list[Region] = []
-    further: list[Region] = []
-    remaining, largest = np.asarray(residual, dtype=float), 0.0
-    for _ in range(len(axes) + 1):
-        profiles = [
-            profile
-            for profile in [
-                _make_constant_profile(x, remaining, noise, units),
-                *compute_profiles(x, remaining, noise, axes, units),
-            ]
-            if _find_profile_regions(profile)
-        ]
-        top = max(profiles, key=compute_significance, default=None)
-        if top is None or compute_significance(top) < REGIONS.share * largest:
-            break
-        region, *others = _find_profile_regions(top)
-        main, further, largest = [*main, region], [*further, *others], largest or compute_significance(top)
-        remaining = remaining - _evaluate_profile(top, x, remaining)
-    return [*main, *further][:most]
+
+    def compute(axis: str) -> Profile | None:
+        if axis == "frequency":
+            return compute_spectrum(np.asarray(x.time), residual, noise)
+        if axis == "order":
+            return None if units.is_prismatic else compute_order_spectrum(np.asarray(x.position), residual, noise)
+        values = np.asarray(getattr(x, axis))
+        return compute_profile(axis, values, residual, noise) if axis != "torque" or np.ptp(values) > 0 else None
+
+    profiles = [profile for axis in axes if (profile := compute(axis)) is not None]
+    return [replace(p, unit=units.unit(p.unit), units=units, negligible=negligible) for p in profiles]
 
 
-def _make_constant_profile(x: Samples, residual: Array, noise: float, units: JointUnits) -> Profile:
-    """Return the mean residual as a profile over time with one bin."""
-    edges = np.array([np.min(x.time), np.max(x.time)], dtype=float)
-    mean, error = np.array([residual.mean()]), np.array([noise / np.sqrt(len(residual))])
-    return Profile("time", "s", edges, mean, error, units)
+def find_regions(profiles: Sequence[Profile]) -> list[Region]:
+    """Return the runs of all profiles of one residual, the most significant first; see `find_runs`.
+
+    Amplitudes of a spectrum come after means, unless `find_strongest` returns the spectrum. Runs over all bins of an
+    axis are one region: a constant residual. It is also the only region if the mean of all rows is significant, but no
+    bin is.
+    """
+    runs = [run for profile in profiles for run in find_runs(profile)]
+    whole = {p.axis: (p.edges[0], p.edges[-1]) for p in profiles if not p.is_spectrum}
+    regions = [run for run in runs if (run.low, run.high) != whole.get(run.axis)]
+    time = next((profile for profile in profiles if profile.axis == "time"), None)
+    if time is not None and (len(regions) < len(runs) or not runs):
+        constant = replace(_make_region(time, np.arange(len(time.mean))), unit="")
+        if constant.significance > REGIONS.z_limit and abs(constant.residual) > time.negligible:
+            regions.append(constant)
+    strongest = find_strongest(profiles).axis
+    return sorted(regions, key=lambda run: (run.axis in SPECTRA and run.axis != strongest, -run.significance))
+
+
+def find_runs(profile: Profile) -> list[Region]:
+    """Return each run of neighbouring bins of a profile whose means leave their bands to the same side."""
+    signs = np.sign(profile.mean) * (np.abs(profile.mean) > profile.band)
+    runs = np.split(np.arange(len(signs)), np.flatnonzero(np.diff(signs)) + 1)
+    return [_make_region(profile, bins) for bins in runs if signs[bins[0]] != 0]
+
+
+def _make_region(profile: Profile, bins: Index) -> Region:
+    """Make the region of neighbouring bins of a profile, with their mean, or with the largest amplitude."""
+    low, high = float(profile.edges[bins[0]]), float(profile.edges[bins[-1] + 1])
+    means, errors = profile.mean[bins], np.maximum(profile.error[bins], 1e-12)
+    if profile.is_spectrum:
+        k = int(np.argmax(means))
+        mean, error, peak = float(means[k]), float(errors[k]), float(profile.middle[bins[k]])
+    else:
+        mean, error, peak = float(means.mean()), float(np.sqrt(errors @ errors)) / len(bins), None
+    return Region(profile.axis, low, high, mean, abs(mean) / error, profile.unit, units=profile.units, peak=peak)
 
 
 def compute_significance(profile: Profile) -> float:
     """Return the gain in AIC of a profile over zero: the sum of (mean / error)^2, minus two per bin.
 
-    For a spectrum, the largest square minus 2 (2 + ln K): one tone of K frequencies, with two parameters.
+    For a spectrum, the largest square minus 2 (2 + ln K): one tone of K lines, with two parameters.
     """
     squares = (profile.mean / np.maximum(profile.error, 1e-12)) ** 2
-    if profile.axis == "frequency":
+    if profile.is_spectrum:
         return float(squares.max() - 2 * (2 + np.log(len(squares))))
     return float(squares.sum() - 2 * len(squares))
 
 
-def _evaluate_profile(profile: Profile, x: Samples, residual: Array) -> Array:
-    """Return the value of a profile at each of the samples (R,) [N m]; of a spectrum, the tone fitted at its peak."""
-    if profile.axis == "frequency":
-        peak = int(np.argmax(profile.mean))
-        phase = np.pi * (profile.edges[peak] + profile.edges[peak + 1]) * np.asarray(x.time)
+def find_strongest(profiles: Sequence[Profile]) -> Profile:
+    """Return the most significant profile, or a spectrum whose one tone is nearly as significant."""
+    gains = {profile.axis: compute_significance(profile) for profile in profiles}
+    least = REGIONS.tone * max(gains.values())
+    return max(profiles, key=lambda profile: (profile.is_spectrum and gains[profile.axis] > least, gains[profile.axis]))
+
+
+def remove_strongest(profiles: Sequence[Profile], x: Samples, residual: Array) -> tuple[Profile, Array]:
+    """Return the strongest profile of a residual (R,) [N m], and the residual without it (R,).
+
+    Of a spectrum the tone at its peak is removed.
+    """
+    top = find_strongest(profiles)
+    values = np.asarray(
+        x.time if top.axis == "frequency" else getattr(x, "position" if top.axis == "order" else top.axis)
+    )
+    if top.is_spectrum:
+        phase = (1 if top.axis == "order" else 2 * np.pi) * top.middle[np.argmax(top.mean)] * values
         tone = np.column_stack([np.cos(phase), np.sin(phase)])
-        return np.asarray(tone @ np.linalg.lstsq(tone, residual, rcond=None)[0])
-    values = np.asarray(getattr(x, profile.axis))
-    values = wrap_angles(values) if profile.unit == WITHIN else values
-    return np.asarray(profile.mean[_find_bins(values, profile.edges)])
-
-
-def _find_profile_regions(profile: Profile) -> list[Region]:
-    """Return runs of significant bins of one sign of a profile, the most significant first; of a spectrum, its peak."""
-    score = np.abs(profile.mean) / np.maximum(profile.error, 1e-12)
-    signs = np.sign(profile.mean) * (score > REGIONS.z_limit)
-    if profile.axis == "frequency":
-        signs = np.where(np.arange(len(score)) == np.argmax(score), signs, 0)
-    regions = []
-    for bins in np.split(np.arange(len(signs)), np.flatnonzero(np.diff(signs)) + 1):
-        if signs[bins[0]] == 0:
-            continue
-        weight = 1 / np.maximum(profile.error[bins], 1e-12) ** 2
-        mean = float(np.average(profile.mean[bins], weights=weight))
-        significance = abs(mean) * float(np.sqrt(weight.sum()))
-        low, high = float(profile.edges[bins[0]]), float(profile.edges[bins[-1] + 1])
-        unit = profile.unit if len(profile.mean) > 1 else ""  # a constant has none
-        regions.append(Region(profile.axis, low, high, mean, significance, unit, units=profile.units))
-    return sorted(regions, key=lambda region: -region.significance)
+        return top, residual - np.asarray(tone @ np.linalg.lstsq(tone, residual, rcond=None)[0])
+    values = wrap_angles(values) if top.unit == WITHIN else values
+    return top, residual - top.mean[_find_bins(values, top.edges)]

@@ -106,7 +106,8 @@ def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, run_comman
     assert [item["name"] for item in data["recordings"]] == ["train", "holdout"]
     assert max(region["significance"] for region in data["regions"]) > 100
     assert data["joint"]["errors"]["torque_rms"] > 3 * data["joint"]["noise_floor"]["torque_rms"]
-    assert {item["axis"] for item in data["profiles"]} == {"position", "velocity", "torque", "time", "frequency"}
+    axes = {"position", "velocity", "torque", "time", "frequency", "order"}
+    assert {item["axis"] for item in data["profiles"]} == axes
     told = Path("c.html").read_text(encoding="utf-8")
     assert "The model is off by" in told and "base model" not in told and "Where it fails" in told
 

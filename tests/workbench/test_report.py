@@ -6,8 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.two_link import TwoLink
+from estimators import compare, identify
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
+from estimators.data.regions import compute_profiles_at
+from estimators.decisions.errors import Step
 from estimators.decisions.gate import FailedGates, Gate
 from estimators.diagnosis.result import Candidate, Diagnosis
 from estimators.findings import Verdict
@@ -16,13 +20,18 @@ from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.signals.residual import Region, compute_profiles, find_regions
 from pendulum_env.formatting import format_number
 from pendulum_env.physics import Samples
+from robots.arms import arm_base
+from tests import two_link
 from tests.cases import diagnosed
 from tests.workbench.app.plants import record_pendulum
 from tests.workbench.pages import Page, values, whole
 from workbench.figure import insert_gaps, round_numbers, select_samples
+from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.findings import describe_reason
+from workbench.narrator.parts import list_figures
 from workbench.report import SECTIONS, render
-from workbench.report.failures import plot_profile
+from workbench.report.data import ReportData
+from workbench.report.failures import make_failures, measure_reach, plot_profile
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out_recordings=("<run>",))
@@ -143,11 +152,71 @@ def test_the_residual_of_a_joint_that_turns_is_drawn_over_one_turn():
     x = Samples(time, 1.5 * time, np.sin(time), np.cos(time))
     cogs = 0.1 * np.cos(7 * x.position)
     (around,) = compute_profiles(x, cogs, 0.01, ["position"])
-    drawn = plot_profile(curves, [around], find_regions(x, cogs, 0.01), (), 0.2)
+    drawn = plot_profile(curves, [around], 0.2)
     angle = np.array(drawn.data[-1]["x"])
     assert "wrapped" in drawn.layout["xaxis"]["title"]["text"] and np.abs(angle).max() <= np.pi
     assert np.corrcoef(drawn.data[-1]["y"], np.cos(7 * angle))[0, 1] > 0.98  # not smeared over all turns
     assert all(-np.pi <= stripe["x0"] < stripe["x1"] <= np.pi for stripe in drawn.layout["shapes"])
+
+
+def read_plot(figure) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Points x and y, band and shade (whether a stripe covers the point) of each curve of a plot of failures."""
+    bands = [trace for trace in figure.data if trace.get("fill")]
+    curves, read = [trace for trace in figure.data if not trace.get("fill")], []
+    colors = [{stripe["fillcolor"] for stripe in figure.layout["shapes"]} & {"--region"}, {"--open"}]
+    for trace, color in zip(curves, colors, strict=False):
+        x, y = np.array(trace["x"]), np.array(trace["y"])
+        band = next(np.array(one["y"][: len(x)]) for one in bands if len(one["x"]) == 2 * len(x))
+        stripes = [stripe for stripe in figure.layout["shapes"] if stripe["fillcolor"] in color]
+        read.append((x, y, band, np.array([any(one["x0"] <= at <= one["x1"] for one in stripes) for at in x])))
+    return read
+
+
+def check_failures(diagnosis: Diagnosis, joint: str = "") -> int:
+    """Check that shade, points and sentences of a page agree; returns the number of sentences above the fold."""
+    case = ReportData(diagnosis)
+    section = make_failures(case)
+    content = (
+        section.content if not joint else next(p.content for p in section.content if getattr(p, "title", "") == joint)
+    )
+    figures = {figure.id.rpartition("-")[2]: figure for figure in list_figures(content)}
+    for figure in figures.values():
+        for _, y, band, is_shaded in read_plot(figure):
+            clear = np.abs(np.abs(y) - band) > 1e-4 * band  # numbers of a plot are rounded
+            assert np.array_equal(is_shaded[clear], (np.abs(y) > band)[clear]), figure.id
+    for k, residual in enumerate(case.compute_residuals(0)):
+        profiles = compute_profiles_at(case.data.parts[0], residual, joint)
+        for region in find_regions([profile for profile in profiles if profile.axis in figures]):
+            if not region.is_constant:
+                x, y, _, _ = read_plot(figures[region.axis])[k]
+                covered = y[(region.low < x) & (x < region.high)]
+                told = covered.max() if region.peak is not None else covered.mean()
+                assert region.residual == pytest.approx(told, rel=0.01)
+                assert describe_region(region) in str(content)
+    return len(next(item for item in content if isinstance(item, tuple) and item and isinstance(item[0], str)))
+
+
+def test_sentences_shade_and_points_of_where_it_fails_agree(diagnosis):
+    assert check_failures(diagnosis) == 3
+
+
+def test_the_shade_at_a_joint_of_an_arm_is_where_the_curve_leaves_its_band():
+    arm = two_link.record_arm(TwoLink(drag=(0.0, 0.03)), seconds=8.0, rate=500.0)
+    found = compare(identify(arm, arm_base(two_link.body())).primary.model, arm)
+    step = Step(None, found.model, dict.fromkeys(("train", "holdout"), found.joint.errors))
+    diagnosis = Diagnosis((step,), (), (), found.regions, found.joint.floors, (), data=found.data)
+    assert check_failures(diagnosis, "elbow") > 0
+
+
+def test_a_model_without_failure_fills_no_panel_with_its_band():
+    time = np.arange(2000) * 0.01
+    x = Samples(time, np.sin(time), np.cos(time), np.sin(2 * time))
+    profiles = compute_profiles(x, 0.01 * np.random.default_rng(0).normal(size=2000), 0.01)
+    assert find_regions(profiles) == []
+    reach = max(measure_reach(profile) for profile in profiles if not profile.is_spectrum)
+    for profile in profiles:
+        drawn = plot_profile([("model", "--base")], [profile], reach)
+        assert max(drawn.data[0]["y"]) < 0.5 * drawn.layout["yaxis"]["range"][1]
 
 
 def test_the_page_shows_how_to_do_it_again_if_that_is_known(page, diagnosis):

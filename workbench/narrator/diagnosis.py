@@ -11,7 +11,7 @@ from estimators.diagnosis.small_effect import SmallEffect
 from estimators.diagnosis.suggestion import Suggestion
 from estimators.findings import Finding, Quantity, withhold_everything
 from estimators.results import Comparison
-from estimators.signals.residual import SYMBOLS, Region
+from estimators.signals.residual import SPECTRA, SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import encode_signal
 from pendulum_env.formatting import capitalise, format_percent, join_words, measure, measure_change, measure_range
@@ -31,6 +31,7 @@ from workbench.narrator.findings import (
 WRONG_DRIVE = 5.0  # error in the loop that indicates wrong settings of the drive [noise floors]
 SIGNIFICANT = 3.0  # smallest significant size of a table [standard errors]
 COUNTABLE = 100.0  # largest printed significance [standard errors]
+BROAD = 1.5  # ratio of the ends of a broad range of frequencies
 
 
 def describe_region(region: Region) -> str:
@@ -50,8 +51,13 @@ def _describe_stretch(region: Region) -> str:
     quantity, unit = region.units.name("torque"), region.units.unit(NEWTON_METRE)
     significance = f"{region.significance:.0f}" if region.significance <= COUNTABLE else f"more than {COUNTABLE:g}"
     size, error = f"{abs(region.residual):.3g} {unit}", f"({significance} standard errors)"
-    if region.axis == "frequency":
-        return f"Around {0.5 * (region.low + region.high):.3g} Hz the residual oscillates by {size} {error}."
+    if region.axis in SPECTRA:
+        peak = 0.5 * (region.low + region.high) if region.peak is None else region.peak
+        place = f"Around {peak:.3g} {region.unit} the residual oscillates by {size} {error}"
+        is_broad = region.high > BROAD * region.low
+        return (
+            f"{place}, the peak of {measure_range(region.low, region.high, region.unit)}." if is_broad else f"{place}."
+        )
     place = f"For {SYMBOLS[region.axis]} from {measure_range(region.low, region.high, region.unit)}"
     place = "Everywhere" if region.is_constant else place
     side = "more" if region.residual > 0 else "less"

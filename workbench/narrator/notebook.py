@@ -126,11 +126,11 @@ def show_comparison(comparison: Comparison) -> str:
     torque = f"{units.name('torque')} [{units.unit(NEWTON_METRE)}]"
     plots = [
         make_plot(
-            f"{'amplitude of the' if item.axis == 'frequency' else 'mean'} residual {torque} "
+            f"{'amplitude of the' if item.is_spectrum else 'mean'} residual {torque} "
             f"over {item.axis}, {measure_range(item.edges[0], item.edges[-1], item.unit)}",
-            0.5 * (item.edges[1:] + item.edges[:-1]),
+            item.middle,
             [PlotCurve(item.mean, ORANGE)],
-            noise=2 * item.error,
+            noise=item.band,
         )
         for item in comparison.profiles
     ]
@@ -139,7 +139,7 @@ def show_comparison(comparison: Comparison) -> str:
         note_constant(comparison.torque_constant),
         *results.narrate_comparison(comparison, is_drawn=True),
         *plots,
-        "The band is two standard errors of noise." if plots else "",
+        "A mean outside the grey band exceeds the noise." if plots else "",
     )
 
 

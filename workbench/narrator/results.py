@@ -7,6 +7,7 @@ from estimators.decisions.errors import Errors, Step, get_single
 from estimators.diagnosis.links import LinkPayload
 from estimators.diagnosis.result import Addition, Candidate, Diagnosis, HorizonRefit
 from estimators.results import Comparison
+from estimators.signals.residual import SPECTRA
 from pendulum_env.formatting import TextTable, format_quantity, join_words, measure
 from pendulum_env.physics.estimate import shorten_name
 from pendulum_env.physics.mechanism import Mechanism
@@ -198,7 +199,7 @@ def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[P
     regions = [(region.at, narration.describe_region(region)) for region in comparison.regions]
     texts = [f"{at}: {text}" if at else text for at, text in regions]
     content: list[TextTable | str | tuple[str, ...]] = [tuple(texts)]
-    axes = [region.axis for region in comparison.regions if region.axis != "frequency"]
+    axes = [region.axis for region in comparison.regions if region.axis not in SPECTRA]
     profile = next((item for axis in axes for item in comparison.profiles if item.axis == axis), None)
     if profile is not None and not is_drawn:
         content.append(tabulate_profile(profile))

@@ -9,7 +9,7 @@ from estimators.decisions.errors import Errors, Step
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Verdict
 from estimators.results import Comparison
-from estimators.signals.residual import SYMBOLS, Profile
+from estimators.signals.residual import REGIONS, SYMBOLS, Profile
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words
 from pendulum_env.physics import Model
@@ -106,12 +106,15 @@ def tabulate_recordings(comparison: Comparison) -> TextTable:
 
 
 def tabulate_profile(profile: Profile) -> TextTable:
-    """Tabulate the mean residual over one quantity, with bars."""
-    largest = float(np.abs(profile.mean).max()) or 1.0
-    edges, unit_of_axis = to_shown_unit(profile.edges, profile.unit)
+    """Tabulate the mean residual over one quantity, with bars; neighbouring bins share a row if they are many."""
+    joined = -(-len(profile.mean) // REGIONS.bins)  # bins of a row
+    starts = np.arange(0, len(profile.mean), joined)
+    means = np.add.reduceat(profile.mean, starts) / np.diff(np.r_[starts, len(profile.mean)])
+    largest = float(np.abs(means).max()) or 1.0
+    edges, unit_of_axis = to_shown_unit(profile.edges[np.r_[starts, len(profile.mean)]], profile.unit)
     rows = [
         (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", f"{draw_bar(-mean / largest):>12}│{draw_bar(mean / largest):<12}")
-        for (low, high), mean in zip(pairwise(edges), profile.mean.tolist(), strict=True)
+        for (low, high), mean in zip(pairwise(edges), means.tolist(), strict=True)
     ]
     unit = profile.units.unit(NEWTON_METRE)
     return TextTable((f"{SYMBOLS[profile.axis]} [{unit_of_axis}]", f"mean residual [{unit}]", ""), rows, left=("",))

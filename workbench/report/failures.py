@@ -1,14 +1,24 @@
-"""Plots of the residual over angle, velocity, torque, time and frequency."""
+"""Plots of the residual over angle, velocity, torque and time, and its spectra over time and angle."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from estimators.data.regions import find_regions_at
-from estimators.signals.residual import REGIONS, SYMBOLS, WITHIN, Profile, Region, compute_profiles
+from estimators.data.regions import compute_profiles_at
+from estimators.data.regression_data import RegressionData
+from estimators.signals.residual import (
+    REGIONS,
+    SYMBOLS,
+    WITHIN,
+    Profile,
+    Region,
+    find_regions,
+    find_runs,
+    remove_strongest,
+)
 from estimators.weak_form.resolution import RESOLUTION
-from pendulum_env._typing import JSON
+from pendulum_env._typing import JSON, Array
 from pendulum_env.formatting import format_percent
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, make_axis, make_band, make_line
@@ -18,13 +28,16 @@ from workbench.report.data import ReportData, Section
 
 TITLES = {  # name and symbol of an axis
     "position": ("angle", " q"),
-    "velocity": ("velocity", " q'"),
+    "velocity": ("velocity", " q̇"),
     "torque": ("torque", " τ"),
     "time": ("time", " t"),
     "frequency": ("frequency", ""),
+    "order": ("order", ""),
 }
 SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
+FIRST = 3  # number of regions above the fold
+ROOM = 2.5  # least height of a plot [half widths of the band]
 
 Curve = tuple[str, str]  # label and colour of a model
 
@@ -35,39 +48,64 @@ def make_failures(case: ReportData) -> Section:
     residuals, axes = case.compute_residuals(0), tuple(SYMBOLS) if body.can_simulate else SHOWN
     strips, stands_out = list[Part](), [False] * len(residuals)
     for k, joint in enumerate(prepared.floors):
-        x, rows = prepared.data.part(joint).samples, prepared.data.locate_rows(joint)
-        noise, units = prepared.floors[joint], prepared.units(joint)
-        maps = [compute_profiles(x, residual[rows], noise, axes, units) for residual in residuals]
-        regions = [find_regions_at(prepared, residual, joint, axes) for residual in residuals]
-        stands_out = [is_visible or bool(region) for is_visible, region in zip(stands_out, regions, strict=True)]
-        reach = 1.08 * max(float(np.abs(p.mean).max()) for m in maps for p in m if p.axis != "frequency")
-        final_regions = regions[-1] if len(regions) > 1 else []
+        maps = [compute_profiles_at(prepared, residual, joint, axes) for residual in residuals]
+        stands_out = [seen or any(map(find_runs, m)) for seen, m in zip(stands_out, maps, strict=True)]
+        reach = max(measure_reach(profile) for profiles in maps for profile in profiles if not profile.is_spectrum)
         name = f"joint-{k}" if joint else "profile"
-        figures = [
-            plot_profile(curves, profiles, regions[0], final_regions, reach, name)
-            for profiles in zip(*maps, strict=True)
+        figures = [plot_profile(curves, profiles, reach, name) for profiles in _group_by_axis(maps)]
+        parts = [
+            part
+            for (label, _), profiles, residual in zip(curves, maps, residuals, strict=True)
+            for part in list_regions(label, profiles, prepared, residual, joint)
         ]
-        strips.append(Part(joint, [tuple(figures), *list_regions(curves, regions)]))
+        strips.append(Part(joint, [tuple(figures), *parts]))
     negligible = format_percent(RESOLUTION.width.negligible)
-    threshold = f" by more than {negligible} of the joint's torque" * (not body.can_simulate)
-    remark = "; amplitudes over frequency have their own" * body.can_simulate
+    least = f", at least {negligible} of the joint's torque" * (not body.can_simulate)
+    remark = "; amplitudes have their own" * body.can_simulate
     scales = (
         "The residual torque, averaged over bins of each quantity, on the data that were fitted. The grey band is "
-        f"the noise floor ({REGIONS.z_limit:g} standard errors); a shaded stretch is where the residual stands out "
-        f"of it{threshold}. Means share one scale{remark}."
+        f"the noise floor ({REGIONS.z_limit:g} standard errors{least}). A shaded stretch is where the mean of a bin "
+        f"leaves its band. Means share one scale{remark}."
     )
     content: list[Any] = [scales, make_legend(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
     content += strips[0].content if body.can_simulate else strips
     return Section("failures", "Where it fails", "Where the model fails", content)
 
 
+def _group_by_axis(maps: Sequence[Sequence[Profile]]) -> list[list[Profile]]:
+    """Group the profiles of several models by axis, in the order of the first model."""
+    return [[p for profiles in maps for p in profiles if p.axis == first.axis] for first in maps[0]]
+
+
+def measure_reach(profile: Profile) -> float:
+    """Return the height of the plot of a profile [N m]: its means, and room beside its band."""
+    return max(1.08 * float(np.abs(profile.mean).max()), ROOM * float(np.median(profile.band)))
+
+
 def list_regions(
-    curves: Sequence[Curve], regions_of_models: Sequence[Sequence[Region]]
-) -> Iterator[str | tuple[str, ...]]:
-    """Yield a heading and the significant regions of the residual for each model."""
-    for (label, _), regions in zip(curves, regions_of_models, strict=False):
-        yield f"Under the {label}{':' if regions else ', the residual is within the noise.'}"
-        yield tuple(describe_region(region) for region in regions)
+    label: str, profiles: Sequence[Profile], data: RegressionData, residual: Array, joint: str
+) -> Iterator[str | tuple[str, ...] | Part]:
+    """Yield a heading and the regions of profiles at a joint for one model, the first above a fold.
+
+    A further fold has the regions of the residual (R,) without its strongest profile.
+    """
+    texts = [describe_region(region) for region in find_regions(profiles)]
+    yield f"Under the {label}{':' if texts else ', the residual is within the noise.'}"
+    yield tuple(texts[:FIRST])
+    if texts[FIRST:]:
+        yield Part(
+            f"Further regions under the {label}, {len(texts) - FIRST} of {len(texts)}", [tuple(texts[FIRST:])], False
+        )
+    if texts:
+        rows = data.locate_rows(joint)
+        top, rest = remove_strongest(profiles, data.data.part(joint).samples, residual[rows])
+        remaining = residual.copy()
+        remaining[rows] = rest
+        axes = [profile.axis for profile in profiles]
+        left = [describe_region(region) for region in find_regions(compute_profiles_at(data, remaining, joint, axes))]
+        name = "strongest oscillation" if top.is_spectrum else f"dependence on {top.units.name(TITLES[top.axis][0])}"
+        title = f"What remains under the {label} without its {name}"
+        yield Part(title, [tuple(left) or "The rest is within the noise."], brief=False)
 
 
 def make_legend(curves: Sequence[Curve], regions: bool, final_regions: bool) -> Legend:
@@ -81,41 +119,34 @@ def make_legend(curves: Sequence[Curve], regions: bool, final_regions: bool) -> 
     return Legend(tuple(entries))
 
 
-def plot_profile(
-    curves: Sequence[Curve],
-    profiles: Sequence[Profile],
-    regions: Sequence[Region],
-    final_regions: Sequence[Region],
-    reach: float,
-    name: str = "profile",
-) -> Figure:
-    """Plot the mean residual of each model over one quantity up to `reach` [N m], with noise band and regions.
+def plot_profile(curves: Sequence[Curve], profiles: Sequence[Profile], reach: float, name: str = "profile") -> Figure:
+    """Plot the mean residual of each model over one quantity up to `reach` [N m], with noise bands and runs.
 
-    `regions`: of the first model, `final_regions`: of another last model, `name`: prefix of the figure's id.
+    `name`: prefix of the figure's id.
     """
     first, unit = profiles[0], profiles[0].units.unit("N m")
-    (edges, unit_of_axis), (factor, _) = to_shown_unit(first.edges, first.unit), to_shown_unit(1.0, first.unit)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    oscillates = first.axis == "frequency"
-    data = [make_band(middle, REGIONS.z_limit * first.error, f"noise (±{REGIONS.z_limit:g}σ)")]
-    for (label, color), profile in zip(curves, profiles, strict=True):
-        mode = "lines" if oscillates else "lines+markers"
-        data.append(make_line(middle, profile.mean, label, color, unit, mode=mode))
-    half = 0.5 if final_regions else 0.0  # two kinds of stripes share the height
-    shapes = [draw_stripe(r, "--region", half, 1.0, factor) for r in regions if r.axis == first.axis]
-    shapes += [draw_stripe(r, "--open", 0.0, half, factor) for r in final_regions if r.axis == first.axis]
+    factor, unit_of_axis = to_shown_unit(1.0, first.unit)
+    bands = {len(profile.band): profile for profile in profiles}.values()  # bins of another model may differ
+    label = f"noise (±{REGIONS.z_limit:g}σ)"
+    data = [make_band(factor * profile.middle, profile.band, label) for profile in bands]
+    for (label, color), profile in zip(curves, profiles, strict=False):
+        mode = "lines" if first.is_spectrum else "lines+markers"
+        marker = {"size": 6 if len(profile.mean) <= REGIONS.bins else 3}
+        data.append(make_line(factor * profile.middle, profile.mean, label, color, unit, mode=mode, marker=marker))
+    runs = [find_runs(profile) for profile in profiles]
+    half = 0.5 if len(runs) > 1 and runs[-1] else 0.0  # two kinds of stripes share the height
+    shapes = [draw_stripe(run, "--region", half, 1.0, factor) for run in runs[0]]
+    shapes += [draw_stripe(run, "--open", 0.0, half, factor) for run in (runs[-1] if half else [])]
     quantity, symbol = TITLES[first.axis]
     title = f"{first.units.name(quantity)}{symbol} [{unit_of_axis}]"
-    label_of_y = f"{'amplitude' if oscillates else 'mean residual'} [{unit}]"
+    height = [0, max(map(measure_reach, profiles))] if first.is_spectrum else [-reach, reach]
     layout: JSON = {
         "xaxis": make_angle_axis(first.units) if first.unit == WITHIN else make_axis(title),
-        "yaxis": make_axis(label_of_y, **({"rangemode": "tozero"} if oscillates else {"range": [-reach, reach]})),
+        "yaxis": make_axis(f"{'amplitude' if first.is_spectrum else 'mean residual'} [{unit}]", range=height),
         "shapes": shapes,
         "showlegend": False,
         "margin": {"t": 16},
     }
-    if oscillates:
-        layout["yaxis"]["range"] = [0, 1.08 * max(float(np.max(p.mean)) for p in profiles)]
     return Figure(f"{name}-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
 
 

@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from estimators.signals.residual import AXES, compute_profile, compute_profiles, compute_spectrum, find_regions
+from estimators.signals.residual import (
+    AXES,
+    REGIONS,
+    Region,
+    compute_order_spectrum,
+    compute_profile,
+    compute_profiles,
+    compute_spectrum,
+    find_regions,
+    find_runs,
+    remove_strongest,
+)
 from pendulum_env.physics import Samples
 
 NOISE = 0.02  # N m
@@ -20,6 +31,10 @@ def noise(seed: int, rows: int = 1500) -> np.ndarray:
     return NOISE * np.random.default_rng(1000 + seed).standard_normal(rows)
 
 
+def regions_of(x: Samples, residual: np.ndarray) -> list[Region]:
+    return find_regions(compute_profiles(x, residual, NOISE))
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize(
     ("axis", "center", "width"),
@@ -29,7 +44,7 @@ def test_a_bump_in_the_residual_is_found_at_its_place(axis, center, width, sign)
     x = motion()
     distance = (getattr(x, axis) - center) / width
     residual = noise(0) + sign * 0.08 * np.exp(-0.5 * distance**2)
-    top = find_regions(x, residual, NOISE)[0]
+    top = regions_of(x, residual)[0]
     assert top.axis == axis and top.unit == AXES[axis]
     assert top.low < center < top.high < top.low + 6 * width
     assert 0.02 < sign * top.residual < 0.08 and top.significance > 5
@@ -38,21 +53,64 @@ def test_a_bump_in_the_residual_is_found_at_its_place(axis, center, width, sign)
 def test_two_bumps_of_opposite_sign_are_two_regions():
     x = motion()
     residual = noise(0) + 0.1 * np.exp(-((x.position - 1) ** 2) / 0.1) - 0.1 * np.exp(-((x.position + 1) ** 2) / 0.1)
-    two = sorted((own for own in find_regions(x, residual, NOISE) if own.axis == "position"), key=lambda own: own.low)
+    two = sorted((own for own in regions_of(x, residual) if own.axis == "position"), key=lambda own: own.low)
     assert [(np.sign(own.residual), own.low < np.sign(own.residual) < own.high) for own in two] == [(-1, 1), (1, 1)]
 
 
-def test_one_finding_is_told_once_and_as_the_simplest_law():
+def test_a_region_has_the_mean_of_its_bins_and_every_bin_beyond_its_band_is_in_one():
+    time = np.arange(3000) * 0.01
+    x = Samples(time, 2 * np.sin(1.3 * time), 2.6 * np.cos(1.3 * time), np.sin(0.7 * time))
+    residual = noise(0, 3000) + 0.1 * np.exp(-((x.velocity / 0.3) ** 2)) * np.sign(x.velocity) + 0.01
+    profiles = {profile.axis: profile for profile in compute_profiles(x, residual, NOISE)}
+    regions = find_regions(list(profiles.values()))
+    means = [region.significance for region in regions if region.peak is None]
+    assert means == sorted(means, reverse=True) and regions[0].axis == "velocity"
+    for axis, profile in profiles.items():
+        told = np.zeros(len(profile.mean), dtype=bool)
+        for region in (region for region in regions if region.axis == axis):
+            bins = (profile.middle > region.low) & (profile.middle < region.high)
+            told |= bins
+            largest = profile.mean[bins].max() if profile.is_spectrum else profile.mean[bins].mean()
+            assert region.residual == pytest.approx(largest, rel=0.01)
+            assert np.all(np.sign(profile.mean[bins]) == np.sign(region.residual))
+        assert np.array_equal(told, np.abs(profile.mean) > profile.band)
+
+
+def test_a_constant_is_told_once_and_what_is_left_without_the_strongest_profile_is_told_without_it():
     x = motion()
-    (everywhere,) = find_regions(x, noise(0) + 0.2, NOISE)
+    (everywhere,) = regions_of(x, noise(0) + 0.2)
     assert everywhere.is_constant
     assert everywhere.residual == pytest.approx(0.2, abs=0.01)
-    sway = Samples(x.time, np.sin(x.time), np.cos(x.time), x.torque)  # over time it is a finding, too
-    assert {region.axis for region in find_regions(sway, noise(0) + 0.1 * np.sign(sway.velocity), NOISE)} == {
-        "velocity"
-    }
-    both = find_regions(x, noise(0) + 0.1 * np.sign(x.velocity) + 0.08 * np.sin(2 * x.position), NOISE, most=30)
-    assert {region.axis for region in both} == {"velocity", "position"}
+    (faint,) = regions_of(x, noise(0) + 0.004)  # in no bin
+    assert faint.is_constant
+    sway = Samples(x.time, np.sin(x.time), np.cos(x.time), x.torque)  # over time it stands out, too
+    residual = noise(0) + 0.1 * np.sign(sway.velocity)
+    top, rest = remove_strongest(compute_profiles(sway, residual, NOISE), sway, residual)
+    assert top.axis == "velocity" and regions_of(sway, rest) == []
+    both = noise(0) + 0.1 * np.sign(x.velocity) + 0.08 * np.sin(2 * x.position)
+    top, rest = remove_strongest(compute_profiles(x, both, NOISE), x, both)
+    assert top.axis == "velocity" and regions_of(x, rest)[0].axis == "position"
+
+
+def test_a_negligible_mean_is_no_region():
+    x = motion()
+    profiles = compute_profiles(x, noise(0) + 0.1 * np.sign(x.velocity), NOISE, negligible=0.2)
+    assert find_regions(profiles) == [] and all((profile.band >= 0.2).all() for profile in profiles)
+
+
+@pytest.mark.parametrize("order", [5, 12, 31])
+def test_a_torque_that_repeats_over_the_angle_has_bins_enough_and_its_order(order):
+    time = np.arange(6000) * 0.005
+    x = Samples(time, 1.8 * np.sin(0.9 * time), 1.62 * np.cos(0.9 * time), np.sin(0.7 * time))
+    cogs = noise(0, 6000) + 0.1 * np.cos(order * x.position + 1)
+    profile = compute_profile("position", x.position, cogs, NOISE)
+    waves = order * np.ptp(x.position) / (2 * np.pi)
+    assert len(profile.mean) >= 4 * waves and len(find_runs(profile)) >= 2 * waves - 2
+    spectrum = compute_order_spectrum(x.position, cogs, NOISE)
+    assert spectrum is not None and spectrum.middle[np.argmax(spectrum.mean)] == order
+    assert spectrum.mean.max() == pytest.approx(0.1, rel=0.1)
+    assert regions_of(x, cogs)[0].peak == order
+    assert len(compute_profile("position", x.position, noise(0, 6000), NOISE).mean) == REGIONS.bins
 
 
 def test_the_angle_of_a_joint_that_turns_is_told_within_a_turn():
@@ -64,8 +122,8 @@ def test_the_angle_of_a_joint_that_turns_is_told_within_a_turn():
     assert around.unit == "rad within a turn" and around.edges[0] >= -np.pi and around.edges[-1] <= np.pi
     middle = 0.5 * (around.edges[1:] + around.edges[:-1])
     assert np.corrcoef(around.mean, np.cos(12 * middle))[0, 1] > 0.99
-    regions = find_regions(x, cogs, NOISE, most=100)
-    assert {region.axis for region in regions} == {"position"} and len(regions) == pytest.approx(24, abs=1)
+    regions = [r for r in regions_of(x, cogs) if r.axis == "position"]
+    assert len(regions) == pytest.approx(24, abs=1)
     assert all(region.unit == "rad within a turn" for region in regions)
     half = compute_profiles(Samples(time, x.position / 5, x.velocity, x.torque), cogs, NOISE, ["position"])[0]
     assert half.unit == "rad" and half.edges[-1] > np.pi  # a joint with stops keeps its angles
@@ -75,14 +133,14 @@ def test_the_angle_of_a_joint_that_turns_is_told_within_a_turn():
 def test_an_oscillation_in_time_is_found_at_its_frequency(hertz):
     x = motion()
     residual = noise(0) + 0.03 * np.sin(2 * np.pi * hertz * x.time + 1)
-    (region,) = [r for r in find_regions(x, residual, NOISE) if r.axis == "frequency"]
+    (region,) = [r for r in regions_of(x, residual) if r.axis == "frequency"]
     assert region.low - 0.05 < hertz < region.high + 0.05
     assert region.residual == pytest.approx(0.03, rel=0.2)
 
 
 @pytest.mark.slow
 def test_white_noise_has_no_region():
-    assert [find_regions(motion(seed), noise(seed), NOISE) for seed in range(40)] == [[]] * 40
+    assert [regions_of(motion(seed), noise(seed)) for seed in range(40)] == [[]] * 40
 
 
 def test_a_profile_is_the_mean_in_bins_of_equal_count_with_its_standard_error():
@@ -111,4 +169,4 @@ def test_few_samples_and_values_that_do_not_vary_are_no_error(rows):
     x = motion(rows=rows)
     assert all(np.isfinite(item.mean).all() for item in compute_profiles(x, noise(0, rows), NOISE))
     still = Samples(x.time, np.zeros(rows), x.velocity, np.full(rows, 2.0))
-    assert find_regions(still, noise(0, rows), NOISE) == []
+    assert regions_of(still, noise(0, rows)) == []

@@ -172,7 +172,7 @@ def test_joints_that_do_not_move_are_held_where_the_recording_has_them(run_comma
     (row,) = [line for line in out.splitlines() if line.startswith("torso")]
     assert row.split()[3] == "N" and float(row.split()[4]) < 2.0  # [%]
     titles = [figure["layout"]["xaxis"]["title"]["text"] for figure in Page((lift / "page.html").read_text()).figures]
-    assert titles[:2] == ["position q [m]", "velocity q' [m/s]"] and titles[3] == "angle q [rad]"
+    assert titles[:2] == ["position q [m]", "velocity q̇ [m/s]"] and titles[3] == "angle q [rad]"
 
 
 def test_a_base_that_floats_is_taken_as_bolted_down_and_listed(run_command, folder, tmp_path):
