@@ -88,3 +88,21 @@ def test_nothing_is_cut(page, tmp_path, write):
         place.wait_for_selector(".nsewdrag", state="attached")
     wait_until(lambda: not page.evaluate(CUT), lambda: "\n".join(page.evaluate(CUT)))  # heights settle
     assert page.evaluate("document.documentElement.scrollWidth") <= TELEPHONE["width"]
+
+
+def test_a_printed_report_is_on_the_screen_as_it_was_before(browser, tmp_path):
+    (tmp_path / "shown.html").write_text(of_a_pendulum(tmp_path), encoding="utf-8")
+    page = browser.new_page(viewport={"width": 1440, "height": 900})
+    page.goto((tmp_path / "shown.html").as_uri())
+    for place in page.query_selector_all(".plot"):
+        place.evaluate("plot => { if (plot.checkVisibility()) plot.scrollIntoView(); }")
+        if place.is_visible():
+            place.wait_for_selector(".nsewdrag", state="attached")
+    look = """() => [[...document.querySelectorAll(".plot")].filter((plot) => plot.checkVisibility()).map(
+      (plot) => Math.round(plot.querySelector(".main-svg").getBoundingClientRect().width)),
+      [...document.querySelectorAll("details")].map((one) => one.open), document.documentElement.dataset.theme]"""
+    before = page.evaluate(look)
+    assert min(before[0]) > 400 and before[1] and not any(before[1])
+    page.pdf(path=tmp_path / "printed.pdf")
+    wait_until(lambda: page.evaluate(look) == before, lambda: str((before, page.evaluate(look))))
+    page.close()

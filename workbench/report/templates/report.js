@@ -37,11 +37,12 @@
     }, { rootMargin: "800px" });
     plots.forEach((plot) => observer.observe(plot));
 
-    let theme = null;
+    let theme = null, folded = [];
     addEventListener("beforeprint", () => {
       theme = root.dataset.theme;
       root.dataset.theme = "light";
-      document.querySelectorAll("details").forEach((details) => { details.open = true; });
+      folded = [...document.querySelectorAll("details:not([open])")];
+      folded.forEach((details) => { details.open = true; });
       for (const plot of plots) {
         draw(plot);
         Plotly.relayout(plot, { width: plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
@@ -49,7 +50,8 @@
     });
     addEventListener("afterprint", () => {
       root.dataset.theme = theme;
-      plots.forEach(draw);
+      plots.forEach((plot) => { draw(plot); Plotly.relayout(plot, { width: null, autosize: true }); });
+      folded.forEach((details) => { details.open = false; });
     });
   }
 
