@@ -73,12 +73,17 @@ def read_text_table(open_text: TextOpener, find: ColumnFinder) -> RawTable:
 
 
 def _clean_text(open_text: TextOpener) -> TextOpener:
-    """Convert UTF-16, remove prefixes of serial monitors, and separate columns that spaces align with tabs."""
+    """Convert UTF-16, remove prefixes of serial monitors, and separate columns that spaces align with tabs.
+
+    Raises RecordingError if the file is binary.
+    """
     with open_text() as stream:
         head = stream.read(HEAD)
         if head.startswith((b"\xff\xfe", b"\xfe\xff")):
             text = pa.py_buffer((head + stream.read()).decode("utf-16", errors="replace").encode())
             return _clean_text(lambda: pa.BufferReader(text))
+    if b"\0" in head:
+        raise RecordingError("is no text, but has binary data: export it as CSV")
     lines = ARRIVAL.sub(b"", head).split(b"\n")[:-1]
     rows = [line for line in lines if _is_aligned(line)]
     is_aligned = any(b"  " in row.strip() or row.startswith(b" ") for row in rows)
