@@ -38,7 +38,7 @@ def show(card: ColumnCard) -> Component:
             className="note",
         ),
         make_table(
-            dict.fromkeys(("Column", "First rows", "It is", "In", "Gain, ratio, offset"), False),
+            dict.fromkeys(("Column", "First rows", "It is", "In", "Gain, ratio, offset"), ""),
             [_make_row(card, k) for k in range(len(card.choices))],
             "Columns",
         ),

@@ -7,7 +7,7 @@ from typing import Any
 from dash import Dash, dcc, html
 from dash.development.base_component import Component
 
-from pendulum_env.formatting import capitalise
+from pendulum_env.formatting import capitalise, typeset
 from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.joints import list_effects, place_effects
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
@@ -45,6 +45,18 @@ class Stage:
     # Registers callbacks that leave the session unchanged
     connect: Callable[[Dash, Sessions], None] | None = None
     needs_model: bool = True  # whether the stage is empty without a fitted model
+
+
+def typeset_texts(content: Any) -> Any:
+    """Return components with their texts set for a page by `typeset`, other than code."""
+    if isinstance(content, str):
+        return typeset(content)
+    if isinstance(content, list | tuple):
+        return [typeset_texts(item) for item in content]
+    if isinstance(content, Component) and not isinstance(content, html.Pre | html.Code):
+        if (children := getattr(content, "children", None)) is not None:
+            content.children = typeset_texts(children)
+    return content
 
 
 def make_graph(figure: Figure) -> Component:
@@ -117,11 +129,15 @@ def make_panel(title: str, *content: Component | str, className: str = "") -> Co
     return html.Section([html.H2(title), *content], className=f"panel {className}".strip())
 
 
-def make_table(headers: Mapping[str, bool], rows: Sequence[Sequence[Any]], label: str) -> Component:
-    """Make a scrollable table; `headers` maps each title to whether its column is numeric."""
-    classes = ["number" if number else None for number in headers.values()]
-    head = html.Tr([html.Th(name, scope="col", className=kind) for name, kind in zip(headers, classes, strict=True)])
-    body = [html.Tr([html.Td(x, className=kind) for x, kind in zip(row, classes, strict=True)]) for row in rows]
+def make_table(headers: Mapping[str, str], rows: Sequence[Sequence[Any]], label: str) -> Component:
+    """Make a scrollable table; `headers` maps each title to the class of its column.
+
+    `number` aligns a column to the right; `small`, `medium` and `wide` hide it in narrower windows.
+    """
+    head = html.Tr([html.Th(name, scope="col", className=kind) for name, kind in headers.items()])
+    body = [
+        html.Tr([html.Td(x, className=kind) for x, kind in zip(row, headers.values(), strict=True)]) for row in rows
+    ]
     return html.Div(
         html.Table([html.Thead(head), html.Tbody(body)]),
         className="scroll",

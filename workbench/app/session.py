@@ -175,7 +175,10 @@ class Session:
             joints = next((source.joints for source in upload.sources), None)
             model = upload.models[-1] if upload.models else None
             self.set_robot(open_robot_file(upload.robots[-1], model, joints))
-        refused = [*upload.refused, *self._read(upload.sources)]
+        sources = upload.sources
+        if not any(source.role == "fit" for source in (*sources, *(item.source for item in self.state.loaded))):
+            sources = [replace(source, role="fit") for source in sources]  # something must be fitted
+        refused = [*upload.refused, *self._read(sources)]
         if upload.models:
             try:
                 self.start_from_model(upload.models[-1])

@@ -9,10 +9,12 @@ from typing import Any, Self
 
 from estimators import Addition, Diagnosis, FitData, Identification
 from estimators.arguments import apply_limits, select_effects
+from estimators.data.model_errors import compute_errors
 from estimators.data.regions import find_failures
 from estimators.decisions.errors import Step
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_parameters
+from pendulum_env.errors import ColumnError
 from pendulum_env.physics import BASE, PENDULUM, Mechanism, Model, Term
 from pendulum_env.physics.joints import arrange_terms, find_mechanism, list_base_terms
 from pendulum_env.recording import Recording, Source
@@ -71,8 +73,15 @@ FITTING = "the model is being fitted"
 
 
 def read_pendulum(source: Source) -> Recording:
-    """Read a recording of a pendulum without its drive; raises RecordingError."""
-    return replace(source.read(), drive=None)  # the app evaluates torque, not the loop
+    """Read a recording of a pendulum without its drive.
+
+    Raises RecordingError, and ColumnError if it has no torque and its source does not say that nothing drives it.
+    """
+    recording = replace(source.read(), drive=None)  # the app evaluates torque, not the loop
+    named = {} if recording.origin is None else recording.origin.columns
+    if recording.is_free and "torque" not in {*named, *source.columns}:
+        raise ColumnError(f"{source.file.name}: no column for torque: choose one, or say that nothing drives the joint")
+    return recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,10 +256,17 @@ class State:
         return replace(self, diagnosis=diagnosis, steps_before=self.steps)
 
     def add_step(self, addition: Addition, schemes: Identification | None = None) -> Self:
-        """Return the state with one more step; the addition's refit of the last model replaces the last step."""
-        last = replace(addition.before, added=self.steps[-1].added)
-        steps = (*self.steps[:-1], last, addition.after)
-        return replace(self, steps=steps, schemes=schemes if self.body.can_simulate else self.schemes)
+        """Return the state with one more step.
+
+        A pendulum's step has the errors on the windows of the base model, which an addition may cut anew; the earlier
+        steps stay. For an arm, the addition's refit of the last model replaces the last step.
+        """
+        if not self.body.can_simulate:
+            last = replace(addition.before, added=self.steps[-1].added)
+            return replace(self, steps=(*self.steps[:-1], last, addition.after))
+        model, parts = addition.after.model, zip(("train", "holdout"), self.data.parts, strict=True)
+        errors = {name: compute_errors(part.with_link_states(model), model) for name, part in parts}
+        return replace(self, steps=(*self.steps, replace(addition.after, errors=errors)), schemes=schemes)
 
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:

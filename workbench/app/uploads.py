@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pendulum_env.recording import Source
 from pendulum_env.recording.formats import READERS
-from pendulum_env.recording.study import read_sources
+from pendulum_env.recording.study import Role, read_sources
 from pendulum_env.robot_file import ENDINGS as ROBOT_ENDINGS
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 
@@ -17,6 +17,8 @@ STUDY, MODEL = "study.toml", "model.json"  # file names of the stage Export
 ENDINGS = sorted((*READERS, *ROBOT_ENDINGS, ".json", ".toml"), key=len)[::-1]
 LARGEST = 48_000_000  # largest upload [bytes], about 15 min at 1 kHz
 LONGEST = 80  # largest length of a file name [characters]
+HELD_OUT = re.compile(r"(?<![a-z])(holdout|test|valid)")  # in the name of a recording to check on
+FITTED = re.compile(r"(?<![a-z])train")
 
 
 def clean_name(name: str) -> str:
@@ -26,6 +28,11 @@ def clean_name(name: str) -> str:
     ending = next((ending for ending in ENDINGS if plain.lower().endswith(ending)), "")
     stem = plain[: len(plain) - len(ending)].lstrip("-")
     return f"{stem[: LONGEST - len(ending)] or 'recording'}{ending}"
+
+
+def guess_role(name: str) -> Role:
+    """Guess from its name whether a recording is fitted or held out."""
+    return "holdout" if HELD_OUT.search(name.lower()) and not FITTED.search(name.lower()) else "fit"
 
 
 @dataclass(frozen=True)
@@ -39,9 +46,12 @@ class UploadedFiles:
 
 
 def sort_files(place: Path, contents: Sequence[tuple[str, str]], unwrap: bool) -> UploadedFiles:
-    """Write uploads (pairs of name and data URL) to a folder and sort them; `unwrap` applies without a study."""
+    """Write uploads (pairs of name and data URL) to a folder and sort them by kind and name.
+
+    Without a study, `unwrap` applies, and the name of a recording decides on its role.
+    """
     files, of_study, uploaded = list[Path](), list[Source](), UploadedFiles()
-    for name, content in contents:
+    for name, content in sorted(contents):  # a browser has no fixed order
         try:
             file = unpack(place, name, content)
             if file.suffix == ".toml":
@@ -60,7 +70,7 @@ def sort_files(place: Path, contents: Sequence[tuple[str, str]], unwrap: bool) -
         elif file.suffix.lower() == ".json":
             uploaded.models.append(file)
         elif file not in study_files:
-            uploaded.sources.append(Source(file, unwrap=unwrap))
+            uploaded.sources.append(Source(file, guess_role(file.name), unwrap=unwrap))
     return uploaded
 
 

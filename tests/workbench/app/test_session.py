@@ -17,7 +17,7 @@ from estimators.signals.residual import AXES
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
 from pendulum_env.physics import Model, effects
-from pendulum_env.recording import Recording, RecordingError, Source
+from pendulum_env.recording import Recording, RecordingError, Source, write_recording
 from pendulum_env.recording.study import read_sources
 from pendulum_env.settings import use_writer
 from tests import slow
@@ -27,6 +27,7 @@ from tests.notes import list_notes
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import (
     assert_same_export,
+    drop,
     encode_url,
     fit_state,
     loaded,
@@ -378,7 +379,44 @@ def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):
     assert rows.shape[1] == 2 and np.abs(rows[:, 1]).max() > 1.0
 
 
-def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_drives_the_joint(tmp_path):
+@pytest.mark.parametrize("turn", [1, -1])
+def test_names_decide_on_roles_and_the_order_of_an_upload_does_not_matter(tmp_path, turn):
+    for name, seed in (("a.train", 1), ("a.holdout", 2), ("latest", 3), ("my_Test", 4), ("validation", 5)):
+        write_recording(record_pendulum(name, seed, 3.0, rate=250.0), tmp_path / f"{name}.csv")
+    session = Session(tmp_path / "session")
+    drop(session, *sorted(tmp_path.glob("*.csv"))[::turn])
+    roles = [(item.recording.name, item.held_out) for item in session.state.loaded]
+    assert roles == [
+        ("a.holdout", True),
+        ("a.train", False),
+        ("latest", False),
+        ("my_Test", True),
+        ("validation", True),
+    ]
+    session.run_action(lambda: session.hold_out("my_Test.csv", False))
+    assert not session.state.find("my_Test.csv").held_out
+    alone = Session(tmp_path / "alone")
+    drop(alone, tmp_path / "a.holdout.csv")
+    assert not alone.state.loaded[0].held_out  # something must be fitted
+
+
+def test_binary_data_named_csv_are_refused_without_a_word_in_the_terminal(session, capfd):
+    upload(session, "picture.csv", bytes(np.random.default_rng(0).integers(0, 256, 20_000, dtype=np.uint8)))
+    assert session.notice and not session.cards and not session.state.loaded
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_model_has_one_held_out_error_though_an_addition_cuts_other_windows(state):
+    addition = add(state.model, "stribeck", state.data.recordings, state.data.holdout)
+    elsewhere = {part: replace(errors, torque_rms=9.0) for part, errors in addition.after.errors.items()}
+    steps = (replace(step, errors=elsewhere) for step in (addition.before, addition.after))
+    grown = state.add_step(replace(addition, **dict(zip(("before", "after"), steps, strict=True))))
+    assert grown.steps[0] is state.steps[0]
+    for part, errors in grown.steps[1].errors.items():
+        assert errors.torque_rms == pytest.approx(addition.after.errors[part].torque_rms, rel=1e-9)
+
+
+def test_a_free_swing_is_asked_about_and_a_card_can_say_that_nothing_drives_the_joint(tmp_path):
     time = np.arange(0.0, 4.0, 0.01)
     swing = np.column_stack([time, np.exp(-0.1 * time) * np.cos(5 * time), time % 0.7])
     plain, asked = tmp_path / "plain.csv", tmp_path / "asked.csv"
@@ -387,10 +425,17 @@ def test_a_free_swing_is_loaded_with_a_note_and_a_card_can_say_that_nothing_driv
     (folder := tmp_path / "session").mkdir()
     session = Session(folder)
     session.load([Source(plain), Source(asked)])
-    (loaded,), (card,) = session.state.loaded, session.cards
-    assert any("free swing" in note for note in list_notes(loaded.recording)) and "torque=none" in card.error
-    session.apply_card(card.fill_form({"role:0": "time", "role:1": "position", "free:0": ["free"]}))
-    assert not session.cards and not session.state.loaded[1].recording.torque.any()
+    assert not session.state.loaded and [card.source.file for card in session.cards] == [plain, asked]
+    chosen = {"role:0": "time", "role:1": "position"}
+    session.apply_card(session.cards[0].fill_form(chosen))
+    assert not session.state.loaded and "torque" in session.cards[0].error  # it is asked until somebody says so
+    for _ in range(2):
+        session.apply_card(session.cards[0].fill_form(chosen | {"free:0": ["free"]}))
+    free, other = (item.recording for item in session.state.loaded)
+    assert not session.cards and not free.torque.any() and not other.torque.any()
+    assert any("free swing" in note for note in list_notes(free))
+    (figure,) = data.plot_recording(free, 0, session.state.body)
+    assert len(figure.data) == 1 and "yaxis2" not in figure.layout  # nothing to draw of a torque
 
 
 def test_a_card_begins_with_what_is_said_of_its_columns_and_reads_as_they_do(tmp_path):

@@ -24,13 +24,23 @@ from workbench.app.parts import (
 )
 from workbench.app.session import Session
 from workbench.app.state import LoadedRecording, State
-from workbench.app.uploads import STUDY
-from workbench.figure import Figure, make_line, make_stacked_layout, select_samples
+from workbench.app.uploads import STUDY, guess_role
+from workbench.figure import Figure, make_axis, make_line, make_stacked_layout, select_samples
 from workbench.narrator.notes import describe_note
 from workbench.robot import describe_held, describe_held_joint_motion
 
-NUMBERS = ("Length [s]", "Rate [Hz]", "Samples", "Turns", "Peak torque [N m]")
-HEADERS = {"Recording": False} | dict.fromkeys(NUMBERS, True) | {"Use it to": False, "": False}  # True: numeric column
+HEADERS = {  # with the class of each column
+    "Recording": "",
+    "Length [s]": "number small",
+    "Rate [Hz]": "number medium",
+    "Samples": "number wide",
+    "Turns": "number medium",
+    "Peak torque [N m]": "number wide",
+    "Use it to": "",
+    "": "",
+}
+
+NAMED = "Recordings named holdout, test or valid check the models. The switch decides."
 
 
 def show(session: Session) -> list[Component]:
@@ -74,18 +84,22 @@ def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure
     for n, (joint, joint_data) in enumerate(zip(recording.names, recording.joints, strict=True)):
         title, units = f"{joint}, {recording.name}" if joint else recording.name, body.units(joint, recording.units)
         data, (angle, torque) = [], (units.unit("rad"), units.unit("N m"))
-        for series, label, color, unit, axis in (
-            (joint_data.position, "position", "--final", angle, "y"),
-            (joint_data.torque, "torque", "--train", torque, "y2"),
-        ):
-            indices = select_samples(series)
+        series = [(joint_data.position, "position", "--final", angle, "y")]
+        has_torque = bool(np.any(joint_data.torque))
+        series += [(joint_data.torque, "torque", "--train", torque, "y2")] * has_torque
+        for values, label, color, unit, axis in series:
+            indices = select_samples(values)
             data.append(
-                make_line(joint_data.time[indices], series[indices], label, color, unit, yaxis=axis, showlegend=False)
+                make_line(joint_data.time[indices], values[indices], label, color, unit, yaxis=axis, showlegend=False)
             )
-        layout = make_stacked_layout(f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]")
+        titles = f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]"
+        layout = {"xaxis": make_axis(titles[2]), "yaxis": make_axis(titles[0])}
+        layout = make_stacked_layout(*titles) if has_torque else layout
         layout["margin"] = {"t": 40}
         layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
-        figures.append(Figure(f"course-{k}-{n}", f"Position and torque over time, {title}", data, layout, height))
+        figures.append(
+            Figure(f"course-{k}-{n}", f"Position{' and torque' * has_torque} over time, {title}", data, layout, height)
+        )
     return figures
 
 
@@ -93,7 +107,9 @@ def show_recordings(state: State) -> Component:
     """Render the table of recordings; for an arm, turns and torque are the largest among the joints."""
     rows = [_show_row(item, recording) for item, recording in zip(state.loaded, state.recordings, strict=True)]
     split = "Models are checked on the last 30 % of each recording, which no parameter is fitted to."
-    note = [] if any(item.held_out for item in state.loaded) else [html.P(split, className="note")]
+    named = any(item.held_out and guess_role(item.source.file.name) == "holdout" for item in state.loaded)
+    notes = [NAMED] * named or [split] * (not any(item.held_out for item in state.loaded))
+    note = [html.P(text, className="note") for text in notes]
     text = html.Span("how these are read and used, for the command line and to load again with them", className="note")
     save = html.Div([make_save_button(f"Save {STUDY}", "study"), text], className="row")
     return make_panel("Recordings", make_table(HEADERS, rows, "Recordings"), *note, save, className="recordings")
@@ -117,7 +133,7 @@ def _show_row(loaded: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
         f"{recording.rate:.4g}",
         f"{len(recording):,}".replace(",", " "),
         format_number(float(np.ptp(recording.position, axis=0).max()) / (2 * np.pi), 2),
-        format_number(float(np.abs(recording.torque).max()), 2),
+        format_number(float(np.abs(recording.torque).max()), 2) if np.any(recording.torque) else "none",
         html.Div(roles, className="views", role="group"),
         make_button("Remove", "remove", loaded.id, **make_aria(label=f"Remove {label}")),
     )
