@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,7 +12,24 @@ import numpy as np
 from pendulum_env.quantity import Quantity
 from pendulum_env.units import to_shown_unit
 
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPTS = str.maketrans("-0123456789n", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ")
+POWER = re.compile(r"\^([0-9n])")
+TYPOGRAPHY = tuple(  # pattern in a text of the command line, and its replacement on a page
+    (re.compile(pattern), sign)
+    for pattern, sign in (
+        (r"`", ""),
+        (r"->", "→"),
+        (r"\+-", "±"),
+        (r"(?<!\w)--([a-z]+)", r"option \1"),
+        (r"\bq''", "q̈"),
+        (r"\bq'", "q̇"),
+        (r"\btau\b", "τ"),
+        (r"\b(N|kg)[ \xa0]m\b", r"\1·m"),
+        (r"(?<=N·m)[ \xa0]s\b", "·s"),
+        (r"\bN[ \xa0]s/", "N·s/"),
+        (r"(?<![\w.])-(?=[\d.])", "−"),
+    )
+)
 
 
 class TextTable(NamedTuple):
@@ -76,8 +94,10 @@ def format_unit(text: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Replace hyphens by minus signs."""
-    return text.replace("-", "−")
+    """Set a text of the command line for a page: `q' -> 2 kg m^2` becomes `q̇ → 2 kg·m²`; options lose their dashes."""
+    for pattern, sign in TYPOGRAPHY:
+        text = pattern.sub(sign, text)
+    return POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), text)
 
 
 def format_percent(share: float) -> str:

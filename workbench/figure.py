@@ -7,6 +7,7 @@ from math import isfinite
 import numpy as np
 
 from pendulum_env._typing import JSON, Array, ArrayLike, Index
+from pendulum_env.formatting import typeset
 
 DIGITS = 5  # significant digits of plotted numbers
 BROAD = 3.4  # width of a measured curve under those of models [px]
@@ -50,7 +51,7 @@ def make_line(x: Array, y: Array, name: str, color: str, unit: str, **options: o
         "x": round_numbers(x),
         "y": round_numbers(y),
         "line": {"color": color, "width": 1.6},
-        "hovertemplate": f"%{{y:.3g}} {unit}",
+        "hovertemplate": f"%{{y:.3g}} {typeset(unit)}",
         **options,
     }
 
@@ -74,7 +75,7 @@ def make_band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **optio
 
 def make_axis(title: str, **options: object) -> JSON:
     """Make an axis with a title."""
-    return {"title": {"text": title}, **options}
+    return {"title": {"text": typeset(title)}, **options}
 
 
 def insert_gaps(time: Array, indices: Index, *series: Array) -> tuple[Array, list[Array]]:

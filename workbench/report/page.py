@@ -7,6 +7,7 @@ from datetime import datetime
 from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
 from pendulum_env.formatting import capitalise, format_number, format_unit, join_words, typeset
@@ -23,8 +24,9 @@ def _load_environment() -> Environment:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=lambda value: typeset(value) if type(value) is str else value,  # neither markup nor code
     )
-    functions = (capitalise, join_words, format_number, format_unit, typeset, name_effect)
+    functions = (capitalise, join_words, format_number, format_unit, name_effect)
     environment.filters |= {function.__name__: function for function in functions}
     return environment
 
@@ -55,7 +57,7 @@ def render_page(sections: Sequence[Section], subject: str) -> str:
             title=sections[0].title,
             subject=subject,
             written=f"{datetime.now().astimezone():%d %B %Y, %H:%M}",
-            plotly=pack_plotly(),
+            plotly=Markup(pack_plotly()),
             plotly_version=get_plotlyjs_version(),
         )
     )

@@ -143,10 +143,7 @@ def make_next_experiment(case: ReportData) -> Section | None:
         {"xaxis": make_axis("time [s]"), "yaxis": make_axis(f"torque [{unit}]"), "showlegend": False},
         height=220,
     )
-    about = (
-        f"{describe_suggestion(suggestion)} The command `diagnose --experiment next.csv` writes it for a "
-        "controller of your own."
-    )
+    about = f"{describe_suggestion(suggestion)} `diagnose --experiment` saves it for a controller of your own."
     return Section("next", "What next", "The next experiment", [about, figure])
 
 

@@ -22,6 +22,9 @@ from tests.workbench.app.plants import record_pendulum, select_button, select_fi
 
 WIDTHS = (420, 800, 1024, 1280, 1920)  # [px], from a telephone to a large screen
 MS = 1000 * PATIENCE  # as Playwright counts
+ASCII = re.compile(r"->|`|(?<!\w)--[a-z]+|\bq'|\^[\dn]|\b(?:N|kg) m\b|\btau\b")  # signs of the command line
+WORDS = """[...document.body.querySelectorAll(":not(pre):not(code):not(script):not(style)")].flatMap(
+  (one) => [...one.childNodes].filter((node) => node.nodeType === 3).map((node) => node.textContent)).join("\\n")"""
 STAGES = {
     "data": ".data .js-line",
     "model": ".model .js-line",
@@ -192,7 +195,7 @@ def test_the_story_from_loading_to_undo(tab, folder):
     page.get_by_role("button", name="Add Stribeck friction").click()
     page.wait_for_selector("p:has-text('All that the diagnosis calls for is in the model')")
     tab.go("add")
-    after = number_after("->", page.inner_text("#story"))
+    after = number_after("→", page.inner_text("#story"))
     assert after < 0.3 * before
     page.wait_for_selector(".add .js-line")
     falls = page.evaluate(
@@ -222,6 +225,36 @@ def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_s
     tab.go("export")
     place, holder = (page.locator(which).bounding_box() for which in ("#to-export", "#nav"))
     assert place["x"] >= holder["x"] and place["x"] + place["width"] <= holder["x"] + holder["width"] + 1
+
+
+def test_a_recording_is_held_out_at_every_width_and_no_table_of_errors_is_cut_off(tab, folder):
+    page = tab.page
+    for name, seed in (("pair.train", 1), ("pair.holdout", 2)):
+        write_recording(record_pendulum(name, seed, 6.0, rate=250.0), folder / f"{name}.csv")
+    tab.choose_files("upload", [str(folder / f"pair.{part}.csv") for part in ("train", "holdout")])
+    page.wait_for_selector("#to-add[href]")
+    pressed = "button[aria-pressed=true]"
+    assert page.locator(f".recordings {pressed}").all_inner_texts() == ["check", "fit"]  # by name, in their order
+    for width in (1440, 860, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        for switch in page.locator(".recordings .views").all():
+            place, holder = switch.bounding_box(), page.locator(".recordings .scroll").bounding_box()
+            assert place["width"] > 40 and place["x"] + place["width"] <= holder["x"] + holder["width"] + 1
+    page.get_by_role("button", name="fit pair.holdout").click()
+    page.wait_for_selector(f".recordings tr:has-text('pair.holdout') {pressed}:text-is('fit')")
+    page.get_by_role("button", name="check pair.holdout").click()
+    page.wait_for_selector(f".recordings tr:has-text('pair.holdout') {pressed}:text-is('check')")
+    page.wait_for_selector("#to-add[href]")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.click("#to-add")
+    tab.choose("Stribeck friction")
+    page.click(select_button("add-any"))
+    page.wait_for_selector(".add .js-line")
+    tables = page.evaluate("[...document.querySelectorAll('.scroll')].map((one) => one.scrollWidth - one.clientWidth)")
+    assert tables and max(tables) <= 0
+    for stage in STAGES:
+        tab.go(stage)
+        assert ASCII.findall(page.evaluate(WORDS)) == [], stage
 
 
 @pytest.mark.slow

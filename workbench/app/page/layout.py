@@ -8,12 +8,12 @@ from dash.dependencies import MATCH
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from pendulum_env.formatting import capitalise
+from pendulum_env.formatting import capitalise, typeset
 from pendulum_env.lookup import find
 from workbench.app import uploads
 from workbench.app.card import UNWRAP
 from workbench.app.panels import show_job, show_state, show_undo
-from workbench.app.parts import PLOT, SPEC, Stage, make_aria, make_panel
+from workbench.app.parts import PLOT, SPEC, Stage, make_aria, make_panel, typeset_texts
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
@@ -136,9 +136,9 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
                 session.notice = ""  # the message belongs to another stage
         return (
             make_navigation(stage, session.state.failure_reason),
-            [*show_state(session.state), *show_undo(session)],
-            session.notice,
-            html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}"),
+            typeset_texts([*show_state(session.state), *show_undo(session)]),
+            typeset(session.notice),
+            typeset_texts(html.Div(show(session, stage), key=stage.id, className=f"stage {stage.id}")),
             stage is not STAGES[0],
         )
 

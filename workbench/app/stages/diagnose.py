@@ -71,7 +71,7 @@ def show_choices(state: Work, is_open: bool) -> Component:
         make_field("Values that are known", "fix", "gravity=2.01", names),
         make_field("Bounds of others", "bound", "viscous=0:0.5", effects),
     ]
-    summary = html.Summary(f"Choose what to look for{', and print what is known' if has_limits else ''}")
+    summary = html.Summary(f"Choose the effects to look for{', and enter known values' if has_limits else ''}")
     groups = [
         html.Div(lists, className="fields asked"),
         html.Div(limits, className="fields asked", hidden=not has_limits),
