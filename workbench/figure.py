@@ -12,6 +12,7 @@ from pendulum_env.formatting import typeset
 DIGITS = 5  # significant digits of plotted numbers
 BROAD = 3.4  # width of a measured curve under those of models [px]
 POINTS = 2400  # most points of a curve, more than the width of a screen
+ROOM = 2.5  # least height of a plot [half widths of its noise band]
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,11 @@ def make_band(x: Array, half: Array, name: str, middle: ArrayLike = 0.0, **optio
         "hoverinfo": "skip",
         **options,
     }
+
+
+def measure_reach(values: Array, band: ArrayLike) -> float:
+    """Return the height of a plot of values (N,): the largest of them, and room beside the noise band about zero."""
+    return max(1.08 * float(np.nanmax(np.abs(values))), ROOM * float(np.median(band)))
 
 
 def make_axis(title: str, **options: object) -> JSON:

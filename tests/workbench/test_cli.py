@@ -11,6 +11,7 @@ import pytest
 
 import estimators.arguments
 from estimators import diagnose
+from pendulum_env.formatting import typeset
 from pendulum_env.physics import Model, effects
 from pendulum_env.physics.effect_texts import find_description
 from pendulum_env.physics.table import TABLES
@@ -159,7 +160,7 @@ def test_a_horizon_is_in_what_compare_and_diagnose_write(runs, few_effects, run_
     )
     refit = held("d.json")["horizon"]
     after = refit["after" if refit["kept"] else "before"]["theta"]
-    assert refit["text"] in out and refit["text"] in html.unescape(Path("d.html").read_text(encoding="utf-8"))
+    assert refit["text"] in out and typeset(refit["text"]) in html.unescape(Path("d.html").read_text(encoding="utf-8"))
     assert Model.load("m.json")["coulomb"].value == pytest.approx(after["coulomb"]["value"])
 
 

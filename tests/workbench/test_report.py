@@ -25,13 +25,14 @@ from tests import two_link
 from tests.cases import diagnosed
 from tests.workbench.app.plants import record_pendulum
 from tests.workbench.pages import Page, values, whole
-from workbench.figure import insert_gaps, round_numbers, select_samples
+from workbench.figure import insert_gaps, measure_reach, round_numbers, select_samples
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.findings import describe_reason
 from workbench.narrator.parts import list_figures
 from workbench.report import SECTIONS, render
+from workbench.report.comparison import make_comparison
 from workbench.report.data import ReportData
-from workbench.report.failures import make_failures, measure_reach, plot_profile
+from workbench.report.failures import make_failures, plot_profile
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out_recordings=("<run>",))
@@ -52,6 +53,8 @@ def test_page_loads_nothing_from_elsewhere_and_links_to_every_section(page, diag
     sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
     assert len(sections) == len(SECTIONS) - (diagnosis.suggestion is None)
     assert {f"#{id}" for id in sections} <= set(values(found, "href"))
+    colors = [value for value in values(found, "style") if value.startswith("--color")]
+    assert colors and all(re.fullmatch(r"--color: var\(--[a-z0-9-]+\)", color) for color in colors)
     assert len(found.figures) >= 10 and len(page.encode()) < 3_000_000
     assert all(len(trace["x"]) <= 6000 for figure in found.figures for trace in figure["data"])
 
@@ -213,10 +216,17 @@ def test_a_model_without_failure_fills_no_panel_with_its_band():
     x = Samples(time, np.sin(time), np.cos(time), np.sin(2 * time))
     profiles = compute_profiles(x, 0.01 * np.random.default_rng(0).normal(size=2000), 0.01)
     assert find_regions(profiles) == []
-    reach = max(measure_reach(profile) for profile in profiles if not profile.is_spectrum)
+    reach = max(measure_reach(profile.mean, profile.band) for profile in profiles if not profile.is_spectrum)
     for profile in profiles:
         drawn = plot_profile([("model", "--base")], [profile], reach)
         assert max(drawn.data[0]["y"]) < 0.5 * drawn.layout["yaxis"]["range"][1]
+
+
+def test_the_band_of_noise_fills_no_plot_of_measured_against_modelled_torque(diagnosis):
+    for figure in list_figures(make_comparison(ReportData(diagnosis)).content):
+        if figure.id.startswith("torque"):
+            band = next(trace for trace in figure.data if trace.get("fill"))
+            assert max(band["y"]) < 0.5 * figure.layout["yaxis2"]["range"][1]
 
 
 def test_the_page_shows_how_to_do_it_again_if_that_is_known(page, diagnosis):

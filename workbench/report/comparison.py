@@ -58,6 +58,8 @@ def plot_torque(
     names = ("torque", "residual", case.units.unit("N m"))
     figure = plots.plot_before_and_after(id, label, x, measured, case.model_labels, modelled, differences, names)
     figure.data.insert(0, plots.make_band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
+    reach = max(plots.measure_reach(difference, 2 * noise) for difference in differences)
+    figure.layout["yaxis2"]["range"] = [-reach, reach]
     return figure
 
 

@@ -21,7 +21,7 @@ from estimators.weak_form.resolution import RESOLUTION
 from pendulum_env._typing import JSON, Array
 from pendulum_env.formatting import format_percent
 from pendulum_env.units import JointUnits, to_shown_unit
-from workbench.figure import Figure, make_axis, make_band, make_line
+from workbench.figure import Figure, make_axis, make_band, make_line, measure_reach
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.parts import Legend, Part
 from workbench.report.data import ReportData, Section
@@ -37,7 +37,6 @@ TITLES = {  # name and symbol of an axis
 SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
 FIRST = 3  # number of regions above the fold
-ROOM = 2.5  # least height of a plot [half widths of the band]
 
 Curve = tuple[str, str]  # label and colour of a model
 
@@ -50,7 +49,7 @@ def make_failures(case: ReportData) -> Section:
     for k, joint in enumerate(prepared.floors):
         maps = [compute_profiles_at(prepared, residual, joint, axes) for residual in residuals]
         stands_out = [seen or any(map(find_runs, m)) for seen, m in zip(stands_out, maps, strict=True)]
-        reach = max(measure_reach(profile) for profiles in maps for profile in profiles if not profile.is_spectrum)
+        reach = max(measure_reach(p.mean, p.band) for profiles in maps for p in profiles if not p.is_spectrum)
         name = f"joint-{k}" if joint else "profile"
         figures = [plot_profile(curves, profiles, reach, name) for profiles in _group_by_axis(maps)]
         parts = [
@@ -75,11 +74,6 @@ def make_failures(case: ReportData) -> Section:
 def _group_by_axis(maps: Sequence[Sequence[Profile]]) -> list[list[Profile]]:
     """Group the profiles of several models by axis, in the order of the first model."""
     return [[p for profiles in maps for p in profiles if p.axis == first.axis] for first in maps[0]]
-
-
-def measure_reach(profile: Profile) -> float:
-    """Return the height of the plot of a profile [N m]: its means, and room beside its band."""
-    return max(1.08 * float(np.abs(profile.mean).max()), ROOM * float(np.median(profile.band)))
 
 
 def list_regions(
@@ -139,7 +133,8 @@ def plot_profile(curves: Sequence[Curve], profiles: Sequence[Profile], reach: fl
     shapes += [draw_stripe(run, "--open", 0.0, half, factor) for run in (runs[-1] if half else [])]
     quantity, symbol = TITLES[first.axis]
     title = f"{first.units.name(quantity)}{symbol} [{unit_of_axis}]"
-    height = [0, max(map(measure_reach, profiles))] if first.is_spectrum else [-reach, reach]
+    own = max(measure_reach(profile.mean, profile.band) for profile in profiles)
+    height = [0, own] if first.is_spectrum else [-reach, reach]
     layout: JSON = {
         "xaxis": make_angle_axis(first.units) if first.unit == WITHIN else make_axis(title),
         "yaxis": make_axis(f"{'amplitude' if first.is_spectrum else 'mean residual'} [{unit}]", range=height),
