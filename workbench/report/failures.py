@@ -68,7 +68,8 @@ def make_failures(case: ReportData) -> Section:
     )
     content: list[Any] = [scales, make_legend(curves, stands_out[0], len(stands_out) > 1 and stands_out[-1])]
     content += strips[0].content if body.can_simulate else strips
-    return Section("failures", "Where it fails", "Where the model fails", content)
+    title = "Where the model fails" if any(stands_out) else "The model fails nowhere above the noise"
+    return Section("failures", "Where it fails", title, content)
 
 
 def _group_by_axis(maps: Sequence[Sequence[Profile]]) -> list[list[Profile]]:
