@@ -344,9 +344,7 @@ def remove_strongest(profiles: Sequence[Profile], x: Samples, residual: Array) -
     Of a spectrum the tone at its peak is removed.
     """
     top = find_strongest(profiles)
-    values = np.asarray(
-        x.time if top.axis == "frequency" else getattr(x, "position" if top.axis == "order" else top.axis)
-    )
+    values = np.asarray(getattr(x, {"frequency": "time", "order": "position"}.get(top.axis, top.axis)))
     if top.is_spectrum:
         phase = (1 if top.axis == "order" else 2 * np.pi) * top.middle[np.argmax(top.mean)] * values
         tone = np.column_stack([np.cos(phase), np.sin(phase)])

@@ -134,6 +134,21 @@ def test_numbers_are_printed_without_exponents(value, text):
     assert format_number(value) == text
 
 
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("0.2 -> 0.1 N m", "0.2 → 0.1 N·m"),
+        ("I q'' + b q' [N m s/rad^2]", "I q̈ + b q̇ [N·m·s/rad²]"),
+        ("fs exp(-|q'/vs|^n) kg m^2", "fs exp(-|q̇/vs|ⁿ) kg·m²"),
+        ("For tau from -0.86 to -.4", "For τ from −0.86 to −.4"),
+        ("Correct it with --align, run `diagnose`, -57 +- 2", "Correct it with option align, run diagnose, −57 ± 2"),
+        ("run-1.csv, 1e-05, half-open", "run-1.csv, 1e-05, half-open"),
+    ],
+)
+def test_texts_of_the_command_line_are_set_for_a_page(text, shown):
+    assert typeset(text) == shown == typeset(shown)
+
+
 def test_curves_are_thinned_but_for_their_peaks_and_break_where_time_has_a_gap():
     series = np.zeros(100_000)
     series[[123, 77_777]] = 5.0, -5.0

@@ -48,7 +48,7 @@ def make_failures(case: ReportData) -> Section:
     strips, stands_out = list[Part](), [False] * len(residuals)
     for k, joint in enumerate(prepared.floors):
         maps = [compute_profiles_at(prepared, residual, joint, axes) for residual in residuals]
-        stands_out = [seen or any(map(find_runs, m)) for seen, m in zip(stands_out, maps, strict=True)]
+        stands_out = [seen or bool(find_regions(m)) for seen, m in zip(stands_out, maps, strict=True)]
         reach = max(measure_reach(p.mean, p.band) for profiles in maps for p in profiles if not p.is_spectrum)
         name = f"joint-{k}" if joint else "profile"
         figures = [plot_profile(curves, profiles, reach, name) for profiles in _group_by_axis(maps)]
@@ -88,9 +88,8 @@ def list_regions(
     yield f"Under the {label}{':' if texts else ', the residual is within the noise.'}"
     yield tuple(texts[:FIRST])
     if texts[FIRST:]:
-        yield Part(
-            f"Further regions under the {label}, {len(texts) - FIRST} of {len(texts)}", [tuple(texts[FIRST:])], False
-        )
+        title = f"Further regions under the {label}, {len(texts) - FIRST} of {len(texts)}"
+        yield Part(title, [tuple(texts[FIRST:])], brief=False)
     if texts:
         rows = data.locate_rows(joint)
         top, rest = remove_strongest(profiles, data.data.part(joint).samples, residual[rows])
