@@ -303,9 +303,14 @@ def find_regions(profiles: Sequence[Profile]) -> list[Region]:
 
 def find_runs(profile: Profile) -> list[Region]:
     """Return each run of neighbouring bins of a profile whose means leave their bands to the same side."""
-    signs = np.sign(profile.mean) * (np.abs(profile.mean) > profile.band)
-    runs = np.split(np.arange(len(signs)), np.flatnonzero(np.diff(signs)) + 1)
-    return [_make_region(profile, bins) for bins in runs if signs[bins[0]] != 0]
+    is_beyond = np.abs(profile.mean) > profile.band
+    return [_make_region(profile, bins) for bins in split_bins(profile) if is_beyond[bins[0]]]
+
+
+def split_bins(profile: Profile) -> list[Index]:
+    """Split the bins of a profile into runs, within their bands or beyond them to one side."""
+    sides = np.sign(profile.mean) * (np.abs(profile.mean) > profile.band)
+    return np.split(np.arange(len(sides)), np.flatnonzero(np.diff(sides)) + 1)
 
 
 def _make_region(profile: Profile, bins: Index) -> Region:

@@ -103,6 +103,8 @@ def test_compare_says_how_far_off_and_where_and_writes_a_report(runs, run_comman
     assert "\x1b" not in out  # plain where nobody watches
     assert "For q' from" in out and "more than 100 standard errors" in out
     assert re.search(r"mean residual \[N m\]", out) and re.search(r"█│ *$", out, re.M)
+    low, high = re.search(r"For q' from (\S+) to (\S+) rad/s", out).groups()
+    assert re.search(rf"^{low} to ", out, re.M) and re.search(rf" to {high} ", out)  # ends of rows of the table
     data = held("c.json")
     assert [item["name"] for item in data["recordings"]] == ["train", "holdout"]
     assert max(region["significance"] for region in data["regions"]) > 100

@@ -9,7 +9,7 @@ from estimators.decisions.errors import Errors, Step
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Verdict
 from estimators.results import Comparison
-from estimators.signals.residual import REGIONS, SYMBOLS, Profile
+from estimators.signals.residual import REGIONS, SYMBOLS, Profile, split_bins
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import TextTable, draw_bar, format_quantity, join_words
 from pendulum_env.physics import Model
@@ -106,9 +106,9 @@ def tabulate_recordings(comparison: Comparison) -> TextTable:
 
 
 def tabulate_profile(profile: Profile) -> TextTable:
-    """Tabulate the mean residual over one quantity, with bars; neighbouring bins share a row if they are many."""
-    joined = -(-len(profile.mean) // REGIONS.bins)  # bins of a row
-    starts = np.arange(0, len(profile.mean), joined)
+    """Tabulate the mean residual over one quantity, with bars; if bins are many, neighbours of one run share a row."""
+    joined = -(-len(profile.mean) // REGIONS.bins)  # largest number of bins of a row
+    starts = np.concatenate([bins[::joined] for bins in split_bins(profile)])
     means = np.add.reduceat(profile.mean, starts) / np.diff(np.r_[starts, len(profile.mean)])
     largest = float(np.abs(means).max()) or 1.0
     edges, unit_of_axis = to_shown_unit(profile.edges[np.r_[starts, len(profile.mean)]], profile.unit)
