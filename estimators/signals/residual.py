@@ -177,22 +177,22 @@ def compute_profile(axis: str, values: Array, residual: Array, noise: float) -> 
 def _choose_bins(values: Array, residual: Array, most: int) -> Array:
     """Return the edges (K + 1,) of at most `most` bins of equal count that explain a residual (R,) best.
 
-    K minimises R ln(sum (r - mean of its bin)^2) + K ln R, the Bayesian information criterion, among doubled numbers.
+    K minimises R ln(sum (r - mean of its bin)^2) + K ln R, the Bayesian information criterion, among doubled numbers
+    and the largest.
     The scatter of the residual itself decides, so another structure in it needs no bins.
 
     Source: Schwarz, Annals of Statistics 6, 1978.
     """
     largest = max(2, min(most, len(values) // REGIONS.rows))
+    doubled = (REGIONS.bins * 2**k for k in range(most // REGIONS.bins))
     best, least = np.empty(0), np.inf
-    count = min(REGIONS.bins, largest)
-    while count <= largest:
+    for count in sorted({largest, *(count for count in doubled if count < largest)}):
         edges = np.quantile(values, np.linspace(0, 1, count + 1))
         mean, counts = _average_bins(values, residual, edges)
         rest = max(float(residual @ residual - counts @ mean**2), np.finfo(float).tiny)
         criterion = len(residual) * np.log(rest) + count * np.log(len(residual))
         if criterion < least:
             best, least = edges, criterion
-        count *= 2
     return best
 
 
