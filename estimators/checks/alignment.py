@@ -284,7 +284,7 @@ def make_moved_torque(recording: Recording, response: Array, is_sampled: bool, c
     is_known = has_feedback and not recording.has_integrated_position
     answer = estimate_noise_slope(recording.position, recording.torque) if is_known else 0.0
     noise = estimate_log_noise(recording.torque, recording.position)
-    noise = max(noise, abs(answer) * estimate_encoder_noise(recording.position))
+    noise = max(noise, abs(answer) * estimate_encoder_noise(recording))
     return MovedTorque(noise, response, is_sampled, answer)
 
 

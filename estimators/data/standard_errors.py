@@ -167,5 +167,5 @@ def _list_steps(recording: Recording, end: float) -> Array:
     """Return the steps of the position across an angle, in both directions [rad]; noise crosses it by smaller steps."""
     is_beyond, steps = recording.position > end, np.diff(recording.position)
     steps[[start - 1 for start in recording.starts if start]] = 0.0  # gaps
-    is_large = np.abs(steps) > DATA.crossing * estimate_encoder_noise(recording.position)
+    is_large = np.abs(steps) > DATA.crossing * estimate_encoder_noise(recording)
     return np.asarray(steps[(is_beyond[1:] != is_beyond[:-1]) & is_large])

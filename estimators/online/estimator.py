@@ -15,7 +15,7 @@ from estimators.online.settings import ONLINE
 from estimators.online.stream import check_rate
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
-from estimators.signals.differentiation import STILL, estimate_encoder_noise
+from estimators.signals.differentiation import STILL, estimate_position_noise
 from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
@@ -48,7 +48,7 @@ class SampleBuffer:
             return None
         series = np.array([np.ravel(positions) for _, positions, _ in self.samples]).T  # (N, K)
         moving = series[self._n_moving >= ONLINE.stream.moving_share * ONLINE.stream.noise]
-        return max(estimate_encoder_noise(positions[np.isfinite(positions)]) for positions in moving)
+        return max(estimate_position_noise(positions[np.isfinite(positions)]) for positions in moving)
 
 
 class OnlineEstimator:

@@ -61,7 +61,7 @@ def copy_with_noise(segments: Segments, recordings: Sequence[Recording], terms: 
     joints = [recording.joints for recording in recordings]
     if not any(has_encoder_bias(joint) for of_recording in joints for joint in of_recording):
         return []
-    noises = [[estimate_encoder_noise(joint.position) for joint in of_recording] for of_recording in joints]
+    noises = [[estimate_encoder_noise(joint) for joint in of_recording] for of_recording in joints]
     rng, copies = np.random.default_rng(0), list[Segments]()
     for _ in range(DRAWS):
         pairs = [

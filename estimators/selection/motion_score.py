@@ -27,7 +27,7 @@ def compute_floor(segments: Sequence[Segments], accuracy: float) -> Array:
     `accuracy` is the error of a simulation, as a share of the standard deviation of the motion.
     """
     of_simulation = accuracy * float(np.std(np.concatenate([segment.position.ravel() for segment in segments])))
-    of_encoder = [estimate_encoder_noise(segment.windows.recording.position) for segment in segments]
+    of_encoder = [estimate_encoder_noise(segment.windows.recording) for segment in segments]
     return of_simulation**2 + np.repeat(np.square(of_encoder), [len(segment.first) for segment in segments])
 
 

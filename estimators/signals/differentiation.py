@@ -12,6 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from pendulum_env._typing import Array, Mask
 from pendulum_env.filters import filter_savitzky_golay
 from pendulum_env.recording import Recording
+from pendulum_env.recording.rounding import find_least_change, list_changes
 
 STILL = 1e-9  # [rad], largest change of position from sample to sample at rest
 
@@ -38,7 +39,7 @@ def find_rounding(series: Array) -> float:
     A held command counts as not rounded. It rests for more than three quarters of the samples and changes by more than
     one step, or has at most three values.
     """
-    changes, step = _list_changes(series), _find_least_change(series)
+    changes, step = list_changes(series), find_least_change(series)
     if not step:
         return 0.0
     values = np.unique(np.rint((series - series[0]) / step))
@@ -57,22 +58,20 @@ def estimate_log_noise(series: Array, position: Array) -> float:
     return max(noise, estimate_scatter(series, in_motion)) if in_motion.any() else noise
 
 
-def estimate_encoder_noise(position: Array) -> float:
+def estimate_encoder_noise(recording: Recording) -> float:
+    """Estimate the standard deviation of encoder noise [rad] of a recording, at least that of its step in the file.
+
+    Interpolation hides this step.
+    """
+    return max(estimate_position_noise(recording.position), recording.position_step / np.sqrt(12))
+
+
+def estimate_position_noise(position: Array) -> float:
     """Estimate the standard deviation of encoder noise [rad] on a position (N,), at least that of samples in motion.
 
     A position is no command: it may rest for most of the time and move by several steps, and is rounded nevertheless.
     """
-    return max(estimate_log_noise(position, position), _find_least_change(position) / np.sqrt(12))
-
-
-def _list_changes(series: Array) -> Array:
-    changes = np.abs(np.diff(series))
-    return np.asarray(changes[changes > 1e-12])
-
-
-def _find_least_change(series: Array) -> float:
-    changes = _list_changes(series)
-    return float(changes.min()) if len(changes) else 0.0
+    return max(estimate_log_noise(position, position), find_least_change(position) / np.sqrt(12))
 
 
 def estimate_noise_slope(position: Array, torque: Array) -> float:
@@ -152,7 +151,7 @@ def differentiate_position(recording: Recording, window: Array, half_width: int)
         velocity_noise = noise * np.sqrt(2.5 / (2 * half_width))
         weights = np.convolve(window, [0.5, 0.0, -0.5]) / period
     else:
-        noise = estimate_encoder_noise(recording.position)
+        noise = estimate_encoder_noise(recording)
         velocity_noise = noise * np.sqrt(28.1 / (2 * half_width) ** 3) / period
         weights = np.convolve(window, [1.0, -2.0, 1.0]) / period**2
     return Motion(q, v, a, velocity_noise, noise * float(np.linalg.norm(weights)), weights)

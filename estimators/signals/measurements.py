@@ -302,7 +302,7 @@ def choose_smoothing(recording: Recording) -> Smoothing:
     If no candidate has negligible noise, the longest is chosen. Short windows keep more samples near reversals, which
     show friction.
     """
-    noise = estimate_encoder_noise(recording.position)
+    noise = estimate_encoder_noise(recording)
     widths = _list_half_widths(recording)
     half_width = next((width for width in widths if _has_negligible_noise(recording, width, noise)), widths[-1])
     velocity_noise = noise * recording.rate * _compute_noise_gain(np.convolve(make_window(half_width), SLOPE))
@@ -313,7 +313,7 @@ def choose_smoothing(recording: Recording) -> Smoothing:
 def has_encoder_bias(recording: Recording) -> bool:
     """Return whether encoder noise in the acceleration is not negligible in the longest window."""
     longest = _list_half_widths(recording)[-1]
-    return not _has_negligible_noise(recording, longest, estimate_encoder_noise(recording.position))
+    return not _has_negligible_noise(recording, longest, estimate_encoder_noise(recording))
 
 
 def _list_half_widths(recording: Recording) -> list[int]:

@@ -58,7 +58,7 @@ class Innovations:
         velocity_variance *= np.where(reverses, REVERSAL_FACTOR, 1.0)
         position_ratio = interval**2 * (1 / 3 - 1 / (12 * grain**2))  # held over each period, not white in between
         process = velocity_variance[:, :, None, None] * np.array([[position_ratio, interval / 2], [interval / 2, 1.0]])
-        position_variance = max(estimate_encoder_noise(recording.position), INTEGRATION_ERROR) ** 2
+        position_variance = max(estimate_encoder_noise(recording), INTEGRATION_ERROR) ** 2
         gain, spread = np.empty(transition.shape[:3]), np.empty(transition.shape[:2])
         covariance = np.zeros((index.shape[1], 2, 2))  # the initial state is fitted
         for k, step in enumerate(transition):

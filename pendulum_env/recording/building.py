@@ -17,7 +17,7 @@ from pendulum_env.recording.joint_names import name_errors
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NO_TORQUE, Recording, complete_torque
-from pendulum_env.recording.rounding import count_significant_digits
+from pendulum_env.recording.rounding import count_significant_digits, find_least_change
 from pendulum_env.recording.table import RawTable
 
 
@@ -103,7 +103,8 @@ def _open_log(
         named_columns = {**others, "torque": named_columns.get("load_torque", columns["torque"].header)}
     if columns["position"].is_integral:
         values["position"] = _integrate_velocity(values, columns)
-    columns["position"] = replace(columns["position"], digits=count_significant_digits(values["position"]))
+    digits, step = count_significant_digits(values["position"]), find_least_change(values["position"])
+    columns["position"] = replace(columns["position"], digits=digits, step=step)
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))
     _convert_to_si(values, origin)
     actuator.check_columns(values)

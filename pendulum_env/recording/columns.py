@@ -78,6 +78,7 @@ class FileColumn:
     is_unit_inferred: bool = False  # whether the unit of the expression is that of the name alone
     is_integral: bool = False  # whether the quantity is the integral of the column
     digits: int | None = None  # significant digits to which the column is rounded; None for a constant step
+    step: float = 0.0  # least change from row to row, in the unit of the file
 
     @property
     def scale(self) -> float:

@@ -173,6 +173,12 @@ class Recording(Shown):
         return JointUnits(self.torque_unit, self.origin is not None and self.origin.is_prismatic)
 
     @property
+    def position_step(self) -> float:
+        """Return the least change of the position from row to row of a file [rad]; 0 if unknown."""
+        column = None if self.origin is None else self.origin.columns["position"]
+        return 0.0 if column is None or column.is_integral else abs(column.scale) * column.step
+
+    @property
     def position_steps(self) -> Array | None:
         """Return the step of each position by significant digits (N,) [rad], of a file; None for a constant step."""
         column = None if self.origin is None else self.origin.columns["position"]

@@ -1,4 +1,7 @@
-"""Rounding of a column to significant digits, as `%g` and MATLAB write it: its step grows with the value."""
+"""Rounding of a column: by a constant step, or to significant digits, as `%g` and MATLAB write it.
+
+The step of significant digits grows with the value.
+"""
 
 import numpy as np
 
@@ -6,6 +9,18 @@ from pendulum_env._typing import Array
 
 FEWEST_DIGITS, MOST_DIGITS = 4, 9  # of columns that count as rounded; more are those of single or double precision
 LARGE = 20  # number of the largest values, which may end in zeros by chance
+
+
+def list_changes(values: Array) -> Array:
+    """List the sizes of the changes from value to value (N,) above 1e-12."""
+    changes = np.abs(np.diff(values))
+    return np.asarray(changes[changes > 1e-12])
+
+
+def find_least_change(values: Array) -> float:
+    """Return the least change from value to value (N,) above 1e-12; 0 without one."""
+    changes = list_changes(values)
+    return float(changes.min()) if len(changes) else 0.0
 
 
 def count_significant_digits(values: Array) -> int | None:

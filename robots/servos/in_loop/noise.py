@@ -38,7 +38,7 @@ class MotionNoise:
     @property
     def encoder_error(self) -> float:
         """Mean absolute error due to the encoder alone [rad]."""
-        noise = np.mean([estimate_encoder_noise(recording.position) for recording in self.recordings])
+        noise = np.mean([estimate_encoder_noise(recording) for recording in self.recordings])
         return float(np.sqrt(2 / np.pi) * noise)
 
     @property

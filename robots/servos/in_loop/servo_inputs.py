@@ -88,7 +88,7 @@ def _estimate_initial_velocity(recording: Recording) -> float:
     beginning = 0.08  # [s], time to which a cubic is fitted at first
     shortest = 6  # least number of samples of the cubic
     length = min(len(recording), max(shortest, round(beginning * recording.rate)))
-    noise = estimate_encoder_noise(recording.position)
+    noise = estimate_encoder_noise(recording)
     while True:
         powers = np.vander(recording.time[:length] - recording.time[0], min(4, length), increasing=True)
         cubic = np.linalg.lstsq(powers, recording.position[:length])[0]

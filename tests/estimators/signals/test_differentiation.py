@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from estimators.signals.differentiation import (
     correlate_averages,
-    estimate_encoder_noise,
+    estimate_position_noise,
     estimate_white_noise,
     find_rounding,
 )
@@ -44,4 +44,4 @@ def test_a_position_that_rests_for_most_of_the_time_is_rounded_nevertheless():
     time, step = np.arange(0, 10, 5e-3), 1e-3
     position = step * np.rint(0.05 * np.clip(np.sin(2.0 * time) - 0.8, 0, None) / 0.2 / step)  # at rest for 80 %
     assert np.mean(np.diff(position) == 0) > 0.75
-    assert estimate_encoder_noise(position) >= step / np.sqrt(12)
+    assert estimate_position_noise(position) >= step / np.sqrt(12)

@@ -13,7 +13,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.split import add_contacts
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.channel import Channel
-from estimators.signals.differentiation import estimate_encoder_noise, estimate_white_noise
+from estimators.signals.differentiation import estimate_position_noise, estimate_white_noise
 from estimators.weak_form.averages import WindowAverages
 from estimators.weak_form.contacts import count_contacts
 from estimators.weak_form.floors import compute_absorbed_noise, compute_noise_floor
@@ -122,8 +122,8 @@ def test_a_joint_at_rest_hides_no_noise_of_its_encoder():
     counted = np.round(creep / count) * count
     uneven = time + 0.3 / 200 * np.sin(40 * time)
     for read in (counted, np.interp(time, uneven, np.round(np.interp(uneven, time, creep) / count) * count)):
-        assert 0.7 < estimate_encoder_noise(read) / (count / np.sqrt(12)) < 1.3
-    assert estimate_encoder_noise(np.zeros(100)) == 0.0
+        assert 0.7 < estimate_position_noise(read) / (count / np.sqrt(12)) < 1.3
+    assert estimate_position_noise(np.zeros(100)) == 0.0
 
 
 def test_windows_grow_with_the_coarseness_of_the_encoder():

@@ -165,7 +165,8 @@ def test_text_refused(write: Write, columns: Columns, edit: Callable, match: str
 @pytest.mark.parametrize(
     ("content", "match"),
     [
-        (b"time,'po\x00s\x1b',torque\n" + b"0,1,2\n" * 200, "no column for position"),
+        (b"time,'po\x01s\x1b',torque\n" + b"0,1,2\n" * 200, "no column for position"),
+        (b"time,'po\x00s\x1b',torque\n" + b"0,1,2\n" * 200, "binary data"),
     ],
 )
 def test_refusal_of_foreign_text_is_one_line_with_the_file(tmp_path: Path, content: bytes, match: str) -> None:
