@@ -7,10 +7,12 @@ from hypothesis import strategies as st
 
 from estimators.signals.differentiation import (
     correlate_averages,
+    estimate_encoder_noise,
     estimate_position_noise,
     estimate_white_noise,
     find_rounding,
 )
+from pendulum_env.recording import read_recording
 
 
 @pytest.mark.parametrize("lag", [1, 3, 6])
@@ -45,3 +47,13 @@ def test_a_position_that_rests_for_most_of_the_time_is_rounded_nevertheless():
     position = step * np.rint(0.05 * np.clip(np.sin(2.0 * time) - 0.8, 0, None) / 0.2 / step)  # at rest for 80 %
     assert np.mean(np.diff(position) == 0) > 0.75
     assert estimate_position_noise(position) >= step / np.sqrt(12)
+
+
+def test_rows_per_encoder_edge_have_the_noise_of_its_step_and_not_of_their_interpolation():
+    time, step = np.arange(0, 20, 1e-3), 1.5e-3
+    position = step * np.floor(0.8 * np.sin(1.3 * time) / step)
+    edges = np.flatnonzero(np.diff(position, prepend=-1.0))
+    log = {"time": time[edges], "position": position[edges], "torque": np.cos(1.3 * time[edges])}
+    with pytest.warns(match="filled in by interpolation|left out"):
+        read = read_recording(log, columns={"position": "position:rad"})
+    assert estimate_position_noise(read.position) < 0.8 * step / np.sqrt(12) < estimate_encoder_noise(read)
