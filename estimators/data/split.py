@@ -95,9 +95,9 @@ def _split_into_parts(
 ) -> Parts:
     """Return fitted and held-out data; `shorter` scales the chosen window lengths.
 
-    Without `holdout`, the last 30 % of each recording is held out. A part may hold less than half of the window
-    centres, or too little motion. The split is then at the share of time before which 70 % of all centres lie, or
-    earlier if the rest would be too few.
+    Without `holdout`, the last 30 % of each recording is held out. The fitted part may hold less than half of the window
+    centres, or few of one direction, or a part too little motion. The split is then at the share of time before which
+    70 % of all centres lie, earlier if the rest would be too few, later if the fitted part lacks a direction.
     """
     cut = partial(RegressionData.from_recordings, inertia=inertia, block=block)
     widths, holdout_widths = ([shorter * choose_half_width(r, inertia) for r in part] for part in (recordings, holdout))
@@ -107,12 +107,16 @@ def _split_into_parts(
     def split(share: float) -> Parts:
         return cut(recordings, widths, (0.0, share)), cut(recordings, widths, (share, 1.0))
 
-    center_shares = np.concatenate([w.centers / len(w.recording) for w in prepare_windows(recordings, widths).windows])
-    if np.mean(center_shares < 1 - HELD_OUT) >= DATA.motion:
+    windows, fewest = prepare_windows(recordings, widths).windows, RESOLUTION.fewest
+    shares = np.concatenate([w.centers / len(w.recording) for w in windows])
+    is_forward = np.concatenate([w.samples.velocity[w.centers] > 0 for w in windows])
+    sides = [np.sort(side) for side in (shares[is_forward], shares[~is_forward]) if len(side) >= 2 * fewest]
+    least = max((float(side[fewest]) for side in sides), default=0.0)
+    if least < 1 - HELD_OUT and np.mean(shares < 1 - HELD_OUT) >= DATA.motion:
         with suppress(IdentificationError):
             return split(1 - HELD_OUT)
-    held_out = max(HELD_OUT, min(0.5, (RESOLUTION.fewest + 1) / len(center_shares)))
-    return split(float(np.quantile(center_shares, 1 - held_out)))
+    held_out = max(HELD_OUT, min(0.5, (fewest + 1) / len(shares)))
+    return split(max(least, float(np.quantile(shares, 1 - held_out))))
 
 
 def add_contacts(data: Parts, terms: Sequence[Term]) -> Parts:

@@ -107,15 +107,12 @@ def choose_half_width(
             return half_width
     if quiet is not None:
         return quiet
-
-    def has_windows(width: float) -> bool:
-        return len(cut_at(width).centers) >= 2 * RESOLUTION.fewest
-
-    best = min(list(filter(has_windows, widths)) or widths, key=lambda width: bound_error(width).cost)
-    for width in () if recording.known_inertia else LONG_HALF_WIDTHS:
-        if bound_error(best).is_small or width > longest or not has_windows(width):
+    best = min(list(filter(is_feasible, widths)) or widths, key=lambda width: bound_error(width).cost)
+    for width in (*widths, *(() if recording.known_inertia else LONG_HALF_WIDTHS)):
+        if bound_error(best).is_small or width > longest:
             break
-        best = min(best, width, key=lambda width: bound_error(width).cost)
+        if len(cut_at(width).centers) >= 2 * RESOLUTION.fewest:
+            best = min(best, width, key=lambda width: bound_error(width).cost)
     return best
 
 
