@@ -95,9 +95,9 @@ def _split_into_parts(
 ) -> Parts:
     """Return fitted and held-out data; `shorter` scales the chosen window lengths.
 
-    Without `holdout`, the last 30 % of each recording is held out. The fitted part may hold less than half of the window
-    centres, or few of one direction, or a part too little motion. The split is then at the share of time before which
-    70 % of all centres lie, earlier if the rest would be too few, later if the fitted part lacks a direction.
+    Without `holdout`, the last 30 % of each recording is held out. The fitted part may hold less than half of the
+    window centres, or few of one direction, or a part too little motion. The split is then at the share of time before
+    which 70 % of all centres lie, earlier if the rest would be too few, later if the fitted part lacks a direction.
     """
     cut = partial(RegressionData.from_recordings, inertia=inertia, block=block)
     widths, holdout_widths = ([shorter * choose_half_width(r, inertia) for r in part] for part in (recordings, holdout))
