@@ -14,6 +14,7 @@ from pendulum_env.units import to_shown_unit
 
 SUPERSCRIPTS = str.maketrans("-0123456789n", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ")
 POWER = re.compile(r"\^([0-9n])")
+OPTION = re.compile(r"(--[a-z]+ (?:'[^']*'|\S+=\S+))")  # an option with its value
 TYPOGRAPHY = tuple(  # pattern in a text of the command line, and its replacement on a page
     (re.compile(pattern), sign)
     for pattern, sign in (
@@ -94,10 +95,15 @@ def format_unit(text: str) -> str:
 
 
 def typeset(text: str) -> str:
-    """Set a text of the command line for a page: `q' -> 2 kg m^2` becomes `q̇ → 2 kg·m²`; options lose their dashes."""
+    """Set a text of the command line for a page: `q' -> 2 kg m^2` becomes `q̇ → 2 kg·m²`; options lose their dashes.
+
+    An option with its value stays, so that it can be copied.
+    """
+    parts = OPTION.split(text)
     for pattern, sign in TYPOGRAPHY:
-        text = pattern.sub(sign, text)
-    return POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), text)
+        parts[::2] = [pattern.sub(sign, part) for part in parts[::2]]
+    parts[::2] = [POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), part) for part in parts[::2]]
+    return "".join(parts)
 
 
 def format_percent(share: float) -> str:
