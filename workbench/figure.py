@@ -92,39 +92,17 @@ def insert_gaps(time: Array, indices: Index, *series: Array) -> tuple[Array, lis
     return np.insert(time[indices], gaps, np.nan), [np.insert(values[indices], gaps, np.nan) for values in series]
 
 
-def make_stacked_layout(upper: str, lower: str, x: str, share: float = 0.55) -> JSON:
-    """Make the layout of two plots above each other with one abscissa; `share`: height of the lower one."""
-    return {
-        "xaxis": make_axis(x, anchor="y2"),
-        "yaxis": make_axis(upper, domain=[1 - share + 0.04, 1]),
-        "yaxis2": make_axis(lower, domain=[0, 1 - share - 0.04]),
-        "hovermode": "x unified",
-    }
+def make_stacked_layout(titles: Sequence[str]) -> JSON:
+    """Make the layout of plots over time above each other, with one range and one cursor; `titles`: of ordinates."""
+    count, gap = len(titles), 0.02
+    time = make_axis("time [s]", anchor=f"y{count}", unifiedhovertitle={"text": "%{x:.3f} s"})
+    layout = {"xaxis": time, "hovermode": "x unified", "hoversubplots": "axis"}
+    for k, title in enumerate(titles):
+        domain = [1 - (k + 1) / count + gap * (k + 1 < count), 1 - k / count - gap * (k > 0)]
+        layout[f"yaxis{k + 1 if k else ''}"] = make_axis(title, domain=domain)
+    return layout
 
 
 def join_arrays(parts: Sequence[Array]) -> Array:
     """Concatenate arrays with NaN after each."""
     return np.concatenate([np.r_[part, np.nan] for part in parts]) if parts else np.empty(0)
-
-
-def plot_before_and_after(
-    id: str,
-    label: str,
-    x: Array,
-    measured: Array,
-    models: Sequence[tuple[str, str]],
-    modelled: Sequence[Array],
-    differences: Sequence[Array],
-    names: tuple[str, str, str],
-) -> Figure:
-    """Plot a measured and a modelled quantity (N,) above their difference.
-
-    `models` are pairs of name and colour; `names`: of the quantity, of the difference, and the unit.
-    """
-    quantity, difference, unit = names
-    data = [make_line(x, measured, "measured", "--measured", unit, line={"color": "--measured", "width": BROAD})]
-    for (name, color), above, below in zip(models, modelled, differences, strict=True):
-        data.append(make_line(x, above, name, color, unit, legendgroup=name))
-        data.append(make_line(x, below, name, color, unit, legendgroup=name, yaxis="y2", showlegend=False))
-    layout = make_stacked_layout(f"{quantity} [{unit}]", f"{difference} [{unit}]", "time [s]")
-    return Figure(id, label, data, layout, 460)

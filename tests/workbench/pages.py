@@ -2,7 +2,11 @@
 
 import json
 import re
+from collections.abc import Iterator
 from html.parser import HTMLParser
+
+from workbench.figure import Figure
+from workbench.narrator.parts import Part
 
 
 class Page(HTMLParser):
@@ -29,6 +33,15 @@ class Page(HTMLParser):
             self.figures.append(json.loads(data))
         elif not self._inside:
             self.text += data
+
+
+def list_figures(content) -> Iterator[Figure]:
+    """The figures in content of a report, in order."""
+    for item in content:
+        if isinstance(item, Figure):
+            yield item
+        elif isinstance(item, Part | tuple):
+            yield from list_figures(item.content if isinstance(item, Part) else item)
 
 
 def values(found: Page, attribute: str) -> list[str]:

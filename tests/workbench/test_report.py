@@ -24,11 +24,10 @@ from robots.arms import arm_base
 from tests import two_link
 from tests.cases import diagnosed
 from tests.workbench.app.plants import record_pendulum
-from tests.workbench.pages import Page, values, whole
+from tests.workbench.pages import Page, list_figures, values, whole
 from workbench.figure import insert_gaps, measure_reach, round_numbers, select_samples
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.findings import describe_reason
-from workbench.narrator.parts import list_figures
 from workbench.report import SECTIONS, render
 from workbench.report.comparison import make_comparison
 from workbench.report.data import ReportData
@@ -142,6 +141,7 @@ def test_numbers_are_printed_without_exponents(value, text):
         ("fs exp(-|q'/vs|^n) kg m^2", "fs exp(-|q̇/vs|ⁿ) kg·m²"),
         ("For tau from -0.86 to -.4", "For τ from −0.86 to −.4"),
         ("Correct it with --align, run `diagnose`, -57 +- 2", "Correct it with option align, run diagnose, −57 ± 2"),
+        ("with --columns 'q=-2 N m' instead", "with --columns 'q=-2 N m' instead"),
         ("run-1.csv, 1e-05, half-open", "run-1.csv, 1e-05, half-open"),
     ],
 )
@@ -239,9 +239,8 @@ def test_a_model_without_failure_fills_no_panel_with_its_band():
 
 def test_the_band_of_noise_fills_no_plot_of_measured_against_modelled_torque(diagnosis):
     for figure in list_figures(make_comparison(ReportData(diagnosis)).content):
-        if figure.id.startswith("torque"):
-            band = next(trace for trace in figure.data if trace.get("fill"))
-            assert max(band["y"]) < 0.5 * figure.layout["yaxis2"]["range"][1]
+        band = next(trace for trace in figure.data if trace.get("fill"))
+        assert max(band["y"]) < 0.5 * figure.layout["yaxis3"]["range"][1]
 
 
 def test_the_page_shows_how_to_do_it_again_if_that_is_known(page, diagnosis):

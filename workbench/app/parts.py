@@ -13,19 +13,12 @@ from pendulum_env.physics.joints import list_effects, place_effects
 from pendulum_env.physics.mechanism import PENDULUM, Mechanism
 from pendulum_env.physics.table import TABLES
 from workbench.app.session import Session, Sessions
-from workbench.figure import Figure
 from workbench.narrator import parts as report
-from workbench.narrator.parts import list_figures
 from workbench.report import page
 from workbench.report.data import Section
 
 Content = Component | str | Sequence[Component | str] | None
 
-PLOT, SPEC = "plot", "spec"  # kinds of ids: graph, and data of its figure
-BUTTONS = ["zoom2d", "pan2d", "resetScale2d", "toImage"]  # whitelist: no button that uploads data
-CLEAR = "rgba(0,0,0,0)"
-HIDDEN = {"visible": False}
-EMPTY = {"layout": {"xaxis": HIDDEN, "yaxis": HIDDEN, "paper_bgcolor": CLEAR, "plot_bgcolor": CLEAR}}
 KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # keeps the input of a tab over a reload
 
 
@@ -59,43 +52,20 @@ def typeset_texts(content: Any) -> Any:
     return content
 
 
-def make_graph(figure: Figure) -> Component:
-    """Make the graph of a figure; a script of the page sets its colours for the light or dark theme."""
-    config: Any = {"displaylogo": False, "modeBarButtons": [BUTTONS]}
-    style, id = {"height": figure.height}, {"kind": PLOT, "of": figure.id}
-    spec = {"data": figure.data, "layout": figure.layout}
-    graph = dcc.Graph(id=id, figure=EMPTY, responsive=True, config=config, style=style)
-    plot = html.Div(graph, role="group", className="plot", style=style, **make_aria(label=figure.label))
-    return html.Figure([dcc.Store(id={"kind": f"{PLOT}-{SPEC}", "of": figure.id}, data=spec), plot])
-
-
 def make_aria(**attributes: str) -> dict[str, Any]:
     """Make attributes for screen readers: `label` becomes `aria-label`."""
     return {f"aria-{name}": value for name, value in attributes.items()}
 
 
 def show_section(section: Section) -> list[Component]:
-    """Render a section of the report with its figures as graphs."""
+    """Render a section of the report."""
     return show_content(section.content, section.id)
 
 
 def show_content(content: report.Content, id: str) -> list[Component]:
-    """Render content of a report; `id`: prefix of its ids, unique on the page."""
-    components: list[Component] = []
-    for number, item in enumerate(content):
-        content_id, figures = f"{id}-{number}", list(list_figures([item]))
-        if not figures:
-            text = dcc.Store(id={"kind": "markup", "of": content_id}, data=page.render_fragment([item]))
-            components.append(
-                html.Div([text, html.Div(id={"kind": "fragment", "of": content_id}, className="fragment")])
-            )
-        elif isinstance(item, report.Part):
-            inner = show_content(item.content, content_id)
-            title = capitalise(item.title)
-            components += [html.H3(title), *inner] if item.brief else [html.Details([html.Summary(title), *inner])]
-        else:
-            components.append(html.Div([make_graph(figure) for figure in figures], className="grid"))
-    return components
+    """Render content of a report, drawn by scripts of the page; `id`: unique on the page."""
+    markup = dcc.Store(id={"kind": "markup", "of": id}, data=page.render_fragment(content))
+    return [html.Div([markup, html.Div(id={"kind": "fragment", "of": id}, className="fragment")])]
 
 
 def make_button(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
+from pendulum_env._typing import JSON
 from pendulum_env.formatting import TextTable
 from workbench.figure import Figure
 
@@ -14,6 +15,18 @@ class Code(str):
 
     __slots__ = ()
     is_code = True
+
+
+class Place(str):
+    """Sentence on a region; a page links it to plots over time. `where`: axis, ends, joint and number of the model."""
+
+    where: JSON
+
+    def __new__(cls, text: str, where: JSON) -> Self:
+        """Make the sentence."""
+        place = super().__new__(cls, text)
+        place.where = where
+        return place
 
 
 class Legend(NamedTuple):
@@ -33,17 +46,6 @@ class Part(NamedTuple):
 Content = Sequence[  # tuple of texts: list; tuple of figures: grid; mapping: head of a report
     str | tuple[str, ...] | TextTable | Figure | tuple[Figure, ...] | Legend | Part | Mapping[str, Any]
 ]
-
-
-def list_figures(content: Content) -> Iterator[Figure]:
-    """Yield the figures in some content, in order."""
-    for item in content:
-        if isinstance(item, Figure):
-            yield item
-        elif isinstance(item, Part):
-            yield from list_figures(item.content)
-        elif isinstance(item, tuple):
-            yield from (part for part in item if isinstance(part, Figure))
 
 
 def list_texts(content: Content) -> Iterator[str | TextTable]:

@@ -21,8 +21,8 @@ from workbench.report.story import make_candidates, make_joints, make_method, ma
 __all__ = ["render", "render_comparison", "write_report"]
 SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in order
     make_story,
-    make_comparison,
     make_failures,
+    make_comparison,
     make_candidates,
     make_next_experiment,
     make_errors,
@@ -66,7 +66,7 @@ def render_comparison(compared: Comparison) -> str:
         return _render_recordings(case, _make_arm_sections(case), "comparison with")
     parts = narrate_comparison(compared, is_drawn=True)
     result = Section("result", "Result", describe_comparison(compared), parts)
-    sections = [result, make_comparison(case), make_failures(case), make_parameters(case)]
+    sections = [result, make_failures(case), make_comparison(case), make_parameters(case)]
     if (error := describe_loop(compared)) is not None:
         sections.insert(1, make_loop(case, error))
     return _render_recordings(case, sections, "comparison with")
@@ -75,7 +75,7 @@ def render_comparison(compared: Comparison) -> str:
 def _make_arm_sections(case: ReportData) -> list[Section]:
     """Make the sections on an arm for a diagnosis or a comparison."""
     candidates = [make_candidates(case)] if case.diagnosis.candidates else []
-    return [make_joints(case), make_failures(case), *candidates, make_parameters(case)]
+    return [make_joints(case), make_failures(case), make_comparison(case), *candidates, make_parameters(case)]
 
 
 def _render_recordings(case: ReportData, sections: Sequence[Section], kind: str) -> str:

@@ -1,15 +1,20 @@
-"""Plots of measured and modelled torque and position: free motion, or servos simulated from their goals."""
+"""Plots of measured and modelled motion over time: torque and free runs, or servos simulated from their goals."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from estimators.data.preparation import find_preparation
-from estimators.decisions.errors import get_single
+from estimators.signals.residual import AXES, makes_whole_turns, wrap_angles
 from estimators.simulation.free_running import HORIZON, Segments, simulate_errors
-from pendulum_env._typing import Array
-from pendulum_env.formatting import TextTable, capitalise, format_number
+from pendulum_env._typing import JSON, Array, Mask
+from pendulum_env.formatting import TextTable, capitalise, format_number, typeset
+from pendulum_env.physics import Model
+from pendulum_env.recording import Recording
+from pendulum_env.units import to_shown_unit
 from workbench import figure as plots
 from workbench.narrator.diagnosis import describe_result
 from workbench.narrator.parts import Content, Part
@@ -17,83 +22,162 @@ from workbench.narrator.results import narrate_next_step, narrate_unexplained
 from workbench.report.data import ReportData, Section
 
 COMPARED = 4  # largest number of plotted recordings
+MEASURED = 9600  # most points of a measured curve, one for each pixel in three seconds of a recording of 20 s
+ROWS = ("position", "torque", "residual", "error of free run")
+SIGMAS = "%{y:.3g}, %{customdata:.1f}σ"  # residual and its size in standard errors by noise
 LOOPS = 8  # largest number of recordings plotted in the loop
 
 
-def make_comparison(case: ReportData) -> Section:
-    """Make the section on torque and position of held-out recordings, largest errors first."""
-    prepared = case.data.parts[1]
-    residuals = case.compute_residuals(1)
-    ends = np.cumsum([len(w.centers) for w in prepared.data.windows])[:-1]
-    split = [np.split(residual, ends) for residual in residuals]
-    torque = np.split(prepared.data.torque.applied, ends)
-    noise = get_single(case.diagnosis.floors)
-    usable = [k for k, w in enumerate(prepared.data.windows) if len(w.centers) > 1]
-    order = sorted(usable, key=lambda k: -float(np.mean(split[0][k] ** 2)))[:COMPARED]
-    runs: list[Part] = []
-    for k in order:
-        name, time = prepared.recordings[k].name, np.asarray(prepared.data.windows[k].select_center_samples().time)
-        errors = [part[k] for part in split]
-        position = plot_position(case, f"position-{k}", [part.segments[k] for part in case.parts[1]])
-        torque_plot = plot_torque(case, f"torque-{k}", f"recording {name}", time, torque[k], errors, noise)
-        runs += [Part(f"Torque, {name}", [torque_plot]), Part(f"Position in free run, {name}", [position])]
-    held_out = "Held-out data. " * (not case.data.is_comparison)
-    about = (
-        f"{held_out}Torque is averaged over short windows clear of stick; gaps are where the joint stuck or turned. "
-        "Each simulation of the position starts from the measured state and then runs "
-        f"freely for {case.data.cut.horizon or HORIZON:g} s on the recorded torque alone."
-    )
-    other_runs = [Part(f"Other recordings, {len(order) - 1} of {len(usable) - 1}", runs[2:], brief=False)]
-    content: Content = [about, *runs[:2], *other_runs[: len(order) - 1]]
-    return Section("comparison", "Comparison", "Measured against modelled", content)
+@dataclass(frozen=True)
+class Course:
+    """Windows of one recording at one joint in order of time, with the results of each plotted model.
 
-
-def plot_torque(
-    case: ReportData, id: str, subject: str, time: Array, torque: Array, residuals: Sequence[Array], noise: float
-) -> plots.Figure:
-    """Plot the torque of one recording in its windows (N,) [N m], above the residual (N,) of each model."""
-    x, (measured, *differences) = plots.insert_gaps(time, plots.select_samples(residuals[0]), torque, *residuals)
-    modelled = [measured - difference for difference in differences]
-    label = f"Measured and modelled torque over time, and their difference, {subject}"
-    names = ("torque", "residual", case.units.unit("N m"))
-    figure = plots.plot_before_and_after(id, label, x, measured, case.model_labels, modelled, differences, names)
-    figure.data.insert(0, plots.make_band(time[[0, -1]], np.full(2, 2 * noise), "noise (±2σ)", yaxis="y2"))
-    reach = max(plots.measure_reach(difference, 2 * noise) for difference in differences)
-    figure.layout["yaxis2"]["range"] = [-reach, reach]
-    return figure
-
-
-def plot_position(case: ReportData, id: str, segments_of_models: Sequence[Segments]) -> plots.Figure:
-    """Plot the position of one recording and free-running simulations from measured states.
-
-    `segments_of_models`: the segments of the recording for each model of the case, with its initial states.
+    Attributes:
+        recording: whole recording of the joint.
+        at: name of the joint; empty for a pendulum.
+        axes: motion in the middle of each window (R,), by the keys of `AXES`.
+        is_fitted: whether a window is in the fitted data (R,).
+        measured: measured torque, averaged over each window (R,) [N m].
+        residuals: measured minus modelled torque of each model, (R,) each [N m].
+        segments: segments of free runs for each model; empty for an arm.
     """
-    segments = segments_of_models[0]
-    # plotted points of each window
-    seconds = (len(segments.position) - 1) / segments.windows.recording.rate
-    points = int(np.clip(2 * plots.POINTS // len(segments.first), 10, 80 * max(1.0, seconds)))
-    step = max(1, (len(segments.position) - 1) // points)
-    at = np.arange(0, len(segments.position), step)
-    recording = segments.windows.recording
-    start = recording.time[segments.first]
-    x = plots.join_arrays(list((start + at[:, None] / recording.rate).T))
-    measured = plots.join_arrays(list(segments.position[at].T))
-    models = zip(segments_of_models, (step.model for step in case.ends), strict=True)
-    errors = [
-        plots.join_arrays(list(simulate_errors(segments_of_model, m.terms, m.theta)[at].T))
-        for segments_of_model, m in models
-    ]
-    simulated = [measured + error for error in errors]
-    label = f"Measured position and free-running simulation over time, recording {recording.name}"
-    factor, unit = case.angle
-    names, measured = ("position", "error", unit), factor * measured
-    above, below = [factor * values for values in simulated], [factor * values for values in errors]
-    figure = plots.plot_before_and_after(id, label, x, measured, case.model_labels, above, below, names)
-    dots = {"color": "--measured", "size": 5}
-    options = {"mode": "markers", "marker": dots, "hoverinfo": "skip", "hovertemplate": None}
-    position = factor * segments.position[0]
-    figure.data.append(plots.make_line(start, position, "start of a window", "--measured", "", **options))
-    return figure
+
+    recording: Recording
+    at: str
+    axes: dict[str, Array]
+    is_fitted: Mask
+    measured: Array
+    residuals: list[Array]
+    segments: list[list[Segments]]
+
+    @property
+    def title(self) -> str:
+        """Return the name of the recording, and of the joint."""
+        return f"Recording {self.recording.name}{f', {self.at}' if self.at else ''}"
+
+    @property
+    def error(self) -> float:
+        """Return the mean square of the first model's residual [(N m)^2]."""
+        return float(np.mean(self.residuals[0] ** 2))
+
+
+def list_courses(case: ReportData) -> list[Course]:
+    """List the courses of all recordings and joints, the largest error first."""
+    groups = dict[tuple[str, int], list[Course]]()
+    for part in range(1 if case.data.is_comparison else 2):
+        rows = case.data.parts[part].data
+        ends = np.cumsum([len(w.centers) for w in rows.windows])[:-1]
+        series = rows.torque.applied, *case.compute_residuals(part)
+        split = zip(*(np.split(values, ends) for values in series), strict=True)
+        for k, (w, (measured, *residuals)) in enumerate(zip(rows.windows, split, strict=True)):
+            x, segments = w.select_center_samples(), [[data.segments[k]] for data in case.parts[part] if data.segments]
+            axes = {axis: np.asarray(getattr(x, axis)) for axis in AXES}
+            is_fitted = np.full(len(measured), part == 0)
+            course = Course(w.recording, w.at, axes, is_fitted, measured, residuals, segments)
+            groups.setdefault((w.at, id(w.recording)), []).append(course)
+    courses = [_join_courses(group) for group in groups.values()]
+    return sorted((course for course in courses if len(course.measured) > 1), key=lambda course: -course.error)
+
+
+def _join_courses(parts: Sequence[Course]) -> Course:
+    """Join the fitted and the held-out windows of one recording and joint."""
+    order = np.argsort(np.concatenate([part.axes["time"] for part in parts]), kind="stable")
+
+    def join(series: Iterable[Any]) -> Any:
+        return np.concatenate([*series])[order]
+
+    return replace(
+        parts[0],
+        axes={axis: join(part.axes[axis] for part in parts) for axis in AXES},
+        is_fitted=join(part.is_fitted for part in parts),
+        measured=join(part.measured for part in parts),
+        residuals=[join(of_model) for of_model in zip(*(part.residuals for part in parts), strict=True)],
+        segments=[[*chain(*of_model)] for of_model in zip(*(part.segments for part in parts), strict=True)],
+    )
+
+
+def make_comparison(case: ReportData) -> Section:
+    """Make the section on raw position, torque, residual and free run over time, the largest residuals first."""
+    courses = list_courses(case)[: COMPARED * len(case.diagnosis.floors)]
+    figures = [Part(course.title, [plot_course(case, course, f"course-{k}")]) for k, course in enumerate(courses)]
+    about = (
+        "Choose a sentence or a shaded stretch: its samples are shaded here, and the worst three seconds are in "
+        "sight. Torque of a model and residual are averages over short windows clear of stick; gaps are where the "
+        "joint stuck or turned."
+    )
+    if case.diagnosis.model.mechanism.can_simulate:
+        about += (
+            " Each free run starts from the measured state and lasts "
+            f"{case.data.cut.horizon or HORIZON:g} s on the recorded torque alone."
+        )
+    others = [Part(f"Other recordings and joints, {len(figures) - 1}", figures[1:], brief=False)][: len(figures) - 1]
+    return Section("comparison", "Over time", "Measured against modelled, over time", [about, *figures[:1], *others])
+
+
+def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
+    """Plot position, torque, residual and free run of one recording and joint, with one range and one cursor."""
+    units, time, floor = (
+        case.diagnosis.model.units(course.at),
+        course.axes["time"],
+        case.data.parts[0].floors[course.at],
+    )
+    (factor, angle), torque = to_shown_unit(1.0, units.unit("rad")), units.unit("N m")
+    recording, style = course.recording, {"color": "--measured", "width": plots.BROAD}
+    data = [plots.make_band(time[[0, -1]], np.full(2, 2 * floor), "noise (±2σ)", yaxis="y3")]
+
+    def draw(x: Array, y: Array, place: int, model: tuple[str, str], unit: str, **options: object) -> None:
+        """Add the curve of a model, or of the measurement, to one of the rows `ROWS`."""
+        readout = f"{ROWS[place]}, {model[0]}: {options.pop('readout', '%{y:.3g}')} {typeset(unit)}<extra></extra>"
+        axis = {"yaxis": f"y{place + 1 if place else ''}", "legendgroup": model[0], "showlegend": place == 1}
+        data.append(plots.make_line(x, y, *model, unit) | axis | {"hovertemplate": readout} | options)
+
+    for place, values, unit in ((0, factor * recording.position, angle), (1, recording.torque, torque)):
+        x, (y,) = plots.insert_gaps(recording.time, plots.select_samples(values, MEASURED), values)
+        draw(x, y, place, ("measured", ""), unit, line=style)
+    for k, model in enumerate(case.model_labels):
+        residual = course.residuals[k]
+        x, (measured, error) = plots.insert_gaps(time, plots.select_samples(residual), course.measured, residual)
+        draw(x, measured - error, 1, model, torque)
+        draw(x, error, 2, model, torque, readout=SIGMAS, customdata=plots.round_numbers(error / floor))
+        if course.segments:
+            x, position, error = simulate_course(course.segments[k], case.ends[k].model)
+            draw(x, factor * position, 0, model, angle)
+            draw(x, factor * error, 3, model, angle)
+    titles = [f"{name} [{unit}]" for name, unit in zip(ROWS, (angle, torque, torque, angle), strict=True)]
+    layout = plots.make_stacked_layout(titles[: 4 if course.segments else 3])
+    reach = max(plots.measure_reach(residual, 2 * floor) for residual in course.residuals)
+    layout["yaxis3"]["range"] = [-reach, reach]
+    beyond = {"rangemode": "fixed", "range": [1e9, 2e9]}  # of the whole, the slider shows the residual alone
+    slider = {f"yaxis{row}": beyond for row in ("", 2, 4)}
+    layout["xaxis"]["rangeslider"] = {"visible": True, "thickness": 0.06, **slider}
+    layout["meta"] = describe_course(case, course)
+    return plots.Figure(id, f"Measured and modelled position and torque over time, {course.title}", data, layout, 720)
+
+
+def describe_course(case: ReportData, course: Course) -> JSON:
+    """Describe the fitted windows of a course in displayed units, for scripts that find the samples of a region."""
+    units, axes = case.diagnosis.model.units(course.at), dict(course.axes)
+    if makes_whole_turns(np.asarray(case.data.parts[0].data.part(course.at).samples.position)):
+        axes["position"] = wrap_angles(axes["position"])
+    shown = {axis: to_shown_unit(values, units.unit(AXES[axis]))[0] for axis, values in axes.items()}
+    fitted = {axis: plots.round_numbers(values[course.is_fitted]) for axis, values in shown.items()}
+    residuals = [plots.round_numbers(residual[course.is_fitted]) for residual in course.residuals]
+    return {"recording": course.recording.name, "joint": course.at, "axes": fitted, "residuals": residuals}
+
+
+def simulate_course(segments: Sequence[Segments], model: Model) -> tuple[Array, Array, Array]:
+    """Simulate segments of one recording; return time [s], position and error [rad], with NaN after each segment."""
+    points = max(10, plots.POINTS // sum(len(segment.first) for segment in segments))
+    series = list[list[Array]]([[], [], []])
+    for segment in segments:
+        at = np.arange(0, len(segment.position), max(1, (len(segment.position) - 1) // points))
+        recording = segment.windows.recording
+        errors = simulate_errors(segment, model.terms, model.theta)[at]
+        times = recording.time[segment.first] + at[:, None] / recording.rate
+        for parts, values in zip(series, (times, segment.position[at] + errors, errors), strict=True):
+            parts += list(values.T)
+    time, position, error = map(plots.join_arrays, series)
+    return time, position, error
 
 
 def make_loop(case: ReportData, headline: str) -> Section:

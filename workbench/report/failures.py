@@ -1,5 +1,6 @@
 """Plots of the residual over angle, velocity, torque and time, and its spectra over time and angle."""
 
+import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -23,7 +24,7 @@ from pendulum_env.formatting import format_percent
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, make_axis, make_band, make_line, measure_reach
 from workbench.narrator.diagnosis import describe_region
-from workbench.narrator.parts import Legend, Part
+from workbench.narrator.parts import Legend, Part, Place
 from workbench.report.data import ReportData, Section
 
 TITLES = {  # name and symbol of an axis
@@ -46,16 +47,16 @@ def make_failures(case: ReportData) -> Section:
     prepared, curves, body = case.data.parts[0], case.model_labels, case.diagnosis.model.mechanism
     residuals, axes = case.compute_residuals(0), tuple(SYMBOLS) if body.can_simulate else SHOWN
     strips, stands_out = list[Part](), [False] * len(residuals)
-    for k, joint in enumerate(prepared.floors):
+    for number, joint in enumerate(prepared.floors):
         maps = [compute_profiles_at(prepared, residual, joint, axes) for residual in residuals]
         stands_out = [seen or bool(find_regions(m)) for seen, m in zip(stands_out, maps, strict=True)]
         reach = max(measure_reach(p.mean, p.band) for profiles in maps for p in profiles if not p.is_spectrum)
-        name = f"joint-{k}" if joint else "profile"
-        figures = [plot_profile(curves, profiles, reach, name) for profiles in _group_by_axis(maps)]
+        name = f"joint-{number}" if joint else "profile"
+        figures = [plot_profile(curves, profiles, reach, name, joint) for profiles in _group_by_axis(maps)]
         parts = [
             part
-            for (label, _), profiles, residual in zip(curves, maps, residuals, strict=True)
-            for part in list_regions(label, profiles, prepared, residual, joint)
+            for k, (label, _) in enumerate(curves)
+            for part in list_regions(label, k, maps[k], prepared, residuals[k], joint)
         ]
         strips.append(Part(joint, [tuple(figures), *parts]))
     negligible = format_percent(RESOLUTION.width.negligible)
@@ -78,13 +79,13 @@ def _group_by_axis(maps: Sequence[Sequence[Profile]]) -> list[list[Profile]]:
 
 
 def list_regions(
-    label: str, profiles: Sequence[Profile], data: RegressionData, residual: Array, joint: str
+    label: str, number: int, profiles: Sequence[Profile], data: RegressionData, residual: Array, joint: str
 ) -> Iterator[str | tuple[str, ...] | Part]:
-    """Yield a heading and the regions of profiles at a joint for one model, the first above a fold.
+    """Yield a heading and the regions of profiles at a joint for the model of a number, the first above a fold.
 
     A further fold has the regions of the residual (R,) without its strongest profile.
     """
-    texts = [describe_region(region) for region in find_regions(profiles)]
+    texts = [Place(describe_region(r), locate_region(r, joint, number)) for r in find_regions(profiles)]
     yield f"Under the {label}{':' if texts else ', the residual is within the noise.'}"
     yield tuple(texts[:FIRST])
     if texts[FIRST:]:
@@ -102,6 +103,13 @@ def list_regions(
         yield Part(title, [tuple(left) or "The rest is within the noise."], brief=False)
 
 
+def locate_region(region: Region, joint: str, number: int) -> JSON:
+    """Return the place of a region in displayed units, for scripts: axis, ends, joint and number of the model."""
+    factor = to_shown_unit(1.0, region.unit)[0]
+    axis = {"axis": "" if region.is_constant else region.axis, "low": factor * region.low, "high": factor * region.high}
+    return {**axis, "joint": joint, "model": number}
+
+
 def make_legend(curves: Sequence[Curve], regions: bool, final_regions: bool) -> Legend:
     """Make the legend of curves, noise band, and stripes of the first (`regions`) and last model (`final_regions`)."""
     entries = [("stroke", color, label) for label, color in curves]
@@ -113,10 +121,12 @@ def make_legend(curves: Sequence[Curve], regions: bool, final_regions: bool) -> 
     return Legend(tuple(entries))
 
 
-def plot_profile(curves: Sequence[Curve], profiles: Sequence[Profile], reach: float, name: str = "profile") -> Figure:
+def plot_profile(
+    curves: Sequence[Curve], profiles: Sequence[Profile], reach: float, name: str = "profile", joint: str = ""
+) -> Figure:
     """Plot the mean residual of each model over one quantity up to `reach` [N m], with noise bands and runs.
 
-    `name`: prefix of the figure's id.
+    `name`: prefix of the figure's id; `joint`: of the residual.
     """
     first, unit = profiles[0], profiles[0].units.unit("N m")
     factor, unit_of_axis = to_shown_unit(1.0, first.unit)
@@ -129,8 +139,8 @@ def plot_profile(curves: Sequence[Curve], profiles: Sequence[Profile], reach: fl
         data.append(make_line(factor * profile.middle, profile.mean, label, color, unit, mode=mode, marker=marker))
     runs = [find_runs(profile) for profile in profiles]
     half = 0.5 if len(runs) > 1 and runs[-1] else 0.0  # two kinds of stripes share the height
-    shapes = [draw_stripe(run, "--region", half, 1.0, factor) for run in runs[0]]
-    shapes += [draw_stripe(run, "--open", 0.0, half, factor) for run in (runs[-1] if half else [])]
+    kinds = [(0, ("--region", half, 1.0)), *([(len(runs) - 1, ("--open", 0.0, half))] if half else [])]
+    shapes = [draw_stripe(locate_region(r, joint, k), *look) for k, look in kinds for r in runs[k]]
     quantity, symbol = TITLES[first.axis]
     title = f"{first.units.name(quantity)}{symbol} [{unit_of_axis}]"
     own = max(measure_reach(profile.mean, profile.band) for profile in profiles)
@@ -141,6 +151,8 @@ def plot_profile(curves: Sequence[Curve], profiles: Sequence[Profile], reach: fl
         "shapes": shapes,
         "showlegend": False,
         "margin": {"t": 16},
+        "hovermode": "x",
+        "hoverdistance": -1,
     }
     return Figure(f"{name}-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
 
@@ -154,16 +166,17 @@ def make_angle_axis(units: JointUnits) -> JSON:
     )
 
 
-def draw_stripe(region: Region, color: str, low: float, high: float, factor: float = 1.0) -> JSON:
-    """Make the rectangle over a region, from `low` to `high` in shares of the height; `factor` scales the axis."""
+def draw_stripe(where: JSON, color: str, low: float, high: float) -> JSON:
+    """Make the rectangle over the place of a region, from `low` to `high` in shares of the height."""
     return {
         "type": "rect",
         "layer": "below",
         "yref": "paper",
-        "x0": factor * region.low,
-        "x1": factor * region.high,
+        "x0": where["low"],
+        "x1": where["high"],
         "y0": low,
         "y1": high,
         "fillcolor": color,
         "line": {"width": 1, "color": "--page"},  # separates neighbours
+        "name": json.dumps(where),
     }

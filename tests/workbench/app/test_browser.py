@@ -179,7 +179,7 @@ def test_the_story_from_loading_to_undo(tab, folder):
     assert tab.title() == "Something is missing in this model"
     tab.go("data")
     tab.go("model")
-    assert page.locator(".model .js-plotly-plot").count() == 4
+    assert page.locator(".model .plot").count() == 4
     assert all(scheme in page.inner_text("#stage") for scheme in ("Dynamic", "Energy", "Filtered Hamiltonian"))
 
     tab.go("compare")
@@ -213,6 +213,58 @@ def test_the_story_from_loading_to_undo(tab, folder):
     page.get_by_role("button", name="Undo: add Stribeck friction").click()
     page.wait_for_function("() => document.querySelector('h1').textContent === 'Stribeck friction is missing'")
     assert number_after(r"error \(last 30 %\): torque", page.inner_text("#story")) == before
+
+
+READOUT = (
+    "position, measured",
+    "torque, measured",
+    "position, base",
+    "torque, base",
+    "residual, base",
+    "free run, base",
+)
+TOLD = """(words) => words.every((word) =>
+  document.querySelector(".course .hoverlayer").textContent.includes(word))"""
+SHADED = """([axis, low, high]) => {
+  const { layout: { xaxis: { range }, shapes, meta: { axes } } } = document.querySelector(".course");
+  const inside = axes.time.map((now) => shapes.some(({ x0, x1 }) => x0 <= now && now <= x1));
+  const right = axes[axis].map((value) => low <= value && value <= high);
+  return range[1] - range[0] < 3.1 && shapes.length > 0 && inside.every((is, k) => is === right[k]);
+}"""
+
+
+def test_plots_over_time_share_range_and_cursor_and_show_the_samples_of_a_sentence_or_stretch(tab, folder):
+    page = tab.page
+    page.emulate_media(reduced_motion="reduce")  # nothing moves while it is measured
+    tab.load(folder / "swing.csv")
+    tab.go("compare")
+    places = [json.loads(one.get_attribute("data-where")) for one in page.locator("[data-where]").all()]
+    place = next(one for one in places if one["axis"] == "velocity")
+    page.locator("[data-where]").nth(places.index(place)).click()
+    page.wait_for_function(SHADED, arg=["velocity", place["low"], place["high"]])
+    rows = page.locator(".course .nsewdrag")
+    assert rows.count() == 4 and page.locator(".course .rangeslider-container").count() == 1
+    cursors = []
+    for row in (0, 3):
+        box = rows.nth(row).bounding_box()
+        page.mouse.move(box["x"] + (0.4 + 0.1 * row) * box["width"], box["y"] + box["height"] / 2, steps=3)
+        page.wait_for_function(TOLD, arg=READOUT)
+        line = page.locator(".course .spikeline").first.bounding_box()
+        assert line["y"] <= rows.nth(0).bounding_box()["y"] + 1 and line["height"] > 4 * box["height"]
+        cursors.append(line["x"])
+    assert cursors[0] < cursors[1]
+    stripe = page.evaluate(
+        """() => {
+          const plot = document.querySelector("#profile-velocity"), [box] = plot.querySelectorAll(".nsewdrag");
+          const wide = plot.layout.shapes.reduce((a, b) => (b.x1 - b.x0 > a.x1 - a.x0 ? b : a));
+          plot.scrollIntoView();
+          const { left, top } = box.getBoundingClientRect(), axis = plot._fullLayout.xaxis;
+          return [left + axis.l2p((wide.x0 + wide.x1) / 2), top + 30, wide.x0, wide.x1];
+        }"""
+    )
+    page.mouse.move(*stripe[:2])
+    page.mouse.click(*stripe[:2])
+    page.wait_for_function(SHADED, arg=["velocity", *stripe[2:]])
 
 
 def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(tab, folder):

@@ -362,8 +362,8 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
 def test_every_effect_has_a_picture_beside_the_residual(session, worked):
     session.state = worked["paper"]
     page = html.Div(model.show_comparison(session))
-    drawn = {one.id["of"] for one in page._traverse() if isinstance(one, dcc.Graph)}
-    assert {f"profile-{axis}" for axis in AXES} | {"torque-0", "position-0"} <= drawn
+    markup = "".join(one.data for one in page._traverse() if isinstance(one, dcc.Store))
+    assert all(f'id="{id}"' in markup for id in (*(f"profile-{axis}" for axis in AXES), "course-0"))
     pictures = [one.src for one in page._traverse() if isinstance(one, html.Img)]
     assert sorted(pictures) == sorted(f"/assets/gallery/{id}.svg" for id in effects())
     assert pictures[0] == "/assets/gallery/stribeck.svg"  # the likeliest

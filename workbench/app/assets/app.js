@@ -1,5 +1,5 @@
 "use strict";
-// What the page does by itself: its colours and its plots; everything else is the server's.
+// What the page does by itself: its plots; everything else is the server's.
 (() => {
   const root = document.documentElement;
   const keep = (key, value) => { try { sessionStorage.setItem(key, value); } catch { /* storage may be barred */ } };
@@ -16,13 +16,15 @@
   }
 
   const same = () => window.dash_clientside.no_update;
-  const draw = (spec) => (spec ? figures.themed(spec) : same());
 
-  // Sections of the report come as the report has them.
+  // Sections of the report come as the report has them; one that is the same stays as it is, zoomed or unfolded.
+  const shown = new WeakMap();
   function fragment(markup, id) {
-    const name = JSON.stringify(id, Object.keys(id).sort());
-    const place = document.getElementById(name);
-    if (place && markup) place.innerHTML = markup;
+    const place = document.getElementById(JSON.stringify(id, Object.keys(id).sort()));
+    if (!place || !markup || shown.get(place) === markup) return same();
+    shown.set(place, markup);
+    place.innerHTML = markup;
+    figures.watch(place);
     return same();
   }
 
@@ -74,5 +76,5 @@
     document.getElementById("stage").focus();
   }, true);
 
-  window.dash_clientside = { ...window.dash_clientside, app: { session, draw, reveal, fragment } };
+  window.dash_clientside = { ...window.dash_clientside, app: { session, reveal, fragment } };
 })();

@@ -13,7 +13,7 @@ from pendulum_env.lookup import find
 from workbench.app import uploads
 from workbench.app.card import UNWRAP
 from workbench.app.panels import show_job, show_state, show_undo
-from workbench.app.parts import PLOT, SPEC, Stage, make_aria, make_panel, typeset_texts
+from workbench.app.parts import Stage, make_aria, make_panel, typeset_texts
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
@@ -240,8 +240,6 @@ def _connect_scripts(app: Dash) -> None:
 
     text = {"kind": "fragment", "of": MATCH}
     register_script("session", Output("session", "data"), Input("url", "pathname"))
-    plot, spec = ({"kind": kind, "of": MATCH} for kind in (PLOT, f"{PLOT}-{SPEC}"))
-    register_script("draw", Output(plot, "figure"), Input(spec, "data"))
     register_script(
         "fragment", Output(text, "title"), Input({"kind": "markup", "of": MATCH}, "data"), State(text, "id")
     )

@@ -17,15 +17,15 @@ from workbench.app.parts import (
     Stage,
     make_aria,
     make_button,
-    make_graph,
     make_panel,
     make_save_button,
     make_table,
+    show_content,
 )
 from workbench.app.session import Session
 from workbench.app.state import LoadedRecording, State
 from workbench.app.uploads import STUDY, guess_role
-from workbench.figure import Figure, make_axis, make_line, make_stacked_layout, select_samples
+from workbench.figure import Figure, make_line, make_stacked_layout, select_samples
 from workbench.narrator.notes import describe_note
 from workbench.robot import describe_held, describe_held_joint_motion
 
@@ -55,12 +55,12 @@ def show(session: Session) -> list[Component]:
         parts.append(make_panel("No recording at hand?", html.P([about, demo_button])))
     if state.loaded:
         plots = [
-            make_graph(figure)
+            figure
             for k, recording in enumerate(state.recordings[:4])
             for figure in plot_recording(recording, k, state.body)
         ]
         findings = [*show_timing(state), show_findings(state)] if state.body.can_simulate else []
-        parts += [show_recordings(state), *findings, html.Div(plots, className="panel")]
+        parts += [show_recordings(state), *findings, html.Div(show_content(plots, "courses"), className="panel")]
     return parts
 
 
@@ -92,9 +92,8 @@ def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure
             data.append(
                 make_line(joint_data.time[indices], values[indices], label, color, unit, yaxis=axis, showlegend=False)
             )
-        titles = f"position [{angle}]", f"{units.name('torque')} [{torque}]", "time [s]"
-        layout = {"xaxis": make_axis(titles[2]), "yaxis": make_axis(titles[0])}
-        layout = make_stacked_layout(*titles) if has_torque else layout
+        titles = f"position [{angle}]", f"{units.name('torque')} [{torque}]"
+        layout = make_stacked_layout(titles[: len(series)])
         layout["margin"] = {"t": 40}
         layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
         figures.append(

@@ -44,7 +44,7 @@ def _show_schemes(state: State) -> list[Component]:
 
 
 def show_comparison(session: Session) -> list[Component]:
-    """Render the residuals of the base and the last model; for a pendulum also measured and modelled motion."""
+    """Render the residuals of the base and the last model, and measured and modelled motion over time."""
     state = session.state
     panels = [make_panel(section.title, *show_section(section)) for section in _make_sections(state)]
     return [*panels, _show_gallery(state)] if state.robot is None else panels
@@ -52,8 +52,7 @@ def show_comparison(session: Session) -> list[Component]:
 
 @lru_cache(maxsize=4)  # slow to draw
 def _make_sections(state: State) -> tuple[Section, ...]:
-    failures = make_failures(state.report_data)
-    return (failures, make_comparison(state.report_data)) if state.robot is None else (failures,)
+    return make_failures(state.report_data), make_comparison(state.report_data)
 
 
 def _show_gallery(state: State) -> Component:

@@ -37,6 +37,109 @@ const figures = (() => {
     Plotly.Plots.resize(plot);
   }
 
-  const themed = ({ data, layout }) => resolve({ data, layout: { ...layout, template } }, getComputedStyle(document.documentElement));
-  return { config, grow, themed };
+  const root = document.documentElement;
+  const drawn = new Map();  // spec and height of each plot that is drawn
+
+  function draw(plot) {
+    const isNew = !drawn.has(plot);
+    if (isNew) {
+      drawn.set(plot, { spec: JSON.parse(plot.querySelector("script").textContent), height: plot.offsetHeight });
+      plot.replaceChildren();
+    }
+    const { spec: { data, layout }, height } = drawn.get(plot);
+    Plotly.react(plot, resolve(data, getComputedStyle(root)), resolve({ ...layout, template }, getComputedStyle(root)), config);
+    if (isNew) {
+      plot.on("plotly_afterplot", () => grow(plot, height));
+      connect(plot, layout);
+    }
+    grow(plot, height);
+  }
+
+  // Plots over time share range and cursor, and show the samples of a region: a sentence or a shaded stretch elsewhere.
+  const WORST = 3;  // [s]
+  const courses = () => [...drawn].filter(([, { spec }]) => spec.layout.meta?.axes);
+  const follow = (plot, act) => courses().forEach(([other, { spec }]) => {
+    if (other !== plot && spec.layout.meta.recording === plot.layout.meta.recording) act(other);
+  });
+
+  function show({ axis, low, high, joint, model }) {
+    for (const plot of document.querySelectorAll(".plot.course")) if (!drawn.has(plot) && plot.checkVisibility()) draw(plot);
+    const ones = courses().filter(([, { spec }]) => spec.layout.meta.joint === joint);
+    for (const [plot, { spec: { layout: { meta } } }] of ones) {
+      const { time } = meta.axes, values = meta.axes[axis], errors = meta.residuals[model];
+      const step = Math.min(...time.slice(1, 9).map((end, k) => end - time[k])), runs = [];
+      let first = 0, sum = 0, worst = -1, start = time[0];
+      const inside = time.map((_, k) => !values || (values[k] >= low && values[k] <= high));
+      time.forEach((now, k) => {
+        if (!inside[k]) return;
+        if (values && runs.length && now - runs.at(-1)[1] < 1.5 * step) runs.at(-1)[1] = now;
+        else if (values) runs.push([now, now]);
+        for (sum += errors[k] ** 2; time[first] < now - WORST; first++) if (inside[first]) sum -= errors[first] ** 2;
+        if (sum > worst) [worst, start] = [sum, (time[first] + now - WORST) / 2];
+      });
+      const fillcolor = getComputedStyle(root).getPropertyValue(model ? "--open" : "--region").trim();
+      const shapes = runs.map(([x0, x1]) => ({
+        type: "rect", layer: "below", yref: "paper", y0: 0, y1: 1, x0: x0 - step / 2, x1: x1 + step / 2, fillcolor, line: { width: 0 },
+      }));
+      Plotly.relayout(plot, { shapes, "xaxis.range": [start, start + WORST] });
+    }
+    ones[0]?.[0].scrollIntoView({ block: "nearest" });
+  }
+
+  addEventListener("click", ({ target }) => {
+    const place = target.closest("[data-where]");
+    if (place) show(JSON.parse(place.dataset.where));
+  });
+
+  function connect(plot, { meta, shapes }) {
+    if (meta?.axes) {
+      plot.on("plotly_relayout", (change) => {
+        const range = ["xaxis.range[0]", "xaxis.range[1]"].map((key) => change[key]);
+        if (range[0] !== undefined) follow(plot, (other) => {
+          if (String(other.layout.xaxis.range) !== String(range)) Plotly.relayout(other, { "xaxis.range": range });
+        });
+      });
+      plot.on("plotly_hover", ({ xvals, event }) => { if (event) follow(plot, (other) => Plotly.Fx.hover(other, { xval: xvals[0] })); });
+    } else if (shapes?.some(({ name }) => name)) {
+      plot.on("plotly_click", ({ points: [{ x }] }) => {
+        const stretch = shapes.find(({ x0, x1, name }) => name && x0 <= x && x <= x1);
+        if (stretch) show(JSON.parse(stretch.name));
+      });
+    }
+  }
+
+  // A plot is drawn when it comes near the screen, and all of them before printing.
+  const observer = new IntersectionObserver((entries) => {
+    for (const { isIntersecting, target } of entries) {
+      if (!isIntersecting) continue;
+      observer.unobserve(target);
+      if (!drawn.has(target)) draw(target);
+    }
+  }, { rootMargin: "800px" });
+
+  function watch(place) {
+    place.querySelectorAll(".plot").forEach((plot) => observer.observe(plot));
+    for (const plot of drawn.keys()) if (!plot.isConnected) { drawn.delete(plot); Plotly.purge(plot); }
+  }
+
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => [...drawn.keys()].forEach(draw));
+
+  let theme = null, folded = [];
+  addEventListener("beforeprint", () => {
+    theme = root.dataset.theme;
+    root.dataset.theme = "light";
+    folded = [...document.querySelectorAll("details:not([open])")];
+    folded.forEach((details) => { details.open = true; });
+    for (const plot of document.querySelectorAll(".plot")) {
+      draw(plot);
+      Plotly.relayout(plot, { width: plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
+    }
+  });
+  addEventListener("afterprint", () => {
+    root.dataset.theme = theme;
+    for (const plot of drawn.keys()) { draw(plot); Plotly.relayout(plot, { width: null, autosize: true }); }
+    folded.forEach((details) => { details.open = false; });
+  });
+
+  return { watch };
 })();
