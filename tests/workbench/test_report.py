@@ -18,7 +18,7 @@ from estimators.findings import Verdict
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.signals.residual import Region, compute_profiles, find_regions
-from pendulum_env.formatting import format_number, typeset
+from pendulum_env.formatting import capitalise, format_number, typeset
 from pendulum_env.physics import Samples
 from robots.arms import arm_base
 from tests import two_link
@@ -79,7 +79,7 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):
         assert name in text
         assert f"± {estimate.std:.{1 - int(np.floor(np.log10(estimate.std)))}f}" in text
     for candidate in diagnosis.candidates:
-        assert typeset(describe_reason(candidate)) in text
+        assert capitalise(typeset(describe_reason(candidate))) in text
 
 
 def test_parameters_that_the_base_model_got_wrong_are_told(page, diagnosis):
@@ -117,7 +117,7 @@ def test_open_questions_are_told(diagnosis):
     assert "Stribeck friction or presliding is missing, and more that no known effect explains" in text
     assert "In the held-out data (<run>): for q from 0.1 to 0.2 rad the joint needs 0.05 N·m more torque" in text
     assert "Record both directions." in text
-    assert typeset(describe_reason(silent)) in text
+    assert capitalise(typeset(describe_reason(silent))) in text
     heavier = Disagreement(2, "friday", ("monday",), (Difference("inertia", "kg m^2", 0.099, 0.09, 0.001),))
     disagreeing = told(replace(diagnosis, findings=(heavier,)))
     assert "Recording 2 (friday) disagrees with 'monday': inertia 10 % higher" in disagreeing

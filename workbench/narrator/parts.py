@@ -43,8 +43,18 @@ class Part(NamedTuple):
     brief: bool = True
 
 
+class Evidence(NamedTuple):
+    """Row on one effect: name, share of the error that it takes away, verdict and reason; its content is folded."""
+
+    name: str
+    share: float
+    verdict: str
+    reason: str
+    content: Content
+
+
 Content = Sequence[  # tuple of texts: list; tuple of figures: grid; mapping: head of a report
-    str | tuple[str, ...] | TextTable | Figure | tuple[Figure, ...] | Legend | Part | Mapping[str, Any]
+    str | tuple[str, ...] | TextTable | Figure | tuple[Figure, ...] | Legend | Part | Evidence | Mapping[str, Any]
 ]
 
 

@@ -13,10 +13,11 @@ from workbench.narrator.diagnosis import describe_comparison, describe_loop, has
 from workbench.narrator.results import narrate_comparison
 from workbench.report.comparison import make_comparison, make_loop, make_loop_diagnosis
 from workbench.report.data import ReportData, Section
+from workbench.report.evidence import make_candidates
 from workbench.report.failures import make_failures
 from workbench.report.numbers import make_errors, make_parameters, make_schemes
 from workbench.report.page import render_page
-from workbench.report.story import make_candidates, make_joints, make_method, make_next_experiment, make_story
+from workbench.report.story import make_joints, make_method, make_next_experiment, make_story
 
 __all__ = ["render", "render_comparison", "write_report"]
 SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in order

@@ -128,8 +128,8 @@ def plot_profile(
 
     `name`: prefix of the figure's id; `joint`: of the residual.
     """
-    first, unit = profiles[0], profiles[0].units.unit("N m")
-    factor, unit_of_axis = to_shown_unit(1.0, first.unit)
+    first = profiles[0]
+    axis, factor, unit = make_profile_axis(first)
     bands = {len(profile.band): profile for profile in profiles}.values()  # bins of another model may differ
     label = f"noise (±{REGIONS.z_limit:g}σ)"
     data = [make_band(factor * profile.middle, profile.band, label) for profile in bands]
@@ -141,12 +141,10 @@ def plot_profile(
     half = 0.5 if len(runs) > 1 and runs[-1] else 0.0  # two kinds of stripes share the height
     kinds = [(0, ("--region", half, 1.0)), *([(len(runs) - 1, ("--open", 0.0, half))] if half else [])]
     shapes = [draw_stripe(locate_region(r, joint, k), *look) for k, look in kinds for r in runs[k]]
-    quantity, symbol = TITLES[first.axis]
-    title = f"{first.units.name(quantity)}{symbol} [{unit_of_axis}]"
     own = max(measure_reach(profile.mean, profile.band) for profile in profiles)
     height = [0, own] if first.is_spectrum else [-reach, reach]
     layout: JSON = {
-        "xaxis": make_angle_axis(first.units) if first.unit == WITHIN else make_axis(title),
+        "xaxis": axis,
         "yaxis": make_axis(f"{'amplitude' if first.is_spectrum else 'mean residual'} [{unit}]", range=height),
         "shapes": shapes,
         "showlegend": False,
@@ -155,6 +153,15 @@ def plot_profile(
         "hoverdistance": -1,
     }
     return Figure(f"{name}-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
+
+
+def make_profile_axis(profile: Profile) -> tuple[JSON, float, str]:
+    """Return the axis of a profile, the factor of its displayed unit, and the unit of the torque."""
+    factor, unit = to_shown_unit(1.0, profile.unit)
+    quantity, symbol = TITLES[profile.axis]
+    title = f"{profile.units.name(quantity)}{symbol} [{unit}]"
+    axis = make_angle_axis(profile.units) if profile.unit == WITHIN else make_axis(title)
+    return axis, factor, profile.units.unit("N m")
 
 
 def make_angle_axis(units: JointUnits) -> JSON:

@@ -119,17 +119,6 @@ def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
     }
 
 
-def make_candidates(case: ReportData) -> Section:
-    """Make the section with the verdict, score and reason for every effect, and its gates."""
-    diagnosis = case.diagnosis
-    content = [*results.narrate_candidates(diagnosis.candidates, max_rows=None).content]
-    if any(candidate.decision.gates for candidate in diagnosis.candidates):
-        content[-1:] = [Part("Gates", content[-1:], brief=False)]
-    return Section(
-        "candidates", "Candidates", "What was considered", [*content, *results.narrate_detectable(diagnosis)]
-    )
-
-
 def make_next_experiment(case: ReportData) -> Section | None:
     """Make the section on the next experiment; None without one."""
     suggestion = case.diagnosis.suggestion

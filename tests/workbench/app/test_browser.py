@@ -189,7 +189,10 @@ def test_the_story_from_loading_to_undo(tab, folder):
     page.click(select_button("diagnose"))
     page.wait_for_selector(".ranking")
     assert tab.title() == "Stribeck friction is missing"
-    assert "lowers the held-out errors" in page.inner_text(".ranking tbody tr")
+    page.click(".evidence summary")
+    page.wait_for_selector(".evidence[open] .js-line")
+    assert "Lowers the held-out errors" in page.inner_text(".evidence[open]")
+    assert page.locator(".ranking .evidence:visible").count() == 5
 
     before = number_after(r"error \(last 30 %\): torque", page.inner_text("#story"))
     page.get_by_role("button", name="Add Stribeck friction").click()
@@ -456,7 +459,12 @@ def test_a_keyboard_is_enough(tab):
     page.wait_for_selector("#to-compare[href]")  # the model is fitted
     reach("#to-compare")
     page.wait_for_selector(STAGES["compare"])
-    reach(".gallery summary")
+    page.wait_for_selector(".matches")
+    reach("[data-where]")
+    reach(select_button("add"))
+    page.wait_for_selector("h1:has-text('times smaller')")
+    reach(select_button("back"))
+    page.wait_for_selector("h1:has-text('Something is missing')")
     reach("#to-diagnose")
     page.wait_for_selector(select_button("diagnose"))
     reach(select_button("diagnose"))

@@ -5,6 +5,7 @@ import json
 import shlex
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from threading import Event, Thread
 
@@ -16,7 +17,7 @@ from estimators import add
 from estimators.signals.residual import AXES
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
-from pendulum_env.physics import Model, effects
+from pendulum_env.physics import Model
 from pendulum_env.recording import Recording, RecordingError, Source, write_recording
 from pendulum_env.recording.study import read_sources
 from pendulum_env.settings import use_writer
@@ -39,6 +40,7 @@ from tests.workbench.app.plants import (
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit, write_choice
 from workbench.app.downloads import make_file, write_commands, write_study_text
 from workbench.app.jobs import Workers
+from workbench.app.matches import find_matches, show_matches
 from workbench.app.page.server import make_app
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
@@ -359,14 +361,17 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
 # ------------------------------------------------------------------------------------------------ stages
 
 
-def test_every_effect_has_a_picture_beside_the_residual(session, worked):
-    session.state = worked["paper"]
-    page = html.Div(model.show_comparison(session))
+def test_the_residual_is_drawn_with_the_effects_that_look_most_like_it(session, state):
+    session.state = state
+    page = html.Div([*model.show_comparison(session), show_matches(session.state.report_data, is_busy=False)])
     markup = "".join(one.data for one in page._traverse() if isinstance(one, dcc.Store))
-    assert all(f'id="{id}"' in markup for id in (*(f"profile-{axis}" for axis in AXES), "course-0"))
-    pictures = [one.src for one in page._traverse() if isinstance(one, html.Img)]
-    assert sorted(pictures) == sorted(f"/assets/gallery/{id}.svg" for id in effects())
-    assert pictures[0] == "/assets/gallery/stribeck.svg"  # the likeliest
+    ids = *(f"profile-{axis}" for axis in AXES), *(f"match-{axis}" for axis in AXES), "course-0"
+    assert all(f'id="{id}"' in markup for id in ids)
+    tries = [one.id["of"] for one in page._traverse() if isinstance(one, html.Button)]
+    assert tries[0] == "stribeck" and len(tries) == 3
+    matches = find_matches(session.state.report_data)
+    assert [match.effect for match in matches] == tries and matches[0].share > 0.8
+    assert all(1 >= a.share >= b.share >= 0 for a, b in pairwise(matches))
 
 
 def test_an_experiment_that_is_suggested_is_saved(session, tmp_path):

@@ -16,7 +16,8 @@ from workbench.app.state import NO_CHOICES, SearchChoices
 from workbench.app.state import State as Work
 from workbench.options import parse_effects
 from workbench.report.data import ReportData
-from workbench.report.story import make_candidates, make_joints, make_story
+from workbench.report.evidence import make_candidates
+from workbench.report.story import make_joints, make_story
 
 
 def show(session: Session) -> list[Component]:
@@ -42,7 +43,7 @@ def show(session: Session) -> list[Component]:
         make_panel("What was found", *show_section(result), className="story"),
         *show_timing(state),
         make_panel(
-            "Ranking",
+            "Evidence",
             show_suggestions(state, busy),
             *show_section(make_candidates(ReportData(diagnosis))),
             className="ranking",

@@ -1,15 +1,17 @@
 """Two stages: Model with terms, parameters and schemes, and Compare with residuals and simulations."""
 
 from functools import lru_cache
-from pathlib import Path
 
-from dash import html
+from dash import Dash, Input, Output, html
+from dash import State as Value
 from dash.development.base_component import Component
+from dash.exceptions import PreventUpdate
 
 from pendulum_env.formatting import capitalise
-from pendulum_env.physics.effect_texts import find_description, name_effect
-from workbench.app.parts import Stage, list_choices, make_panel, show_section
-from workbench.app.session import Session
+from pendulum_env.physics.effect_texts import name_effect
+from workbench.app.matches import show_matches
+from workbench.app.parts import Stage, make_panel, show_section, typeset_texts
+from workbench.app.session import Session, Sessions
 from workbench.app.state import State
 from workbench.narrator.identification import TRUST, tabulate_schemes
 from workbench.report.comparison import make_comparison
@@ -17,7 +19,7 @@ from workbench.report.data import Section
 from workbench.report.failures import make_failures
 from workbench.report.numbers import make_parameters, make_schemes
 
-GALLERY = Path(__file__).parents[1] / "assets" / "gallery"  # drawn by `make pages`
+SIMILAR = "similar"  # id of the panel of effects like the residual
 
 
 def show_model(session: Session) -> list[Component]:
@@ -44,10 +46,11 @@ def _show_schemes(state: State) -> list[Component]:
 
 
 def show_comparison(session: Session) -> list[Component]:
-    """Render the residuals of the base and the last model, and measured and modelled motion over time."""
+    """Render the residuals of the base and the last model, motion over time, and for a pendulum similar effects."""
     state = session.state
-    panels = [make_panel(section.title, *show_section(section)) for section in _make_sections(state)]
-    return [*panels, _show_gallery(state)] if state.robot is None else panels
+    failures, comparison = (make_panel(s.title, *show_section(s)) for s in _make_sections(state))
+    similar = make_panel("What it looks like", html.P("Every effect of the library is fitted to the residual …"))
+    return [failures, *([html.Div(similar, id=SIMILAR)] if state.robot is None else []), comparison]
 
 
 @lru_cache(maxsize=4)  # slow to draw
@@ -55,21 +58,16 @@ def _make_sections(state: State) -> tuple[Section, ...]:
     return make_failures(state.report_data), make_comparison(state.report_data)
 
 
-def _show_gallery(state: State) -> Component:
-    """Render pictures of the residual of each effect, in the order of the diagnosis, if one was made."""
-    names = list_choices()
-    effects = [candidate.effect for candidate in state.diagnosis.candidates] if state.diagnosis is not None else []
-    rows = []
-    for id in sorted(names, key=lambda id: effects.index(id) if id in effects else len(effects)):
-        if (GALLERY / f"{id}.svg").is_file():
-            leaves = html.Img(src=f"/assets/{GALLERY.name}/{id}.svg", alt=f"What {names[id]} leaves")
-            note = html.P(find_description(id).signature, className="note")
-            rows.append(html.Li([names[id], html.Div([leaves, note])]))
-    about = "The residual of each effect in the paper's pendulum. Signs and sizes may differ."
-    summary = html.Summary("Effects to compare it with")
-    gallery = html.Details([summary, html.Ul(rows)])
-    return make_panel("What it looks like", html.P(about, className="note"), gallery, className="gallery")
+def connect(app: Dash, sessions: Sessions) -> None:
+    """Register the callback that fits similar effects once the rest of the page is drawn."""
+
+    @app.callback(Output(SIMILAR, "children"), Input(SIMILAR, "id"), Value("session", "data"))
+    def fit_similar_effects(_: str, id: str) -> Component:
+        session = sessions.find_session(id)
+        if session.state.failure_reason:
+            raise PreventUpdate
+        return typeset_texts(show_matches(session.state.report_data, session.is_busy()))
 
 
 MODEL = Stage("model", "Model", show_model)
-COMPARE = Stage("compare", "Compare", show_comparison)
+COMPARE = Stage("compare", "Compare", show_comparison, connect=connect)

@@ -128,9 +128,10 @@ const figures = (() => {
   addEventListener("beforeprint", () => {
     theme = root.dataset.theme;
     root.dataset.theme = "light";
-    folded = [...document.querySelectorAll("details:not([open])")];
+    folded = [...document.querySelectorAll("details:not([open], .evidence)")];
     folded.forEach((details) => { details.open = true; });
     for (const plot of document.querySelectorAll(".plot")) {
+      if (!plot.checkVisibility()) continue;
       draw(plot);
       Plotly.relayout(plot, { width: plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
     }
