@@ -22,7 +22,7 @@ from workbench.narrator.results import narrate_next_step, narrate_unexplained
 from workbench.report.data import ReportData, Section
 
 COMPARED = 4  # largest number of plotted recordings
-MEASURED = 9600  # most points of a measured curve, one for each pixel in three seconds of a recording of 20 s
+MEASURED = 9600  # most points of measured torque: about one for each pixel in three seconds of a recording of 20 s
 ROWS = ("position", "torque", "residual", "error of free run")
 SIGMAS = "%{y:.3g}, %{customdata:.1f}σ"  # residual and its size in standard errors by noise
 LOOPS = 8  # largest number of recordings plotted in the loop
@@ -52,8 +52,9 @@ class Course:
 
     @property
     def title(self) -> str:
-        """Return the name of the recording, and of the joint."""
-        return f"Recording {self.recording.name}{f', {self.at}' if self.at else ''}"
+        """Return the name of the recording and of the joint."""
+        parts = self.at, f"recording {self.recording.name}", "" if self.is_fitted.any() else "held out"
+        return ", ".join(filter(None, parts))
 
     @property
     def error(self) -> float:
@@ -98,8 +99,10 @@ def _join_courses(parts: Sequence[Course]) -> Course:
 
 def make_comparison(case: ReportData) -> Section:
     """Make the section on raw position, torque, residual and free run over time, the largest residuals first."""
-    courses = list_courses(case)[: COMPARED * len(case.diagnosis.floors)]
-    figures = [Part(course.title, [plot_course(case, course, f"course-{k}")]) for k, course in enumerate(courses)]
+    courses = list_courses(case)
+    first = {id(course) for course in {course.at: course for course in reversed(courses)}.values()}  # of each joint
+    order = sorted(courses, key=lambda course: id(course) not in first)[: COMPARED * len(first)]
+    figures = [Part(course.title, [plot_course(case, course, f"course-{k}")]) for k, course in enumerate(order)]
     about = (
         "Choose a sentence or a shaded stretch: its samples are shaded here, and the worst three seconds are in "
         "sight. Torque of a model and residual are averages over short windows clear of stick; gaps are where the "
@@ -110,19 +113,16 @@ def make_comparison(case: ReportData) -> Section:
             " Each free run starts from the measured state and lasts "
             f"{case.data.cut.horizon or HORIZON:g} s on the recorded torque alone."
         )
-    others = [Part(f"Other recordings and joints, {len(figures) - 1}", figures[1:], brief=False)][: len(figures) - 1]
-    return Section("comparison", "Over time", "Measured against modelled, over time", [about, *figures[:1], *others])
+    shown, folded = figures[: len(first)], figures[len(first) :]
+    others = [Part(f"Other recordings, {len(folded)}", folded, brief=False)] if folded else []
+    return Section("comparison", "Over time", "Measured against modelled, over time", [about, *shown, *others])
 
 
 def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
     """Plot position, torque, residual and free run of one recording and joint, with one range and one cursor."""
-    units, time, floor = (
-        case.diagnosis.model.units(course.at),
-        course.axes["time"],
-        case.data.parts[0].floors[course.at],
-    )
+    units, floor = case.diagnosis.model.units(course.at), case.data.parts[0].floors[course.at]
     (factor, angle), torque = to_shown_unit(1.0, units.unit("rad")), units.unit("N m")
-    recording, style = course.recording, {"color": "--measured", "width": plots.BROAD}
+    recording, time, style = course.recording, course.axes["time"], {"color": "--measured", "width": plots.BROAD}
     data = [plots.make_band(time[[0, -1]], np.full(2, 2 * floor), "noise (±2σ)", yaxis="y3")]
 
     def draw(x: Array, y: Array, place: int, model: tuple[str, str], unit: str, **options: object) -> None:
@@ -132,7 +132,8 @@ def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
         data.append(plots.make_line(x, y, *model, unit) | axis | {"hovertemplate": readout} | options)
 
     for place, values, unit in ((0, factor * recording.position, angle), (1, recording.torque, torque)):
-        x, (y,) = plots.insert_gaps(recording.time, plots.select_samples(values, MEASURED), values)
+        indices = plots.select_samples(values, MEASURED if place else plots.POINTS)
+        x, (y,) = plots.insert_gaps(recording.time, indices, values)
         draw(x, y, place, ("measured", ""), unit, line=style)
     for k, model in enumerate(case.model_labels):
         residual = course.residuals[k]
@@ -155,19 +156,22 @@ def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
 
 
 def describe_course(case: ReportData, course: Course) -> JSON:
-    """Describe the fitted windows of a course in displayed units, for scripts that find the samples of a region."""
-    units, axes = case.diagnosis.model.units(course.at), dict(course.axes)
+    """Describe the windows of a course in displayed units, for scripts that find the samples of a region."""
+    units, axes, time = case.diagnosis.model.units(course.at), dict(course.axes), course.recording.time
     if makes_whole_turns(np.asarray(case.data.parts[0].data.part(course.at).samples.position)):
         axes["position"] = wrap_angles(axes["position"])
     shown = {axis: to_shown_unit(values, units.unit(AXES[axis]))[0] for axis, values in axes.items()}
-    fitted = {axis: plots.round_numbers(values[course.is_fitted]) for axis, values in shown.items()}
-    residuals = [plots.round_numbers(residual[course.is_fitted]) for residual in course.residuals]
-    return {"recording": course.recording.name, "joint": course.at, "axes": fitted, "residuals": residuals}
+    return {
+        "recording": [course.recording.name, time[0]],  # the same for all joints
+        "joint": course.at,
+        "axes": {axis: plots.round_numbers(values) for axis, values in shown.items()},
+        "residuals": [plots.round_numbers(residual) for residual in course.residuals],
+    }
 
 
 def simulate_course(segments: Sequence[Segments], model: Model) -> tuple[Array, Array, Array]:
     """Simulate segments of one recording; return time [s], position and error [rad], with NaN after each segment."""
-    points = max(10, plots.POINTS // sum(len(segment.first) for segment in segments))
+    points = max(10, plots.POINTS // 2 // sum(len(segment.first) for segment in segments))
     series = list[list[Array]]([[], [], []])
     for segment in segments:
         at = np.arange(0, len(segment.position), max(1, (len(segment.position) - 1) // points))

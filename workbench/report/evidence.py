@@ -55,14 +55,17 @@ def make_evidence(case: ReportData, number: int, candidate: Candidate) -> Eviden
 def plot_candidate(case: ReportData, number: int, candidate: Candidate) -> Sequence[Legend | Figure]:
     """Plot the residual without and with an effect over the effect's own quantity.
 
-    Empty for an effect that was not tried, for one with a link, whose states need simulation, and for motion in a loop.
+    Beside a link, whose states need simulation, the first and the final model are plotted for a selected effect. Empty
+    for other effects there, for an effect that was not tried, and for motion in a loop.
     """
-    data, terms = case.data.parts[0], candidate.terms
-    if not terms or has_link(terms) or not data.layout.predicts_torque:
+    data, terms, is_selected = case.data.parts[0], candidate.terms, candidate.verdict is Verdict.SELECTED
+    if not terms or (has_link(terms) and not is_selected) or not data.layout.predicts_torque:
         return []
     at = next(term.at for term in terms if term.id == candidate.effect)
-    models = tuple(term for term in terms if term.id != candidate.effect), terms
-    before, after = (data.residual(model) for model in models)
+    if has_link(terms):
+        before, *_, after = case.compute_residuals(0)
+    else:
+        before, after = map(data.residual, (tuple(term for term in terms if term.id != candidate.effect), terms))
     symptom = find_description(candidate.effect).symptom or ""
     axes = [next((axis for word, axis in OWN_AXES.items() if word in symptom), "time")]
     profiles = [profile for series in (before, after) for profile in compute_profiles_at(data, series, at, axes)]

@@ -27,7 +27,7 @@ WORDS = """[...document.body.querySelectorAll(":not(pre):not(code):not(script):n
   (one) => [...one.childNodes].filter((node) => node.nodeType === 3).map((node) => node.textContent)).join("\\n")"""
 STAGES = {
     "data": ".data .js-line",
-    "model": ".model .js-line",
+    "model": ".model .plot",
     "compare": ".compare .js-line",
     "diagnose": select_button("diagnose"),
     "add": select_field("any"),

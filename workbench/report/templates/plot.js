@@ -59,7 +59,7 @@ const figures = (() => {
   const WORST = 3;  // [s]
   const courses = () => [...drawn].filter(([, { spec }]) => spec.layout.meta?.axes);
   const follow = (plot, act) => courses().forEach(([other, { spec }]) => {
-    if (other !== plot && spec.layout.meta.recording === plot.layout.meta.recording) act(other);
+    if (other !== plot && String(spec.layout.meta.recording) === String(plot.layout.meta.recording)) act(other);
   });
 
   function show({ axis, low, high, joint, model }) {
@@ -75,8 +75,9 @@ const figures = (() => {
         if (values && runs.length && now - runs.at(-1)[1] < 1.5 * step) runs.at(-1)[1] = now;
         else if (values) runs.push([now, now]);
         for (sum += errors[k] ** 2; time[first] < now - WORST; first++) if (inside[first]) sum -= errors[first] ** 2;
-        if (sum > worst) [worst, start] = [sum, (time[first] + now - WORST) / 2];
+        if (sum > worst) [worst, start] = [sum, Math.max(time[0], (time[first] + now - WORST) / 2)];
       });
+      if (worst < 0) continue;
       const fillcolor = getComputedStyle(root).getPropertyValue(model ? "--open" : "--region").trim();
       const shapes = runs.map(([x0, x1]) => ({
         type: "rect", layer: "below", yref: "paper", y0: 0, y1: 1, x0: x0 - step / 2, x1: x1 + step / 2, fillcolor, line: { width: 0 },
@@ -94,7 +95,7 @@ const figures = (() => {
   function connect(plot, { meta, shapes }) {
     if (meta?.axes) {
       plot.on("plotly_relayout", (change) => {
-        const range = ["xaxis.range[0]", "xaxis.range[1]"].map((key) => change[key]);
+        const range = change["xaxis.range"] ?? [change["xaxis.range[0]"], change["xaxis.range[1]"]];
         if (range[0] !== undefined) follow(plot, (other) => {
           if (String(other.layout.xaxis.range) !== String(range)) Plotly.relayout(other, { "xaxis.range": range });
         });
