@@ -28,7 +28,6 @@ from workbench.cli import COMMANDS, main
 from workbench.commands.effects import list_parameters
 
 ROOT = Path(__file__).parents[1]
-GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"  # the app shows the same
 WIDTH = "84"  # characters of a line of help
 NOTEBOOK = re.compile(r"\]\((?:\.\./)?((?:\.\./)*)examples/(\w+)\.ipynb")
 ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
@@ -157,8 +156,6 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
     }
     for path, content in made.items():
         files.append(File.generated(config, path, content=content))
-    for picture in GALLERY.iterdir():
-        files.append(File.generated(config, f"gallery/{picture.name}", abs_src_path=str(picture)))
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

@@ -79,7 +79,7 @@ def has_row(id: str) -> bool:
     return table.count(f"`{id}`") == 1
 
 
-GALLERY = ROOT / "workbench" / "app" / "assets" / "gallery"
+GALLERY = ROOT / "docs" / "gallery"
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from tools.prose import ROOT
 from workbench.report import write_report
 
 HIDDEN = ["spring:stiffness=0.25,preload=0.1", "stribeck:stribeck=0.5,stribeck_velocity=0.8"]
-GALLERY = "workbench/app/assets/gallery"
+GALLERY = "docs/gallery"
 MACHINES = "docs/machines"
 SIZE = {"width": 1180, "height": 1470}  # of a picture of the report [px]
 WINDOW = {"width": 1240, "height": 900}  # of the app [px]
@@ -59,7 +59,11 @@ def tour(tab: Page, folder: Path) -> None:
         assert server.stdout is not None
         tab.goto(next(line.split(" is at ")[1].split()[0] for line in server.stdout if " is at " in line))
         tab.click("#to-compare[href]")  # enabled when the model is fitted
-        tab.wait_for_selector(".compare .js-line")
+        tab.wait_for_selector(".matches")
+        for plot in tab.locator(".compare .plot:visible").all():  # drawn when they come near
+            plot.scroll_into_view_if_needed()
+            plot.locator(".nsewdrag").first.wait_for(state="attached")
+        tab.evaluate("scrollTo(0, 0)")
         save_screenshot(tab, "app-compare", full_page=True)
         tab.click("#to-diagnose")
         tab.click(select_button("diagnose"))
