@@ -57,7 +57,8 @@ class ArmRecording(Recording):
         series: dict[str, Any] = {name: values for name in OF_JOINTS if (values := getattr(self, name)) is not None}
         common: dict[str, Any] = {"name": self.name, "starts": self.starts, "is_checked": True}
         each = [{id: np.ascontiguousarray(x[:, k]) for id, x in series.items()} for k in range(len(self.names))]
-        origins = self.origins or (None,) * len(self.names)
+        # the mechanism knows which joints slide, so that their units do not come from a file
+        origins = [None if origin.is_prismatic else origin for origin in self.origins] or [None] * len(self.names)
         return tuple(
             Recording(self.time, origin=origin, **common | columns)
             for origin, columns in zip(origins, each, strict=True)

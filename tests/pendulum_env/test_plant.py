@@ -47,7 +47,7 @@ def test_values_in_order_by_name_and_typical_agree():
         ("stribeck=-1", r"stribeck of stribeck cannot be -1: give a number from 0 to"),
         ("quadratic_drag=-.1", r"quadratic_drag of quadratic_drag cannot be -0\.1: give a number from 0 to"),
         ("load_dependent_friction=0.9", "cannot be 0.9: give a number from 0 to 0.7"),
-        ("stribeck=0.4,-1", "stribeck_velocity of stribeck cannot be -1: give a number from 0.01 to 10000"),
+        ("stribeck=0.4,-1", "stribeck_velocity of stribeck cannot be -1: give a number from 1e-06 to 10000"),
     ],
 )
 def test_text_that_makes_no_effect_is_refused(text, match):
