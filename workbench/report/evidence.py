@@ -61,7 +61,8 @@ def plot_candidate(case: ReportData, number: int, candidate: Candidate) -> Seque
     data, terms, is_selected = case.data.parts[0], candidate.terms, candidate.verdict is Verdict.SELECTED
     if not terms or (has_link(terms) and not is_selected) or not data.layout.predicts_torque:
         return []
-    at = next(term.at for term in terms if term.id == candidate.effect)
+    joints = next(term.at for term in terms if term.id == candidate.effect)
+    at = joints.rpartition(",")[2]  # of a coupling, its second joint
     if has_link(terms):
         before, *_, after = case.compute_residuals(0)
     else:
