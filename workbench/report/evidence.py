@@ -7,7 +7,7 @@ from estimators.decisions.gate import FailedGates
 from estimators.diagnosis.result import Candidate
 from estimators.findings import Verdict
 from pendulum_env.formatting import TextTable, format_percent
-from pendulum_env.physics import has_link
+from pendulum_env.physics import has_link, list_loads
 from pendulum_env.physics.effect_texts import find_description, name_effect
 from workbench.figure import Figure, measure_reach
 from workbench.narrator.findings import describe_reason
@@ -62,7 +62,7 @@ def plot_candidate(case: ReportData, number: int, candidate: Candidate) -> Seque
     if not terms or (has_link(terms) and not is_selected) or not data.layout.predicts_torque:
         return []
     joints = next(term.at for term in terms if term.id == candidate.effect)
-    at = joints.rpartition(",")[2]  # of a coupling, its second joint
+    at = next(iter(list_loads(joints)))  # of a coupling, its first joint
     if has_link(terms):
         before, *_, after = case.compute_residuals(0)
     else:
