@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.signals.motion import compute_fast_speed
 from pendulum_env._typing import Array
 from pendulum_env.physics import ByTime, NonlinearParameter, Samples, Term
 from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueRipple, TorqueSaturation
@@ -149,8 +150,8 @@ def _is_saturation(term: TorqueSaturation, x: Samples) -> bool:
 
 
 def _list_stribeck_velocities(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
-    """List ten Stribeck velocities, from a 60th to half of the 95th percentile of the speed."""
-    fast = max(float(np.percentile(np.abs(x.velocity), 95)), 1e-6)
+    """List ten Stribeck velocities, from a 60th to half of the fast speed."""
+    fast = max(compute_fast_speed(x.velocity), 1e-6)
     return [kind(float(vs)) for vs in np.geomspace(fast / 60, fast / 2, 10)]
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.regression.least_squares import Equations, IdentificationError, solve
+from estimators.regression.least_squares import IdentificationError, solve, subtract_known_columns
 from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.physics import BASE, SIGNIFICANT
 from pendulum_env.physics.potential import GravityTilt
@@ -21,14 +21,14 @@ def set_integrated_zero(recording: Recording) -> Recording:
         return recording
     terms = [*BASE, GravityTilt()]
     names = [column.name for term in terms for column in term.columns]
-    gravity, tilt = (names.index(name) for name in ("gravity", "gravity_tilt"))
+    known = {"inertia": recording.known_inertia} if recording.known_inertia else {}  # of a free swing
+    unknown = [name for name in names if name not in known]
+    gravity, tilt = (unknown.index(name) for name in ("gravity", "gravity_tilt"))
     with suppress(IdentificationError):
         windows = prepare_windows([recording])
-        equations = windows.equations(terms)
-        phi, y = equations.phi, equations.y
-        if known := recording.known_inertia:  # a free swing
-            phi, y = phi * (np.array(names) != "inertia"), y - known * phi[:, names.index("inertia")]
-        fit = solve(Equations(phi, y), windows.weights, windows.clusters)
+        places = [names.index(name) for name in known]
+        equations = subtract_known_columns(windows.equations(terms), places, np.array([*known.values()]))
+        fit = solve(equations, windows.weights, windows.clusters)
         if np.hypot(*fit.theta[[gravity, tilt]]) > SIGNIFICANT * np.hypot(*fit.std[[gravity, tilt]]):
             angle = float(np.arctan2(fit.theta[tilt], fit.theta[gravity]))
             return replace(recording, position=recording.position + angle)

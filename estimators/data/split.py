@@ -115,7 +115,7 @@ def _split_into_parts(
     if least < 1 - HELD_OUT and np.mean(shares < 1 - HELD_OUT) >= DATA.motion:
         with suppress(IdentificationError):
             return split(1 - HELD_OUT)
-    held_out = max(HELD_OUT, min(0.5, (fewest + 1) / len(shares)))
+    held_out = max(HELD_OUT, min(1 - DATA.motion, (fewest + 1) / len(shares)))
     return split(max(least, float(np.quantile(shares, 1 - held_out))))
 
 

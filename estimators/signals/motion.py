@@ -16,9 +16,14 @@ SLOWEST = 0.02  # [rad/s], least speed with a known sign; at least five times th
 SLOW, FAST = 0.02, 95  # share of the fast speed, this percentile, to which a slow or linear joint lowers it
 
 
+def compute_fast_speed(velocity: Array) -> float:
+    """Return the fast speed along a velocity (N,), without outliers [rad/s or m/s]."""
+    return float(np.percentile(np.abs(velocity), FAST))
+
+
 def find_slowest(velocity: Array) -> float:
     """Return the least speed with a known sign along a velocity (N,), apart from noise [rad/s or m/s]."""
-    return min(SLOWEST, SLOW * float(np.percentile(np.abs(velocity), FAST)))
+    return min(SLOWEST, SLOW * compute_fast_speed(velocity))
 
 
 def get_temperature(recording: Recording) -> Array:

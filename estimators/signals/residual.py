@@ -178,8 +178,7 @@ def _choose_bins(values: Array, residual: Array, most: int) -> Array:
     """Return the edges (K + 1,) of at most `most` bins of equal count that explain a residual (R,) best.
 
     K minimises R ln(sum (r - mean of its bin)^2) + K ln R, the Bayesian information criterion, among doubled numbers
-    and the largest.
-    The scatter of the residual itself decides, so another structure in it needs no bins.
+    and the largest. The scatter of the residual itself decides, so another structure in it needs no bins.
 
     Source: Schwarz, Annals of Statistics 6, 1978.
     """

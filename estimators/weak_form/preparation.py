@@ -12,7 +12,7 @@ import numpy as np
 
 from estimators.decisions.score import BLOCK
 from estimators.regression.least_squares import IdentificationError, solve_least_squares
-from estimators.signals.motion import HALF_WIDTHS, LONG_HALF_WIDTHS
+from estimators.signals.motion import HALF_WIDTHS, LONG_HALF_WIDTHS, compute_fast_speed
 from estimators.weak_form.resolution import RESOLUTION
 from estimators.weak_form.torque_windows import TorqueWindows, join_windows
 from estimators.weak_form.window_columns import WindowColumns, WindowTorque
@@ -184,7 +184,7 @@ def _list_half_widths(recording: Recording) -> tuple[float, ...]:
 def smooth_laws(w: Windows) -> tuple[Term, ...]:
     """Return terms that together fit nearly any smooth torque; their residual is noise."""
     settings = RESOLUTION.width
-    fast = max(float(np.percentile(np.abs(w.samples.velocity), settings.fast)), 1e-6)
+    fast = max(compute_fast_speed(w.samples.velocity), 1e-6)
     return (
         *BASE,
         TorqueOffset(),

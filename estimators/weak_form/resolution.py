@@ -32,7 +32,6 @@ class WidthSettings:
     negligible_swing: float = 0.002  # the same for a free swing, where friction is a small share of the torque
     decay: float = 2.5  # encoder noise falls with the length to this power: two derivatives, and the mean of samples
     longest_swing: float = 0.5  # longest window of a free swing [periods]: the torque changes sign in longer ones
-    fast: float = 95.0  # percentile of the speed that scales the laws of Stribeck friction [%]: no outliers
     shares: tuple[float, ...] = (0.05, 0.2)  # Stribeck speeds of the smooth laws, shares of the fast speed
     orders: tuple[float, ...] = (2.0, 3.0)  # orders of cogging of the smooth laws; gravity has order 1
 

@@ -115,10 +115,7 @@ class Plant:
         recording, counts = _get_attribute(env, "recording"), _get_attribute(env, "counts")
         batch = getattr(env, "num_envs", 1)
         if isinstance(recording, Recording):
-            known_noise, smoothing = (
-                estimate_encoder_noise(recording),
-                choose_smoothing(recording),
-            )
+            known_noise, smoothing = estimate_encoder_noise(recording), choose_smoothing(recording)
             return cls(rate, known_noise, smoothing, batch, mechanism, recording.torque_unit)
         noise = None if counts is None else compute_encoder_noise(counts)
         smoothing = Smoothing.from_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)

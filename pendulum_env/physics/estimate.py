@@ -35,8 +35,8 @@ class Estimate(Quantity):
     def from_bounds(cls, value: float, std: float, unit: str, low: float, high: float) -> Estimate:
         """Make an estimate from a fit within bounds; with equal bounds, the value is known."""
         at_bound = low < high and value in (low, high)
-        finite_std = std if std < LARGEST else math.inf  # its square overflows
-        return cls(value, 0.0 if at_bound or low == high else finite_std, unit, at_bound)
+        std = std if std < LARGEST else math.inf  # its square overflows
+        return cls(value, 0.0 if at_bound or low == high else std, unit, at_bound)
 
     @property
     def is_significant(self) -> bool:

@@ -10,6 +10,7 @@ from pendulum_env.reading import quote_value
 from pendulum_env.recording.expression import normalise_name
 from pendulum_env.recording.vocabulary import HEADER, UNITS
 
+EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
 HEAD = 1 << 16  # [bytes], start of a file with header and first rows
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r|\Z)")
 NUMBER = re.compile(
@@ -58,17 +59,17 @@ def find_layout(head: bytes) -> Layout:
     if (is_bare or is_sentence) and width not in (len(_split_cells(line)), len(line.split())):
         raise RecordingError(f"the file has no header: {NAME_COLUMNS.format(width, quote_value(row.strip(), 40))}")
     delimiter = _find_delimiter(line)
-    headers = _split_cells(line.lstrip(" %"))  # MATLAB's comments, as of a KUKA log
+    headers = _split_cells(re.sub(r"^%\s*", "", line))  # a comment of MATLAB, as of a KUKA log
     if data and _are_units(units := _split_cells(lines[data[0]][1], delimiter), headers):
         headers = [
             f"{name} [{unit.strip(' []()')}]" if unit.strip(" []()-") else name
             for name, unit in zip(headers, units, strict=True)
         ]
         start, data = lines[data[0]][0], data[1:]
-    if count := _count_metadata([_split_cells(lines[number][1], delimiter) for number in data]):
-        start, data = lines[data[count - 1]][0], data[count:]
+    rows = [_split_cells(lines[number][1], delimiter) for number in data[:-1]]  # the last line may be incomplete
+    if count := _count_metadata(rows):
+        start, data, rows = lines[data[count - 1]][0], data[count:], rows[count:]
     samples = [lines[number][1] for number in data]
-    rows = [_split_cells(text, delimiter) for text in samples[:-1]]  # the last line may be incomplete
     if rows and {len(row) for row in rows} == {width := len(rows[0])}:
         if width == len(headers) + 1 and not any(row[-1].strip() for row in rows):
             headers = [*headers, ""]  # a delimiter ends every row
@@ -124,10 +125,10 @@ def _count_preamble(content: list[str]) -> int:
 
 def _count_metadata(rows: Sequence[list[str]]) -> int:
     """Count the rows above the data that describe the columns: words in the first column, which has numbers below."""
-    first_cells = [row[0] if row else "" for row in rows]
-    if len(rows) < 3 or not _is_numeric(first_cells[-2:-1]):
+    first_cells = [row[0].strip() if row else "" for row in rows]
+    if len(rows) < 2 or not _is_numeric(first_cells[-1:]):
         return 0
-    return next(number for number, cell in enumerate(first_cells) if _is_numeric([cell]))
+    return next(number for number, cell in enumerate(first_cells) if cell in EMPTY or _is_numeric([cell]))
 
 
 def _are_names(cells: list[str]) -> bool:

@@ -17,6 +17,7 @@ from pendulum_env.recording.actuator import MOTOR, Actuator
 from pendulum_env.recording.angle_unit import suspect_unit
 from pendulum_env.recording.channel import NEWTON_METRE, Load, TorqueConstant
 from pendulum_env.recording.clock import LOOSE, count_from_zero, count_seconds, find_date, is_uniform, sum_durations
+from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.notes import Note, warn_of_notes
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.rounding import compute_steps
@@ -173,16 +174,21 @@ class Recording(Shown):
         return JointUnits(self.torque_unit, self.origin is not None and self.origin.is_prismatic)
 
     @property
+    def _position_column(self) -> FileColumn | None:
+        """Return the column of the position in the file; None if it is unknown, or is that of a velocity."""
+        return None if self.origin is None or self.has_integrated_position else self.origin.columns["position"]
+
+    @property
     def position_step(self) -> float:
         """Return the least change of the position from row to row of a file [rad]; 0 if unknown."""
-        column = None if self.origin is None else self.origin.columns["position"]
-        return 0.0 if column is None or column.is_integral else abs(column.scale) * column.step
+        column = self._position_column
+        return 0.0 if column is None else abs(column.scale) * column.step
 
     @property
     def position_steps(self) -> Array | None:
         """Return the step of each position by significant digits (N,) [rad], of a file; None for a constant step."""
-        column = None if self.origin is None else self.origin.columns["position"]
-        if column is None or column.digits is None or column.is_integral:
+        column = self._position_column
+        if column is None or column.digits is None:
             return None
         return abs(column.scale) * compute_steps((self.position - column.offset) / column.scale, column.digits)
 

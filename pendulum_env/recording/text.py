@@ -18,7 +18,7 @@ from pendulum_env.errors import RecordingError, shorten_error
 from pendulum_env.reading import quote_value
 from pendulum_env.recording.clock import CLOCK, STAMP, count_seconds, is_stamp, parse_date
 from pendulum_env.recording.columns import NONE, FileColumn, add_labels
-from pendulum_env.recording.layout import HEAD, NUMBER, Layout, find_layout
+from pendulum_env.recording.layout import EMPTY, HEAD, NUMBER, Layout, find_layout
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series, rank_words, require_module
 from pendulum_env.recording.vocabulary import OPTIONAL
@@ -31,7 +31,6 @@ TRUE, FALSE = (  # cells for 1 and 0
     [style(word) for word in words for style in (str.lower, str.title, str.upper)]
     for words in (("true", "on", "yes"), ("false", "off", "no"))
 )
-EMPTY = ["", "NA", "N/A", "NULL", "null", "None", "-", "#N/A", "#DIV/0!"]  # cells without a value
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
 DAY = 86400.0  # [s]
 TextOpener = Callable[[], pa.NativeFile]  # the text, from its beginning

@@ -48,10 +48,12 @@ def find_matches(case: ReportData) -> list[Match]:
 def show_matches(case: ReportData, is_busy: bool) -> Component:
     """Render the residual of the last model over four quantities, with the torque of the best matches."""
     data, residual = case.parts[0][-1], case.compute_residuals(0)[-1]
-    if not find_regions(compute_profiles_at(data, residual)):
+    profiles_of_residual = compute_profiles_at(data, residual)
+    if not find_regions(profiles_of_residual):
         return make_panel("What it looks like", html.P("The residual is within the noise: it looks like no effect."))
     matches = find_matches(case)
-    maps = [compute_profiles_at(data, series, axes=(*AXES,)) for series in (residual, *(m.torque for m in matches))]
+    maps = [[profile for profile in profiles_of_residual if not profile.is_spectrum]]
+    maps += [compute_profiles_at(data, match.torque, axes=(*AXES,)) for match in matches]
     reach = max(measure_reach(profile.mean, profile.band) for profiles in maps for profile in profiles)
     figures = []
     for profiles in zip(*maps, strict=True):

@@ -21,6 +21,14 @@ def test_rows_that_describe_the_columns_are_no_data(tmp_path):
     np.testing.assert_allclose(read.position, np.sin(TIME), atol=1e-6)
 
 
+def test_rows_whose_first_cell_is_empty_are_data(tmp_path):
+    path = tmp_path / "sparse.csv"
+    supply = ["", "NA", *["12.1"] * (len(TIME) - 2)]
+    rows = [f"{u},{t:.2f},{np.sin(t):.6f},{np.cos(t):.6f}" for u, t in zip(supply, TIME, strict=True)]
+    path.write_text("\n".join(["remark,time,position,torque", *rows]) + "\n")
+    assert len(read_recording(path)) == len(TIME)
+
+
 def test_names_behind_a_percent_sign_have_seconds_and_nanoseconds(tmp_path):
     path = tmp_path / "DataRecorder.log"
     seconds = [f"{1000 + int(t)} {round(t % 1 * 1e9)} {np.sin(t):.6f} {np.cos(t):.6f}" for t in TIME]
