@@ -84,7 +84,7 @@ def select_recordings(
         raise ValueError("a recording is given twice: give each one once")
     if not recordings and not empty:
         raise ValueError("there is no recording to work on: give one or several")
-    return tuple(r if r.time[0] == 0.0 else replace(r, time=r.time - r.time[0]) for r in recordings)
+    return tuple(recording.start_from_zero() for recording in recordings)
 
 
 def select_parts(

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -156,7 +156,10 @@ class ChannelFits(ChannelRows):
 
 
 def estimate_alignment(
-    recordings: Recording | Sequence[Recording], terms: Sequence[Term] = (), criterion: Criterion = Criterion()
+    recordings: Recording | Sequence[Recording],
+    terms: Sequence[Term] = (),
+    criterion: Criterion = Criterion(),
+    is_model: bool = False,
 ) -> Alignment:
     """Estimate delay and lag of the torque channel that all recordings share.
 
@@ -166,6 +169,7 @@ def estimate_alignment(
             laws of the present torque without parameters are applied to it. Laws that delay the torque are left out,
             because they compete with the law of the channel.
         criterion: limits of the decisions.
+        is_model: whether the base model with `terms` is that of the joint; else nearly any law of the joint is fitted.
 
     A law is reported if its delay or lag is `timing.z_score` standard errors from zero, and if it predicts held-out
     seconds significantly better. A delay below `timing.negligible` of a sample counts as zero if torque is predicted
@@ -192,9 +196,10 @@ def estimate_alignment(
     recordings = [_apply_torque_laws(recording, terms) for recording in recordings]
     is_logged = any(r.torque.any() for r in recordings) and all(r.has_logged_torque for r in recordings)
     try:
-        fits = ChannelFits.from_recordings(recordings, terms, criterion=criterion) if is_logged else None
+        prepare = partial(ChannelFits.from_recordings, recordings, terms, criterion=criterion, is_model=is_model)
+        fits = prepare() if is_logged else None
         if fits is not None and fits.start.delay >= REACH:  # the best delay may be longer
-            fits = ChannelFits.from_recordings(recordings, terms, LONGEST, criterion)
+            fits = prepare(latest=LONGEST)
     except IdentificationError:
         fits = None
     if fits is None:
@@ -204,13 +209,14 @@ def estimate_alignment(
         own_law = law if of_joint is fits else _choose_hold(of_joint)
         fits, law = (of_joint, own_law) if own_law.beats(law) else (fits, law)
         return law if not law.is_found or fits.is_consistent(recordings, law) else NO_ALIGNMENT
-    candidates = fits, fits.with_drift(), fits.with_columns_of_torque(NONLINEAR_GAIN)
-    fits = min(candidates, key=lambda candidate: candidate.delay_fit.delay_std)
+    if not is_model:
+        candidates = fits, fits.with_drift(), fits.with_columns_of_torque(NONLINEAR_GAIN)
+        fits = min(candidates, key=lambda candidate: candidate.delay_fit.delay_std)
     if not (law := _choose_hold(fits)).is_found:
         return law
     if not (law.is_late or fits.keeps_inertia(law)):
         return NO_ALIGNMENT
-    if find_feedback(recordings, criterion):
+    if not is_model and find_feedback(recordings, criterion):
         finer = fits.with_angle_columns()
         with_angle, without = (candidate.fit([law.channel], is_free=False) for candidate in (finer, fits))
         fits, law = (finer, _choose_hold(finer)) if with_angle.beats(without) else (fits, law)
@@ -263,7 +269,10 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
 
 
 def estimate_alignments(
-    recordings: Sequence[Recording], terms: Sequence[Term] = (), criterion: Criterion = Criterion()
+    recordings: Sequence[Recording],
+    terms: Sequence[Term] = (),
+    criterion: Criterion = Criterion(),
+    is_model: bool = False,
 ) -> list[Alignment]:
     """Align all recordings together, or separately if they differ; see `estimate_alignment`.
 
@@ -275,11 +284,11 @@ def estimate_alignments(
     Returns:
         The alignment of each recording, in order.
     """
-    joint = estimate_alignment(recordings, terms, criterion)
+    joint = estimate_alignment(recordings, terms, criterion, is_model)
     is_closed = all(find_feedback([recording], criterion) for recording in recordings)
     if len(recordings) == 1 or (is_closed and np.isfinite(joint.delay_std)):
         return [joint] * len(recordings)
-    own_laws = [estimate_alignment([recording], terms, criterion) for recording in recordings]
+    own_laws = [estimate_alignment([recording], terms, criterion, is_model) for recording in recordings]
     if is_closed and not all(np.isfinite(own.delay_std) for own in own_laws):
         return [joint] * len(recordings)
     for law in (joint, *sorted(own_laws, key=lambda own: own.delay_std + own.lag_std)):

@@ -45,7 +45,7 @@ ANGLE_LAWS = [Cogging(float(order)) for order in range(1, 49)]  # waves of the a
 
 
 def make_channel_rows(
-    recordings: Sequence[Recording], terms: Sequence[Term], latest: float, criterion: Criterion
+    recordings: Sequence[Recording], terms: Sequence[Term], latest: float, criterion: Criterion, is_model: bool = False
 ) -> tuple[TorqueRows, Array, LawsOfRows]:
     """Make the rows of recordings, clear of the ends of segments under every delay up to `latest` [s].
 
@@ -54,6 +54,7 @@ def make_channel_rows(
         terms: effects of the joint; with links all terms of the model, the links first. Fixed columns are left out.
         latest: largest delay [s].
         criterion: length of a block, and limits of driven and braked motion.
+        is_model: whether the base model and `terms` are the only columns, without those of other laws.
 
     Returns:
         Rows, columns of motion alone (R, P), and columns of `terms` that depend on the torque.
@@ -69,7 +70,12 @@ def make_channel_rows(
         weights = TorqueRows(data).fits.weights(list_base_terms(mechanism))
         data = replace(data, weights=weights, block=criterion.block)
     joints = [(data.locate_rows(at), data.part(at)) for at in data.joints]
-    parts = [(rows, part.columns([law])[0][0]) for rows, part in joints for law in _make_smooth_laws(part)]
+    base = BASE if mechanism.can_simulate else ()
+    parts = [
+        (rows, part.columns([law])[0][0])
+        for rows, part in joints
+        for law in (base if is_model else _make_smooth_laws(part))
+    ]
     of_torque = list[tuple[slice, Column]]()
     for term in (term for term in terms if not term.fixed):
         rows = data.locate_rows(term.at)
@@ -77,7 +83,8 @@ def make_channel_rows(
             of_torque += [(rows, column) for column in term.columns]
         else:
             parts.append((rows, data.columns([term])[0][0]))
-    for friction in (OWN_FRICTION, *list_load_friction(data, criterion.columns)) if mechanism.can_simulate else ():
+    has_loads = mechanism.can_simulate and not is_model
+    for friction in (OWN_FRICTION, *list_load_friction(data, criterion.columns)) if has_loads else ():
         averages = data.window_columns.averages
         parts.append((slice(None), averages.column(friction, averages.samples)[:, None]))
     return TorqueRows(data), place_columns(len(data.weights), parts), of_torque
@@ -138,9 +145,10 @@ class ChannelRows:
         terms: Sequence[Term] = (),
         latest: float = REACH,
         criterion: Criterion = Criterion(),
+        is_model: bool = False,
     ) -> Self | None:
         """Prepare rows of recordings, see `make_channel_rows`; None if there are too few windows."""
-        rows, phi, of_torque = make_channel_rows(recordings, terms, latest, criterion)
+        rows, phi, of_torque = make_channel_rows(recordings, terms, latest, criterion, is_model)
         if len(phi) < CHANNEL.min_equations * phi.shape[1]:
             return None
         fits = cls(rows, phi * rows.data.weights[:, None], latest=latest, criterion=criterion)

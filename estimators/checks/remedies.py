@@ -130,9 +130,8 @@ def find_wrong_columns(
             return []
         if springs := [term.columns[0].name for term in model.terms if term.is_restoring]:
             return [NegativeParameters(("gravity", *springs))]
-        turns = max(float(np.ptp(recording.position)) for recording in recordings) / (2 * np.pi)
         torque = max(float(np.sqrt(np.mean(recording.torque**2))) for recording in recordings)
-        if turns > limits.upright_turns or abs(down) < limits.upright_share * torque:
+        if abs(down) < limits.upright_share * torque:
             return []
         has_one_load = len(load_gravities) == 1
         if tilt is None and has_one_load and (tilted := _fit_tilt(model, recordings, criterion)) is not None:

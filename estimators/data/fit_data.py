@@ -100,8 +100,10 @@ class FitData:
         """Actions of the treatments, in order."""
         return [treatment.action for treatment in self.treatments if isinstance(treatment, Treatment)]
 
-    def with_timing(self, effects: Sequence[Term] = ()) -> FitData:
-        """Return the data with torque corrected by its estimated delay and filter, under a model with some effects.
+    def with_timing(self, effects: Sequence[Term] | None = None) -> FitData:
+        """Return the data with torque corrected by its estimated delay and filter.
+
+        They are estimated beside the base model with some effects, or beside nearly any law of the joint.
 
         Recordings share an alignment, unless their own estimates contradict it, see `estimate_alignments`. Held-out and
         excluded recordings count, since the timing belongs to the log: `whole` is timed, and the same recordings are
@@ -112,12 +114,13 @@ class FitData:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
         logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
         terms = [term for term in self.terms if isinstance(term, Term)]
-        timing = Timing.from_recordings(logged, [*terms, *effects], self.criterion)
+        timing = Timing.from_recordings(logged, [*terms, *(effects or ())], self.criterion, effects is not None)
         corrected = timing.recordings
         corrections = self.timing.corrections
         earlier = (treatment for treatment in self.treatments if treatment not in corrections)
-        model_finding = [Treatment(Action.TIMED_BESIDE, effects=tuple(term.id for term in effects))] if effects else []
-        treatments = (*earlier, *model_finding, *timing.corrections)
+        if effects is not None:
+            earlier = *earlier, Treatment(Action.TIMED_BESIDE, effects=tuple(term.id for term in effects))
+        treatments = (*earlier, *timing.corrections)
         changes: dict[str, Any] = {"recordings": corrected[:count], "holdout": corrected[count:]}
         return replace(self, **changes, timing=timing, treatments=treatments)
 

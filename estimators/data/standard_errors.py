@@ -11,6 +11,8 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.settings import DATA
 from estimators.findings import Finding, Quantity
 from estimators.free_swings import remove_unit_inertia
+from estimators.regression.least_squares import project_out
+from estimators.signals.channel import Channel
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.weak_form.torque_windows import TorqueWindows
 from pendulum_env._typing import Array
@@ -21,12 +23,13 @@ from pendulum_env.units import is_of_torque
 
 
 def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model:
-    """Add the error of the timing of corrected torque to the standard errors and correlations of a model.
+    """Add the error of the timing of the torque to the standard errors and correlations of a model.
 
     By the delta method, the covariance gets d d' for each delay and each lag: d is the change of the parameters by one
-    standard error. Recordings with one alignment change together. A delay of half a sample has the error of a free
-    delay. A controller that sets the torque n times a sample is late by (1 - 1/n) / 2 samples. Delay and lag count as
-    independent, which widens the errors where they compensate each other.
+    standard error, or by the rival law if a delay and a filter explain the torque equally. Recordings with one
+    alignment change together. A delay of half a sample has the error of a free delay. A controller that sets the torque
+    n times a sample is late by (1 - 1/n) / 2 samples. Delay and lag count as independent, which widens the errors where
+    they compensate each other. Torque in time may be late by a sample, as far as the residual allows.
 
     Args:
         model: fitted to the windows of `train`.
@@ -35,28 +38,48 @@ def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model
     """
     if has_link(model.terms) and find_link(model.terms).id not in train.data.link_states:
         return model
-    changes = (compute_parameter_changes(train, model, change) for change in _list_torque_changes(data, train))
+    changes = (compute_parameter_changes(train, model, change) for change in _list_torque_changes(model, data, train))
     return model.add_errors(*changes)
 
 
-def _list_torque_changes(data: FitData, train: RegressionData) -> Iterator[Array]:
-    """Yield the change of the torque of all rows (R,) [N m] by one standard error of each delay and each lag.
+def _list_torque_changes(model: Model, data: FitData, train: RegressionData) -> Iterator[Array]:
+    """Yield the change of the torque of all rows (R,) [N m] by the error of the timing of each law of the channel.
 
     The acting torque tau of the logged torque u changes by tau' per second of the delay, and by u' = (tau - u) / lag
     per second of the lag.
     """
     windows, laws = train.data.windows, data.timing.alignments
     counts = [len(w.centers) for w in windows]
-    for law in dict.fromkeys(law for law in laws[: len(data.recordings)] if law.is_late):
+    rates = np.concatenate([w.rates.narrow @ w.samples.torque for w in windows])
+    for law in dict.fromkeys(laws[: len(data.recordings)]):
         of_windows = (laws[k if w.run is None else w.run] for k, w in enumerate(windows))
         is_timed = np.repeat(
             [own == law and law.moves(w.at) for own, w in zip(of_windows, windows, strict=True)], counts
         )
+        if not law.is_found and not any(term.delays_torque for term in model.terms):
+            yield _bound_delay(model, train, rates * is_timed) * rates * is_timed
+        if not law.is_late:
+            continue
         if 0 < law.delay_std < np.inf:
-            rates = np.concatenate([w.rates.narrow @ w.samples.torque for w in windows])
             yield law.delay_std * rates * is_timed
         if law.lag > 0 and 0 < law.lag_std < np.inf:
             yield law.lag_std / law.lag * train.data.columns([ActuatorLag(law.lag)])[0][1] * is_timed
+        if law.rival is not None:  # applied to the torque as logged: without the delay, or without the filter
+            rival = Channel(-law.delay - law.rival.delay, law.lag + law.rival.lag)
+            yield -train.data.columns([rival])[0][1] * is_timed
+
+
+def _bound_delay(model: Model, train: RegressionData, rates: Array) -> float:
+    """Return the standard error of an unknown delay of the torque [s]: a sample, unless the residual allows less.
+
+    `rates` (R,) are the derivatives of the torque by the delay.
+    """
+    balance, period = train.equations(model.terms), max(1.0 / recording.rate for recording in train.recordings)
+    slopes, weights = balance.slopes(model.theta), balance.weights
+    unexplained = project_out(np.linalg.qr(slopes * weights[:, None])[0], rates * weights)
+    variance = float(np.mean((balance.error(model.theta) * weights) ** 2))
+    information = float(unexplained @ unexplained) / max(variance, 1e-300)
+    return period / np.sqrt(1.0 + information * period**2)
 
 
 def add_torque_constant(model: Model, data: TorqueWindows) -> Model:

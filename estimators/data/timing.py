@@ -35,9 +35,11 @@ class Timing:
     logged: tuple[Recording, ...] = ()
 
     @classmethod
-    def from_recordings(cls, logged: Sequence[Recording], terms: Sequence[Term], criterion: Criterion) -> Timing:
+    def from_recordings(
+        cls, logged: Sequence[Recording], terms: Sequence[Term], criterion: Criterion, is_model: bool = False
+    ) -> Timing:
         """Estimate the timing of recordings under some terms, see `estimate_alignments`."""
-        alignments = tuple(estimate_alignments(logged, terms, criterion))
+        alignments = tuple(estimate_alignments(logged, terms, criterion, is_model))
         return cls(alignments, tuple(recording.name for recording in logged), tuple(logged))
 
     @cached_property

@@ -116,14 +116,12 @@ class ColumnLimits(Limits):
 
     Attributes:
         turned_share: least share of the load torque beyond the other columns and noise, if its sign is to be tested.
-        upright_turns: largest number of turns of a joint with a possible zero at the upright position.
-        upright_share: least gravity of such a joint, as a share of the RMS torque.
+        upright_share: least gravity of a joint whose zero may be the upright position, as a share of the RMS torque.
         driven_share: share of samples driven by the motor, or braked by the load, above which gear losses and the
             torque constant cannot be distinguished: only the other samples distinguish both.
     """
 
     turned_share: float = 0.2
-    upright_turns: float = 3.0
     upright_share: float = 0.05
     driven_share: float = 0.9
 

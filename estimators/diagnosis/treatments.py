@@ -148,7 +148,7 @@ def align_with_effects(trial: Trial) -> FitData | None:
     """
     known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
     effects = [term for term in trial.result.terms if term.id not in known]
-    if not effects or any(action in TIMES for action in trial.data.actions):
+    if any(action in TIMES for action in trial.data.actions):
         return None
     timed = trial.data.with_timing(effects)
     return None if timed.timing.agrees(trial.data.timing) else timed

@@ -87,6 +87,7 @@ class Recording(Shown):
     moved: MovedTorque | None = None  # noise of a torque that was moved in time
     origin: Origin | None = None  # columns of the file
     start_date: datetime | None = None  # date of the file's first sample
+    clock_start: float = 0.0  # [s], time 0 on the clock of the log
     log_format: Mapping[str, Any] = field(default_factory=dict)  # reading options, as keys of a study
     name: str = field(default="recording", kw_only=True)
     is_checked: bool = field(default=False, kw_only=True)  # whether time and units were checked
@@ -126,6 +127,12 @@ class Recording(Shown):
         if self.origin is None and self.position.ndim == 1 and not self.is_checked:
             self._check_unit()
         object.__setattr__(self, "is_checked", True)
+
+    def start_from_zero(self) -> Self:
+        """Return the recording with time from its first sample; `clock_start` has the time before."""
+        if (start := float(self.time[0])) == 0.0:
+            return self
+        return replace(self, time=self.time - start, clock_start=self.clock_start + start)
 
     def _check_unit(self) -> None:
         """Refuse degrees or turns; add a note and warn if the unit is uncertain."""

@@ -91,6 +91,7 @@ def read_joints(
         temperature=None if all(temperature is None for temperature in measured) else filled,
         starts=first.starts,
         start_date=first.start_date,
+        clock_start=first.clock_start,
         log_format=first.log_format,
         names=tuple(joints),
         still={

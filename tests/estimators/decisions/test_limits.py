@@ -173,9 +173,9 @@ def list_poor(criterion: Criterion) -> list[int]:
     return [misfit.recording for misfit in find_misfits(fit_each_recording(datasets, BASE, criterion))]
 
 
-def find_upright_zero(criterion: Criterion, amplitude: float) -> int:
+def find_upright_zero(criterion: Criterion) -> int:
     recording = swing_at(0.2)
-    recording = replace(recording, position=amplitude * recording.position, torque=np.ones(len(recording)))
+    recording = replace(recording, torque=np.ones(len(recording)))
     model = Model.build(BASE, np.array([0.1, -0.5, 0.1, 0.1]), np.full(4, 1e-3))
     return len(find_wrong_columns(model, [recording], criterion))
 
@@ -244,8 +244,7 @@ DECISIONS: dict[str, tuple[float, Callable[[Criterion], object]]] = {
     "agreement.least_freedom": (np.inf, list_disagreements),
     "agreement.explained": (np.inf, list_explained),
     "agreement.unexplained": (0.0, list_poor),
-    "columns.upright_turns": (np.inf, lambda c: find_upright_zero(c, 15.0)),
-    "columns.upright_share": (np.inf, lambda c: find_upright_zero(c, 1.0)),
+    "columns.upright_share": (np.inf, find_upright_zero),
     "columns.driven_share": (np.inf, opposes_motion),
     "columns.turned_share": (np.inf, find_turned_load),
     "max_score": (0.5, measure_score),
