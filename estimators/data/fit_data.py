@@ -117,9 +117,9 @@ class FitData:
         timing = Timing.from_recordings(logged, [*terms, *(effects or ())], self.criterion, effects is not None)
         corrected = timing.recordings
         corrections = self.timing.corrections
-        earlier = (treatment for treatment in self.treatments if treatment not in corrections)
+        earlier = [treatment for treatment in self.treatments if treatment not in corrections]
         if effects is not None:
-            earlier = *earlier, Treatment(Action.TIMED_BESIDE, effects=tuple(term.id for term in effects))
+            earlier.append(Treatment(Action.TIMED_BESIDE, effects=tuple(term.id for term in effects)))
         treatments = (*earlier, *timing.corrections)
         changes: dict[str, Any] = {"recordings": corrected[:count], "holdout": corrected[count:]}
         return replace(self, **changes, timing=timing, treatments=treatments)

@@ -63,7 +63,7 @@ class WhiteNoiseLimits(Limits):
 
     p_value: float = 0.05
     longest_lag: float = 1.0
-    least_windows: int = 100
+    least_windows: int = 30
 
 
 @dataclass(frozen=True, repr=False)

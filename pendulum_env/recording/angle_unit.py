@@ -13,12 +13,13 @@ from pendulum_env.recording.vocabulary import UNITS
 from pendulum_env.tone import has_one_frequency
 
 DEGREE, TURN = UNITS["position"]["deg"], UNITS["position"]["rev"]  # [rad]
-SMOOTHING = 0.05  # [s], window of the second derivative
-CLEAR = 0.1  # ratio to the misfit of radians below which another unit is found
-BETTER = 0.82  # the same for gravity about an unknown zero with the wave number of turns
-LONG = 8.0  # [s], least motion for `BETTER`
-NEAR = 1.2  # largest ratio of equal wave numbers; those of radians and turns differ by 6.3
-ORDERS = (5, 6, 7)  # orders of cogging over radians that resemble gravity over turns
+HALF_WIDTHS = (0.02, 0.05, 0.1, 0.2)  # [s], half widths of the windows; the best depends on the noise of the encoder
+FEWEST, MOST = 50, 1000  # least and largest number of windows
+MOVING = 0.03  # least speed of a window, as a share of the fast speed
+ONE_WAY = 0.99  # least mean of sgn q' in a window
+CLEAR = 0.85  # ratio to the misfit in the unit of the column below which another unit is found
+NOISE = 1e-3  # [rad/s^2], misfit that any recording may have
+ORDERS, TIED = (5, 6, 7), 1.05  # orders of cogging over radians that resemble gravity over turns, which fits them less
 WOUND = 10 * np.pi  # [rad], largest range of a spring at a joint
 
 
@@ -53,76 +54,97 @@ class UnitSuspicion:
 
 
 @dataclass(frozen=True)
-class AccelerationFit:
-    """Regression of the acceleration of N samples on torque, friction and columns of gravity.
+class AccelerationFits:
+    """Regressions of the acceleration on torque, friction, springs and gravity, in R windows between reversals.
+
+    All series are averaged under the same window, so that a long window lowers noise without a bias.
 
     Attributes:
-        position: smoothed position (N,) [rad].
-        velocity: velocity (N,) [rad/s].
-        acceleration: acceleration (N,) [rad/s^2].
-        torque: smoothed torque, scaled to a maximum of 1 (N,).
-        is_odd: whether the second of each sample is odd (N,).
-        period: time between samples [s].
+        position: position of each sample (N,) [rad].
+        kernel: weights of a window (2 m + 1,).
+        is_used: mask of the windows (N - 2 m,).
+        acceleration: mean acceleration of each window (R,) [rad/s^2].
+        known: columns of torque and of a constant (R, 2).
+        friction: columns of viscous and dry friction (R, 2).
     """
 
     position: Array
-    velocity: Array
+    kernel: Array
+    is_used: Mask
     acceleration: Array
-    torque: Array
-    is_odd: Mask
-    period: float
+    known: Array
+    friction: Array
 
     @classmethod
-    def from_motion(cls, position: Array, torque: Array, rate: float) -> "AccelerationFit | None":
-        """Average the samples to about 200 Hz and at most 100,000 samples; return None for fewer than 20."""
+    def from_motion(cls, position: Array, torque: Array, rate: float, half_width: float) -> "AccelerationFits | None":
+        """Average the samples to about 200 Hz, and these in windows [s]; return None for too few windows."""
         stride = max(1, round(rate / 200.0))
-        count = min(len(position) // stride, 100_000)
-        if count < 20:
+        count, period = min(len(position) // stride, 100_000), stride / rate
+        half = max(3, round(half_width / period))
+        if count < 4 * half + 2:
             return None
-        torque = torque / max(np.abs(torque).max(), np.finfo(float).tiny)  # scale is a fitted parameter
         q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (position, torque))
-        step = stride / rate
-        window = (min(max(5, round(SMOOTHING / step)), count) - 1) | 1  # odd
-        v, a = (filter_savitzky_golay(q, window, 3, order, step) for order in (1, 2))
-        is_odd = (np.arange(count) * step).astype(np.intp) % 2 == 1
-        return cls(filter_savitzky_golay(q, window, 3), v, a, filter_savitzky_golay(tau, window, 3), is_odd, step)
+        kernel = (1.0 - np.linspace(-1.0, 1.0, 2 * half + 1) ** 2) ** 4
+        kernel /= kernel.sum()
+        held = 0.5 * (tau[1:-1] + tau[:-2])
+        velocity = filter_savitzky_golay(q, 2 * (half // 2) + 3, 3, 1, period)[1:-1]
+        series = np.diff(q, 2) / period**2, held, (q[2:] - q[:-2]) / (2 * period), np.sign(velocity)
+        a, u, v, sign = (np.convolve(each, kernel, "valid") for each in series)
+        speed = np.abs(v)
+        is_used = (np.abs(sign) > ONE_WAY) & (speed > MOVING * np.percentile(speed, 95))
+        is_used &= np.arange(len(v)) % max(1, half // 2, len(v) // MOST) == 0
+        if np.count_nonzero(is_used) < FEWEST:
+            return None
+        columns = np.column_stack([u / max(float(np.abs(u).max()), 1e-300), np.ones(len(u)), v, sign])[is_used]
+        return cls(q[1:-1], kernel, is_used, a[is_used], columns[:, :2], columns[:, 2:])
 
-    def compute_misfit(self, *gravity: Array) -> float:
-        """Return the residual norm [rad/s^2] of even and odd seconds, each predicted by the fit of the others."""
-        v, a, odd = self.velocity, self.acceleration, self.is_odd
-        phi = np.column_stack([self.torque, v, np.sign(v), np.ones_like(v), *gravity])
-        phi /= np.abs(phi).max(axis=0) + np.finfo(float).tiny
-        residuals = [a[~h] - phi[~h] @ np.linalg.lstsq(phi[h], a[h], rcond=None)[0] for h in (odd, ~odd)]
-        return float(np.linalg.norm(np.concatenate(residuals)))
+    def average(self, series: Array) -> Array:
+        """Return the mean of a series (N,) in each window (R,)."""
+        return np.asarray(np.convolve(series, self.kernel, "valid")[self.is_used])
 
-    def compute_misfit_in_unit(self, factor: float) -> float:
-        """Return the misfit [rad/s^2] with gravity, if position times `factor` is in radians."""
-        x = factor * self.position
-        return min(self.compute_misfit(np.sin(x)), self.compute_misfit(np.sin(x), np.cos(x)))
+    def compute_misfit(self, *free: Array, spring: bool = False) -> float:
+        """Return the RMS residual [rad/s^2] with some columns (R,); friction and a spring oppose the motion."""
+        opposing, known = [*self.friction.T], np.column_stack([self.known, *free])
+        if spring:
+            opposing.append(self.average(self.position))
+            known = np.column_stack([known, self.average(self.position**2)])
+        columns = np.column_stack([known, *opposing])
+        columns /= np.maximum(np.abs(columns).max(axis=0), 1e-300)
+        triangle = np.asarray(np.linalg.qr(np.column_stack([columns, self.acceleration]), mode="r"))
+        phi, y, used = triangle[:, :-1], triangle[:, -1], list(range(columns.shape[1]))
+        theta = np.linalg.lstsq(phi, y, rcond=None)[0]
+        while (theta[known.shape[1] :] > 0).any():  # what opposes the motion has a negative factor
+            del used[known.shape[1] + int(np.argmax(theta[known.shape[1] :]))]
+            theta = np.linalg.lstsq(phi[:, used], y, rcond=None)[0]
+        residual = y - phi[:, used] @ theta
+        return float(np.linalg.norm(residual) / np.sqrt(max(1, len(self.acceleration) - columns.shape[1])))
 
-    def compute_misfit_with_spring(self) -> float:
-        """Return the least misfit [rad/s^2] with a spring, with gravity, or with neither."""
-        q = self.position
-        return min(self.compute_misfit(*columns) for columns in ((), (q,), (q, np.sin(q)), (q, np.sin(q), np.cos(q))))
+    def compute_misfit_in_unit(self, factor: float, *free: Array, spring: bool = False) -> float:
+        """Return the misfit [rad/s^2] with gravity about any zero, if position times `factor` is in radians."""
+        sine, cosine = (self.average(wave(factor * self.position)) for wave in (np.sin, np.cos))
+        return min(self.compute_misfit(*waves, *free, spring=spring) for waves in ((sine,), (sine, cosine)))
 
-    def has_wave_number(self, factor: float) -> bool:
-        """Return whether the best f of sin(f q + phase), from factor / 2 to 2 factor, is near the factor."""
-        numbers = factor * np.geomspace(0.5, 2.0, 25)
-        best = numbers[
-            np.argmin([self.compute_misfit(np.sin(f * self.position), np.cos(f * self.position)) for f in numbers])
-        ]
-        return bool(1 / NEAR < best / factor < NEAR)
+    def compute_misfit_of_alternatives(self, spring: bool = False) -> float:
+        """Return the least misfit [rad/s^2] of laws over radians that resemble gravity in another unit."""
+        time, speed = np.linspace(-1.0, 1.0, len(self.acceleration)), self.friction[:, 0]
+        drift = np.column_stack([time, time**2])
+        laws = ((), (np.maximum(speed, 0.0),), (speed * np.abs(speed),), (*drift.T,))
+        return min(self.compute_misfit_in_unit(1.0, *law, spring=spring) for law in laws)
+
+    def compute_misfit_of_cogging(self) -> float:
+        """Return the least misfit [rad/s^2] of cogging over radians that resembles gravity over turns."""
+        waves = ([self.average(wave(order * self.position)) for wave in (np.sin, np.cos)] for order in ORDERS)
+        return min(self.compute_misfit(*columns) for columns in waves)
 
 
 def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = True) -> UnitSuspicion | None:
     """Find another unit of an angle (N,) that was read as radians, from the torque of gravity.
 
-    Turns are found if their misfit is below `CLEAR` times that of radians, with or without a spring. In small swings
-    about an unknown zero, gravity is nearly linear. The misfit of turns must then be below `BETTER` times that of
-    radians, at the wave number of turns. Turns are rejected if cogging of an order near 2 pi explains the motion better
-    by more than 5 %. Degrees that cover more than 2 pi are found by a smaller difference. The unit is uncertain for
-    motion below 30 degrees, where the sine is linear like a spring over radians. It is also uncertain for driven motion
-    of one frequency, in which position is proportional to acceleration and gravity may imitate an error of the torque.
+    Another unit is found if gravity over it explains the acceleration with a misfit below `CLEAR` times that of gravity
+    and other laws over radians, in windows of any length. A spring is one of these laws for turns, which must also fit
+    as well as cogging of an order near 2 pi. Degrees must cover more than 2 pi. They are uncertain if a spring over
+    radians explains the motion, too: below 30 degrees the sine is linear. They are also uncertain for driven motion of
+    one frequency, in which position is proportional to acceleration and gravity may imitate an error of the torque.
 
     Args:
         position: uniformly sampled angle of one segment (N,).
@@ -130,26 +152,20 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
         rate: samples per second [Hz].
         turns: whether to test for turns.
     """
-    fit = AccelerationFit.from_motion(position, torque, rate)
-    if fit is None:
+    units, found = {"deg": DEGREE} if np.ptp(position) > 2 * np.pi else {}, list[tuple[float, UnitSuspicion]]()
+    for fits in _list_fits(position, torque, rate):
+        radians, with_spring = (fits.compute_misfit_of_alternatives(spring) for spring in (False, True))
+        for unit, factor in (({"rev": TURN} if turns else {}) | units).items():
+            misfit, others = fits.compute_misfit_in_unit(factor), with_spring if unit == "rev" else radians
+            is_clear = misfit < CLEAR * others and others > NOISE
+            if is_clear and (unit == "deg" or misfit < TIED * fits.compute_misfit_of_cogging()):
+                is_certain = unit == "rev" or misfit < CLEAR * with_spring or bool(np.ptp(position) > WOUND)
+                found.append((misfit / others, UnitSuspicion(unit, _find_range(position), misfit / others, is_certain)))
+    if not found:
         return None
-    if turns:
-        q, radians = fit.position, fit.compute_misfit_with_spring()
-        gravity_over_radians, gravity_over_turns = fit.compute_misfit_in_unit(1.0), fit.compute_misfit_in_unit(TURN)
-        has_turn_period = (
-            len(position) > LONG * rate
-            and gravity_over_turns < BETTER * gravity_over_radians
-            and gravity_over_turns < 1.05 * radians
-            and fit.has_wave_number(TURN)
-        )
-        cogging = min(fit.compute_misfit(np.sin(order * q), np.cos(order * q)) for order in ORDERS)
-        is_turns = (gravity_over_turns < CLEAR * radians or has_turn_period) and gravity_over_turns < 1.05 * cogging
-        if radians > 1e-3 * np.sqrt(len(q)) and is_turns:
-            return UnitSuspicion("rev", _find_range(position), gravity_over_turns / max(radians, gravity_over_radians))
-    suspicion = _suspect_degrees(position, fit)
-    if suspicion is None or not suspicion.is_certain:
-        return suspicion
-    return replace(suspicion, is_certain=not (torque.any() and has_one_frequency(fit.position, fit.period)))
+    suspicion = min(found, key=lambda pair: pair[0])[1]
+    is_certain = suspicion.is_certain and not (torque.any() and has_one_frequency(position, 1.0 / rate))
+    return replace(suspicion, is_certain=is_certain or suspicion.unit == "rev")
 
 
 def suspect_radians(position: Array, torque: Array, rate: float, factor: float) -> UnitSuspicion | None:
@@ -157,35 +173,18 @@ def suspect_radians(position: Array, torque: Array, rate: float, factor: float) 
 
     `factor` undoes the conversion of the column. The misfit is below `CLEAR` times that in the unit of the column.
     """
-    if (fit := AccelerationFit.from_motion(position, torque, rate)) is None:
-        return None
-    as_read, radians = fit.compute_misfit_with_spring(), fit.compute_misfit_in_unit(factor)
-    if radians >= CLEAR * as_read:
-        return None
-    return UnitSuspicion("rad", _find_range(position), radians / as_read) if fit.has_wave_number(factor) else None
+    misfits = [
+        (fits.compute_misfit_of_alternatives(spring=True), fits.compute_misfit_in_unit(factor))
+        for fits in _list_fits(position, torque, rate)
+    ]
+    ratio = min((radians / as_read for as_read, radians in misfits if as_read > NOISE), default=1.0)
+    return UnitSuspicion("rad", _find_range(position), ratio) if ratio < CLEAR else None
 
 
-def _suspect_degrees(position: Array, fit: AccelerationFit) -> UnitSuspicion | None:
-    """Find degrees if gravity fits them better, for a position that covers more than 2 pi."""
-    if np.ptp(position) <= 2 * np.pi:
-        return None
-    v, count = fit.velocity, len(fit.velocity)
-    radians, degrees = (fit.compute_misfit_in_unit(factor) for factor in (1.0, DEGREE))
-    no_gravity = fit.compute_misfit()
-    # In 100 real and simulated runs, the ratio is below 0.945 for degrees and above 0.975 for radians.
-    if degrees >= 0.96 * min(radians, no_gravity) or no_gravity <= 1e-3 * np.sqrt(count):  # [rad/s^2], noise only
-        return None
-    time = np.linspace(-1.0, 1.0, count)
-    alternative = min(
-        radians,
-        fit.compute_misfit(np.maximum(v, 0.0)),
-        fit.compute_misfit(v * np.abs(v)),
-        fit.compute_misfit(time, time**2),
-    )
-    tolerance = 0.01 * no_gravity  # ignores differences of tiny misfits
-    if degrees + tolerance >= 0.96 * (min(alternative, no_gravity) + tolerance):
-        return None
-    return UnitSuspicion("deg", _find_range(position), degrees / radians, is_certain=bool(np.ptp(position) > WOUND))
+def _list_fits(position: Array, torque: Array, rate: float) -> list[AccelerationFits]:
+    """List the fits in windows of each length with enough windows."""
+    fits = (AccelerationFits.from_motion(position, torque, rate, half_width) for half_width in HALF_WIDTHS)
+    return [each for each in fits if each is not None]
 
 
 def _find_range(position: Array) -> tuple[float, float]:
