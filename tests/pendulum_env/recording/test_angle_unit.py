@@ -11,7 +11,7 @@ COARSE = {"counts": 4096, "torque_noise": 0.01}
 MOTIONS = {
     "wide": Experiment(rate=200.0, seconds=12.0, excitation="chirp", scale=1.3),
     "slow under a controller": Experiment(rate=500.0, seconds=20.0, excitation="triangle", scale=0.6, **COARSE),
-    "steps": Experiment(rate=1000.0, seconds=10.0, excitation="steps", scale=0.5, **COARSE),
+    "steps": Experiment(rate=1000.0, seconds=10.0, excitation="steps", **COARSE),
     "two tones": Experiment(rate=100.0, seconds=15.0, excitation="two_tone", **COARSE),
 }
 
