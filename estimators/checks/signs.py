@@ -15,6 +15,11 @@ class NegativeParameters(Finding):
 
     parameters: tuple[str, ...]
 
+    @property
+    def is_biasing(self) -> bool:
+        """Return whether another law biases the other parameters."""
+        return True
+
 
 def find_driving_friction(model: Model) -> list[NegativeParameters]:
     """Return a finding with the dry and viscous friction parameters that are significantly negative, or an empty list.

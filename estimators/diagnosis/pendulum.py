@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from estimators.checks.signs import find_driving_friction
 from estimators.data.fit_data import FitData
 from estimators.data.standard_errors import add_torque_constant, widen_by_timing, widen_ends
 from estimators.decisions.errors import Step, Terms
@@ -88,12 +89,15 @@ class Pendulum(Case):
     def present(self, trial: Trial, step: Step, is_final: bool) -> Step:
         """Return a step with all standard errors: of timing, stops and torque constant; known values as given.
 
-        A final step includes the error of the law of the angle.
+        A final step includes the error of the law of the angle. It is biased if friction accelerates, because another
+        law acts in its place.
         """
         model = widen_by_timing(step.model, trial.data, trial.evidence.train)
         model = widen_by_law(model, trial.evidence) if is_final else model
         model = widen_ends(model, trial.data.recordings)
         model = add_torque_constant(model, trial.data.parts[0].data)
+        if is_final and find_driving_friction(trial.release_bounds(trial.model)):
+            model = model.mark_biased()
         return replace(step, model=restore_known(model, trial.options.original, trial.data.recordings))
 
     def conclude(self, trial: Trial, diagnosis: Diagnosis) -> Diagnosis:

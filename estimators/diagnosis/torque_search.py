@@ -75,4 +75,5 @@ def refine(trial: Trial) -> tuple[SearchResult, Sequence[Finding]]:
 
 def find_unexplained_regions(trial: Trial) -> list[Region]:
     """Return the regions of the unexplained residual; none if the recordings determine no parameter."""
-    return [] if withhold_everything(trial.doubts) else find_unexplained(trial.final)
+    is_undetermined = withhold_everything(trial.doubts) or trial.model.is_undetermined
+    return [] if is_undetermined else find_unexplained(trial.final)

@@ -67,12 +67,16 @@ class Fits:
 
     def fit_model(self, terms: Terms) -> Model:
         """Fit the terms to the training data, without standard errors."""
-        return Model.build(*self.train.maker.fit(terms)).mark_unknown(self._unknown)
+        return self._withhold_inertia(Model.build(*self.train.maker.fit(terms)))
 
     @memoized
     def fit_model_with_std(self, terms: Terms) -> Model:
         """Fit the terms to the training data with standard errors."""
         return fit_terms(self.train, terms)[0]
+
+    def _withhold_inertia(self, model: Model) -> Model:
+        """Return a model without an inertia that the base model shows to be unknown; a link has its own inertia."""
+        return model if has_link(model.terms) else model.mark_unknown(self._unknown)
 
     @cached_property
     def _unknown(self) -> frozenset[str]:
@@ -99,11 +103,8 @@ class Fits:
         The model gets the units of the recordings; an insignificant inertia is withheld.
         """
         parts = self.list_parts(model)
-        model = (
-            complete_model(model.mechanism, model)
-            .convert_units(self.train.recordings[0].units)
-            .mark_unknown(self._unknown)
-        )
+        model = complete_model(model.mechanism, model).convert_units(self.train.recordings[0].units)
+        model = self._withhold_inertia(model)
         errors = [compute_errors(part, model) for part in parts]
         return Step(added, model, dict(zip(("train", "holdout"), errors, strict=True)))
 
@@ -136,6 +137,6 @@ class Fits:
         joints = {joint for term in terms[len(self.base) :] for joint in list_loads(term.at)}
         motions = {at: x for at, x in self.train.motions.items() if at in joints}
         fits = self.train.maker.fit_folds(terms)  # the score depends on these parameters
-        if not find_violations(Model.build(fits.terms, fits.theta).mark_unknown(self._unknown), motions):
+        if not find_violations(self._withhold_inertia(Model.build(fits.terms, fits.theta)), motions):
             return []
-        return find_violations(self.fit_model_with_std(terms).mark_unknown(self._unknown), motions)
+        return find_violations(self._withhold_inertia(self.fit_model_with_std(terms)), motions)

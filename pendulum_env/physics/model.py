@@ -179,6 +179,12 @@ class Model(Mapping[str, Estimate], Shown):
         return self.with_errors(names, covariance + steps.T @ steps) if steps.any() else self
 
     @property
+    def is_undetermined(self) -> bool:
+        """Return whether no fitted parameter has a value; known ones and those at a bound do not count."""
+        estimates = self.estimates.values()
+        return any(each.is_unknown for each in estimates) and all(each.is_unknown or not each.std for each in estimates)
+
+    @property
     def derived(self) -> dict[str, Estimate]:
         """Compute derived parameters, such as `backlash.k`, with standard errors to first order."""
         return derive_estimates(self.terms, self.estimates, self.assumed_covariance, self.units())

@@ -122,7 +122,7 @@ def describe_result(diagnosis: Diagnosis) -> str:
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
             return f"The servo as described does not reproduce the log{part}"
-    if withhold_everything(diagnosis.findings):
+    if withhold_everything(diagnosis.findings) or diagnosis.model.is_undetermined:
         return "These recordings do not determine the parameters"
     contacts = [finding for finding in diagnosis.findings if isinstance(finding, Contact)]
     places = [f"{f' by {contact.joint}' * bool(contact.joint)} at {measure(contact.angle)}" for contact in contacts]
