@@ -20,6 +20,7 @@ from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding
 from estimators.free_swings import find_known_values
+from estimators.weak_form.links import choose_common_width
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.joints import find_mechanism
 from pendulum_env.recording import Recording
@@ -204,7 +205,11 @@ class FitData:
         if self.terms:
             train, holdout = split_arm(self.recordings, self.holdout)
             cut = partial(RegressionData.from_arm, terms=self.terms, block=self.criterion.block)
-            return cut(train), cut(holdout)
+            if self.holdout:
+                return cut(train), cut(holdout)
+            widths = [choose_common_width(recording.joints) for recording in train]
+            fitted = cut(train, half_widths=widths)
+            return fitted, cut(holdout, half_widths=widths, fitted=fitted.data)
         return self.cut.make_parts(self.recordings, self.holdout, self.criterion)
 
     def __getstate__(self) -> dict[str, Any]:

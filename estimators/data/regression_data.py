@@ -83,9 +83,10 @@ class RegressionData:
         terms: Sequence[type[Term] | Term],
         block: float = BLOCK,
         half_widths: Sequence[float] | None = None,
+        fitted: TorqueWindows | None = None,
     ) -> RegressionData:
         """Cut recordings of joints into windows for some terms, the links first; see `prepare_arm`."""
-        data = prepare_arm(recordings, terms, block=block, half_widths=half_widths)
+        data = prepare_arm(recordings, terms, block=block, half_widths=half_widths, fitted=fitted)
         return cls(data, base=list_base_terms(find_mechanism(terms)))
 
     @classmethod

@@ -34,10 +34,12 @@ def prepare_arm(
     margin: float = 0.0,
     block: float = BLOCK,
     half_widths: Sequence[float] | None = None,
+    fitted: TorqueWindows | None = None,
 ) -> TorqueWindows:
     """Cut recordings into windows, with the columns of links and couplings; `margin` is that of `cut`.
 
     Half widths [s] are chosen by the noise of the recordings unless given. A `block` of the score lasts so long [s].
+    `fitted` are windows of an earlier part of the same recordings, with the same sensors and so the same noise.
 
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
@@ -58,8 +60,14 @@ def prepare_arm(
                 f"{names}: joint '{name}' is rarely clear of stick and reversals: record longer, faster or wider motion"
             )
     parts = [_compute_link_columns(joints, mechanism) for joints in entries]
+    noise = {} if fitted is None else {(w.at, w.run): w.noise for w in fitted.windows}
     calibrated = [
-        [_calibrate_windows(joints, k, part) for k in range(len(joints))]
+        [
+            replace(w, noise=replace(noise[w.at, w.run], excess=w.noise.excess))
+            if noise
+            else _calibrate_windows(joints, k, part)
+            for k, w in enumerate(joints)
+        ]
         for joints, part in zip(entries, parts, strict=True)
     ]
     if any(w.noise.excess is not None for joints in calibrated for w in joints):  # other scales of equations
