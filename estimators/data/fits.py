@@ -92,7 +92,8 @@ def compute_parameter_changes(data: RegressionData, model: Model, change: Array)
 
     `change` (R,) is that of the torque [N m]. The residual has the same change, since the predicted torque follows from
     motion alone, also with load friction. A filter of torque among the terms is ignored. Known parameters, those at
-    their bounds and edges do not change.
+    their bounds and edges do not change. A parameter that the motion determines more exactly than the rows changes by
+    the rows' share of the information on it.
     """
     terms, theta = model.terms, model.theta
     jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
@@ -100,9 +101,14 @@ def compute_parameter_changes(data: RegressionData, model: Model, change: Array)
     is_smooth = _are_smooth(names, find_term_edges(data, terms))
     is_free = np.array([model.estimates[name].std > 0 for name in names]) & is_smooth
     balance = data.equations(terms)
-    slopes = balance.slopes(theta, jacobian)[:, is_free]
-    steps = solve_least_squares(slopes * balance.weights[:, None], change * balance.weights)
-    return dict(zip(np.array(names)[is_free].tolist(), steps.tolist(), strict=True))
+    slopes = balance.slopes(theta, jacobian)[:, is_free] * balance.weights[:, None]
+    steps = solve_least_squares(slopes, change * balance.weights)
+    variance = float(np.mean((balance.error(theta) * balance.weights) ** 2))
+    size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+    of_rows = variance * np.diag(np.linalg.pinv((slopes / size).T @ (slopes / size), hermitian=True)) / size**2
+    free = np.array(names)[is_free].tolist()
+    shares = np.minimum(np.array([model.estimates[name].std for name in free]) ** 2 / np.maximum(of_rows, 1e-300), 1.0)
+    return dict(zip(free, (shares * steps).tolist(), strict=True))
 
 
 def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.independent_plant import Experiment, Plant
 from estimators.checks.alignment import Alignment
 from estimators.data.fit_data import FitData
-from estimators.data.fits import fit_terms
+from estimators.data.fits import compute_parameter_changes, fit_terms
 from estimators.data.standard_errors import widen_by_constant, widen_by_timing
 from estimators.data.timing import Timing
 from estimators.signals.channel import Channel
@@ -47,13 +47,28 @@ def test_errors_grow_by_the_change_of_the_parameters_under_another_delay():
     np.testing.assert_allclose(np.sqrt(np.diag(widened.covariance)), [own.std for own in widened.estimates.values()])
 
 
-@pytest.mark.parametrize(
-    "law", [replace(LATE, delay_std=0.0), Alignment(Channel(), STD, np.inf)], ids=["exact", "in time"]
-)
-def test_errors_of_torque_in_time_stay(law):
-    data = time_recording(law, DELAY)
+def test_an_exact_delay_has_no_error():
+    data = time_recording(replace(LATE, delay_std=0.0), DELAY)
     model = fit_terms(data.parts[0], BASE)[0]
     assert widen_by_timing(model, data, data.parts[0]) is model
+
+
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+def test_torque_in_time_may_be_late_by_what_the_data_allow(rate):
+    """The error is that of a fit with a free delay, and at most that of a delay of one sample."""
+    recording = recorded(Plant(), Experiment(rate=rate, seconds=12.0, excitation="multisine", seed=3))[0]
+    data = FitData((recording,), timing=Timing((Alignment(Channel(), np.inf, np.inf),), (recording.name,)))
+    train = data.parts[0]
+    model = fit_terms(train, BASE)[0]
+    widened = widen_by_timing(model, data, train)
+    rates = np.concatenate([w.rates.narrow @ w.samples.torque for w in train.data.windows])
+    rows = train.equations(BASE)
+    free = rows.fit(train.layout.clusters, rates[:, None], model.theta)
+    sample = compute_parameter_changes(train, model, rates / rate)
+    for k, (name, estimate) in enumerate(widened.estimates.items()):
+        own = model.estimates[name].std
+        assert own <= estimate.std <= 1.01 * np.hypot(own, sample[name])
+        assert estimate.std == pytest.approx(min(free.std[k], np.hypot(own, sample[name])), rel=0.3)
 
 
 def test_parameters_change_together_with_the_torque_constant():
