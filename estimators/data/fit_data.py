@@ -14,6 +14,7 @@ from estimators.checks.homogeneity import Disagreement
 from estimators.data.calibration import calibrate, make_constant_finding
 from estimators.data.preparation import find_preparation
 from estimators.data.regression_data import RegressionData
+from estimators.data.shared_clock import share_clock
 from estimators.data.split import CutSettings, Parts, add_contacts, split_arm
 from estimators.data.timing import Timing, move_torque
 from estimators.data.treatment import Action, Treatment
@@ -81,7 +82,8 @@ class FitData:
                 torque is applied in held-out recordings only and no parameter is known.
         """
         if not find_mechanism(terms).can_simulate:
-            return cls(tuple(recordings), tuple(holdout), terms=tuple(terms), criterion=criterion)
+            combined, count = share_clock((*recordings, *holdout)), len(recordings)
+            return cls(combined[:count], combined[count:], terms=tuple(terms), criterion=criterion)
         base = [term for term in terms if isinstance(term, Term)]
         known = find_known_values(base) if known is None else known
         fitted, held_out, doubt = calibrate(recordings, holdout, None, known, criterion)

@@ -13,6 +13,8 @@ def share_clock(recordings: Sequence[Recording]) -> Recordings:
 
     The clock runs on if each recording begins after the end of an earlier one, by at most the duration of the latter.
     """
+    if len(recordings) < 2:
+        return tuple(recordings)
     ordered = sorted(recordings, key=lambda recording: recording.clock_start + recording.time[0])
     for earlier, later in pairwise(ordered):
         pause = later.clock_start + later.time[0] - earlier.clock_start - earlier.time[-1]

@@ -136,8 +136,8 @@ class Model(Mapping[str, Estimate], Shown):
         if not self.correlation:
             return None
         std = np.array([estimate.std for estimate in self.estimates.values()])
-        covariance = np.array(self.correlation)
-        i, j = np.nonzero(covariance)  # uncorrelated errors have zero covariance, infinite ones too
+        covariance = np.array(self.correlation) * np.outer(std > 0, std > 0)
+        i, j = np.nonzero(covariance)  # known parameters and uncorrelated errors have none, infinite errors, too
         covariance[i, j] *= std[i] * std[j]
         return covariance
 
