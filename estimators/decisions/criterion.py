@@ -58,12 +58,12 @@ class WhiteNoiseLimits(Limits):
     Attributes:
         p_value: p-value of the tests, all together, from which a residual is no torque noise.
         longest_lag: longest lag of the tests [s].
-        least_windows: least number of separate windows for the tests.
+        most_hidden: largest share of the power of the residual that the tests may miss.
     """
 
     p_value: float = 0.05
     longest_lag: float = 1.0
-    least_windows: int = 30
+    most_hidden: float = 1 / 3
 
 
 @dataclass(frozen=True, repr=False)

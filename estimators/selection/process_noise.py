@@ -55,7 +55,8 @@ def find_process_noise(
     Noise of the torque that is not logged is white: in windows that do not overlap it has no correlation, the same
     variance throughout a recording, and a normal distribution. Windows half a window apart share a known part of it. A
     missing effect violates one of these four properties. Each is tested on all recordings together, so that more data
-    show smaller effects. Windows in contact with a stop do not count.
+    show smaller effects. Windows in contact with a stop do not count. Few windows could hide a large part of the
+    residual, and show nothing.
 
     Args:
         data: windows of recordings.
@@ -78,9 +79,12 @@ def find_process_noise(
             relative.append(torques[-1] / max(float(np.sqrt(np.mean(torques[-1] ** 2))), 1e-300))
             places.append(place[is_separate] + start)
             start = int(places[-1][-1]) + last + 1  # no lag connects two recordings
-    if sum(map(len, torques)) < limits.least_windows:
+    if not torques:
         return None
-    place = np.concatenate(places)
+    place, separate = np.concatenate(places), np.concatenate(torques)
+    hidden = bound_hidden_effect(separate, place, limits.p_value)
+    if hidden**2 > limits.most_hidden * np.mean(separate**2):
+        return None
     noisier = [_raise_noise(w, torque, inertia) for w, torque in zip(clear, of_recordings, strict=True)]
     excesses = [_compare_neighbours(w, torque, inertia) for w, torque in zip(noisier, of_recordings, strict=True)]
     excess = np.concatenate(excesses)
@@ -92,7 +96,6 @@ def find_process_noise(
         replace(w, noise=w.noise.with_torque(n.noise.torque)) for w, n in zip(data.windows, noisier, strict=True)
     )
     variances = [n.noise.raw_torque**2 - w.noise.raw_torque**2 for w, n in zip(clear, noisier, strict=True)]
-    hidden = bound_hidden_effect(np.concatenate(torques), place, limits.p_value)
     return ProcessNoise(replace(data, windows=raised), float(np.sqrt(max(variances))), hidden)
 
 

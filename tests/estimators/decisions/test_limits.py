@@ -232,7 +232,7 @@ DECISIONS: dict[str, tuple[float, Callable[[Criterion], object]]] = {
     "search.max_tried": (0, lambda c: add_effect(make_state(c)) is None),
     "search.max_ordered": (0, count_fits_of_orders),
     "white.p_value": (np.inf, find_noise),
-    "white.least_windows": (np.inf, find_noise),
+    "white.most_hidden": (0.0, find_noise),
     "timing.z_score": (np.inf, lambda c: make_alignment(c).is_significant),
     "timing.least_blocks": (np.inf, lambda c: make_alignment(c, 9.0).beats(make_alignment(c))),
     "timing.negligible": (np.inf, lambda c: is_negligible(c, 0.2)),
