@@ -142,16 +142,18 @@ def exclude_outliers(trial: Trial) -> FitData | None:
 
 
 def align_with_effects(trial: Trial) -> FitData | None:
-    """Return data with torque timed under a model with the selected effects, which may imitate or hide a delay.
+    """Return data with torque timed under the found model alone, which shows shorter delays than nearly any law does.
 
-    None if this was done, if torque is kept as logged, or if the timing agrees.
+    None if this was done, if torque is kept as logged, if the timing agrees, or if a late torque shows no longer: the
+    few columns of a wrong model may hide a delay.
     """
     known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
     effects = [term for term in trial.result.terms if term.id not in known]
     if any(action in TIMES for action in trial.data.actions):
         return None
     timed = trial.data.with_timing(effects)
-    return None if timed.timing.agrees(trial.data.timing) else timed
+    is_lost = trial.data.timing.has_moved and not timed.timing.has_moved
+    return None if is_lost or timed.timing.agrees(trial.data.timing) else timed
 
 
 def keep_logged_time(trial: Trial) -> FitData | None:
