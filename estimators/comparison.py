@@ -22,6 +22,7 @@ from estimators.data.preparation import find_preparation
 from estimators.data.regions import compute_profiles_at, find_failures
 from estimators.data.regression_data import RegressionData, drop_unstable_segments
 from estimators.data.settings import DATA
+from estimators.data.shared_clock import share_clock
 from estimators.data.split import CutSettings
 from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.cases import choose_case
@@ -71,7 +72,7 @@ def compare(
     check_options(criterion)
     model = check_model(model)
     check_horizon(horizon, model.mechanism.can_simulate)
-    recordings = select_recordings(recordings, terms=model.terms, log_format=model.log_format)
+    recordings = share_clock(select_recordings(recordings, terms=model.terms, log_format=model.log_format))
     recordings = convert_to_model_unit(model, recordings, criterion)
     if recordings[0].units.is_prismatic:
         model = model.convert_units(recordings[0].units)

@@ -17,7 +17,7 @@ class NegativeParameters(Finding):
 
     @property
     def is_biasing(self) -> bool:
-        """Return whether another law biases the other parameters."""
+        """Return whether the negative friction stands for a law that the model lacks, which biases the others."""
         return True
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from estimators.checks.torque_constant import UnknownConstant, estimate_torque_constant, find_torque_unit
 from estimators.data.integrated_zero import set_integrated_zero
 from estimators.data.preparation import Recordings, find_preparation
-from estimators.data.shared_clock import share_clock
 from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding, Quantity
@@ -36,7 +35,7 @@ def calibrate(
     See `FitData.from_recordings` for the arguments. Currents stay under a controller with an integral part of unknown
     state. Beside driven recordings, free swings get the known inertia, or that of a fit to the driven ones.
     """
-    combined, count = share_clock((*recordings, *holdout)), len(recordings)
+    combined, count = (*recordings, *holdout), len(recordings)
     doubt: Finding | None = None
     driven = [recording for recording in combined if not recording.is_free]
     if any(r.actuator.has_integral and r.torque_unit != NEWTON_METRE for r in combined):

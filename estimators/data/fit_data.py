@@ -21,7 +21,6 @@ from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding
 from estimators.free_swings import find_known_values
-from estimators.weak_form.links import choose_common_width
 from pendulum_env.physics import BASE, Term
 from pendulum_env.physics.joints import find_mechanism
 from pendulum_env.recording import Recording
@@ -81,9 +80,10 @@ class FitData:
             IdentificationError: if units differ; if the joint moves too little; or if
                 torque is applied in held-out recordings only and no parameter is known.
         """
+        combined, count = share_clock((*recordings, *holdout)), len(recordings)
+        recordings, holdout = combined[:count], combined[count:]
         if not find_mechanism(terms).can_simulate:
-            combined, count = share_clock((*recordings, *holdout)), len(recordings)
-            return cls(combined[:count], combined[count:], terms=tuple(terms), criterion=criterion)
+            return cls(recordings, holdout, terms=tuple(terms), criterion=criterion)
         base = [term for term in terms if isinstance(term, Term)]
         known = find_known_values(base) if known is None else known
         fitted, held_out, doubt = calibrate(recordings, holdout, None, known, criterion)
@@ -207,11 +207,8 @@ class FitData:
         if self.terms:
             train, holdout = split_arm(self.recordings, self.holdout)
             cut = partial(RegressionData.from_arm, terms=self.terms, block=self.criterion.block)
-            if self.holdout:
-                return cut(train), cut(holdout)
-            widths = [choose_common_width(recording.joints) for recording in train]
-            fitted = cut(train, half_widths=widths)
-            return fitted, cut(holdout, half_widths=widths, fitted=fitted.data)
+            fitted = cut(train)
+            return fitted, cut(holdout) if self.holdout else cut(holdout, fitted=fitted.data)
         return self.cut.make_parts(self.recordings, self.holdout, self.criterion)
 
     def __getstate__(self) -> dict[str, Any]:

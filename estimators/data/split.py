@@ -173,7 +173,7 @@ def split_at_contacts(motion: Array, contacts: Array) -> tuple[Part, Part] | Non
 
 def _cut_again(data: RegressionData, part: Part) -> RegressionData:
     """Return data of another part of the recordings, with windows of the same lengths."""
-    widths = [len(w.kernel) // 2 / w.recording.rate for w in data.data.windows]
+    widths = [w.half_width for w in data.data.windows]
     windows = prepare_windows(
         data.recordings, widths, part, fewest=0, inertia=data.data.windows[0].inertia, block=data.data.block
     )

@@ -58,7 +58,7 @@ class WhiteNoiseLimits(Limits):
     Attributes:
         p_value: p-value of the tests, all together, from which a residual is no torque noise.
         longest_lag: longest lag of the tests [s].
-        most_hidden: largest share of the power of the residual that the tests may miss.
+        most_hidden: share of the residual's power that the tests must exclude for an effect of two windows or longer.
     """
 
     p_value: float = 0.05

@@ -173,10 +173,12 @@ class Trial:
         step = self.case.present(self, step, is_final)
         return replace(step, model=step.model.mark_biased()) if is_final and self.unexplained else step
 
-    def release_bounds(self, model: Model) -> Model:
-        """Return a model refitted within bounds of the laws alone, if a parameter is at a bound of zero; else it."""
+    @cached_property
+    def unbounded_model(self) -> Model | None:
+        """Final model refitted within bounds of the laws alone; None if no parameter is at a bound of zero."""
+        model = self.model
         has_bound = any(model.estimates[column.name].at_bound for column in model.columns if column.is_of_body)
-        return fit_within_laws(self.evidence.train, model.terms) if has_bound else model
+        return fit_within_laws(self.evidence.train, model.terms) if has_bound else None
 
     @cached_property
     def unexplained(self) -> tuple[Region, ...]:

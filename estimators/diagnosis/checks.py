@@ -74,7 +74,7 @@ class Subject:
     @classmethod
     def from_trial(cls, trial: Trial, diagnosis: Diagnosis) -> Subject:
         """Return the subject of a diagnosis without findings."""
-        data, model = trial.data.whole or trial.data, trial.release_bounds(diagnosis.model)
+        data, model = trial.data.whole or trial.data, trial.unbounded_model or diagnosis.model
         return cls("diagnose", trial.case, data, model, trial.doubts, trial=trial, diagnosis=diagnosis)
 
     @property
@@ -135,7 +135,7 @@ def check_columns(subject: Subject) -> Iterable[Finding]:
         return find_remedies(subject.model, subject.data.recordings, criterion=criterion)
     trial, known = subject.found
     recordings = trial.data.recordings  # without excluded ones, which may have another zero
-    model = trial.release_bounds(trial.model)  # an angle is a ratio, without errors of timing and units
+    model = trial.unbounded_model or trial.model  # an angle is a ratio, without errors of timing and units
     return find_remedies(model, recordings, known.ambiguous, not known.unexplained, criterion)
 
 

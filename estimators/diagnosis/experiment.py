@@ -212,7 +212,7 @@ def simulate_experiments(evidence: Evidence, model: Model, torque: float | None)
     recorded speed are left out. Rate and windows are those of the first recording, or `RATE` if that is lower.
     """
     windows = evidence.train.data.windows[0]
-    recorded, half_width = windows.recording, (len(windows.kernel) // 2) / windows.recording.rate
+    recorded, half_width = windows.recording, windows.half_width
     rate, fastest = (
         min(RATE, recorded.rate),
         MAX_SPEED_RATIO * float(np.abs(evidence.train.samples.velocity).max()),

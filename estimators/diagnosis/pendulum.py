@@ -96,7 +96,7 @@ class Pendulum(Case):
         model = widen_by_law(model, trial.evidence) if is_final else model
         model = widen_ends(model, trial.data.recordings)
         model = add_torque_constant(model, trial.data.parts[0].data)
-        if is_final and find_driving_friction(trial.release_bounds(trial.model)):
+        if is_final and find_driving_friction(trial.unbounded_model or trial.model):
             model = model.mark_biased()
         return replace(step, model=restore_known(model, trial.options.original, trial.data.recordings))
 

@@ -83,7 +83,7 @@ def find_process_noise(
         return None
     place, separate = np.concatenate(places), np.concatenate(torques)
     hidden = bound_hidden_effect(separate, place, limits.p_value)
-    if hidden**2 > limits.most_hidden * np.mean(separate**2):
+    if hidden**2 >= limits.most_hidden * np.mean(separate**2):
         return None
     noisier = [_raise_noise(w, torque, inertia) for w, torque in zip(clear, of_recordings, strict=True)]
     excesses = [_compare_neighbours(w, torque, inertia) for w, torque in zip(noisier, of_recordings, strict=True)]

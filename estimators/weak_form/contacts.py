@@ -83,7 +83,7 @@ def list_contact_instants(data: TorqueWindows) -> list[Array]:
     """Return instants of contacts of each entry, as shares of the recording; see `count_contacts` for lasting ones."""
     shares = []
     for w in data.windows:
-        period, instants = len(w.kernel) // 2 / w.recording.rate, list[float]()
+        period, instants = w.half_width, list[float]()
         for run in np.split(w.stick.centers, np.flatnonzero(np.diff(w.stick.centers) > len(w.kernel) // 2) + 1):
             contact_run = run[np.isin(run, w.centers)]
             instants += contact_run[:: max(1, round(RESOLUTION.contact / period))].tolist()

@@ -39,12 +39,16 @@ def prepare_arm(
     """Cut recordings into windows, with the columns of links and couplings; `margin` is that of `cut`.
 
     Half widths [s] are chosen by the noise of the recordings unless given. A `block` of the score lasts so long [s].
-    `fitted` are windows of an earlier part of the same recordings, with the same sensors and so the same noise.
+    `fitted` are windows of an earlier part of the same recordings, with the same sensors: their half widths and noise
+    are taken.
 
     Raises:
         IdentificationError: if a joint moves too little clear of stick.
     """
     mechanism = find_linked_mechanism(terms)
+    earlier = {} if fitted is None else {(w.at, w.run): w for w in fitted.windows}
+    if earlier:
+        half_widths = [earlier[mechanism.joints[0], run].half_width for run in range(len(recordings))]
     widths = half_widths or [choose_common_width(recording.joints) for recording in recordings]
     entries = [
         [
@@ -60,16 +64,13 @@ def prepare_arm(
                 f"{names}: joint '{name}' is rarely clear of stick and reversals: record longer, faster or wider motion"
             )
     parts = [_compute_link_columns(joints, mechanism) for joints in entries]
-    noise = {} if fitted is None else {(w.at, w.run): w.noise for w in fitted.windows}
-    calibrated = [
-        [
-            replace(w, noise=replace(noise[w.at, w.run], excess=w.noise.excess))
-            if noise
-            else _calibrate_windows(joints, k, part)
-            for k, w in enumerate(joints)
+    if earlier:
+        calibrated = [[w.with_noise_of(earlier[w.at, w.run]) for w in joints] for joints in entries]
+    else:
+        calibrated = [
+            [_calibrate_windows(joints, k, part) for k in range(len(joints))]
+            for joints, part in zip(entries, parts, strict=True)
         ]
-        for joints, part in zip(entries, parts, strict=True)
-    ]
     if any(w.noise.excess is not None for joints in calibrated for w in joints):  # other scales of equations
         parts = [_compute_link_columns(joints, mechanism) for joints in calibrated]
     return replace(_join_joints(calibrated, parts, terms), block=block)

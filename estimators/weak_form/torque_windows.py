@@ -227,7 +227,7 @@ def join_windows(
     """Join windows of several recordings, weighted from 0 to 1 by their noise, with columns of several joints."""
     joints, count = {w.at for w in windows}, sum(columns.linear.shape[1] for columns in (shared_columns or {}).values())
     total = sum(w.recording.duration for w in windows) / len(joints)
-    half_width = max(len(w.kernel) // 2 / w.recording.rate for w in windows)
+    half_width = max(w.half_width for w in windows)
     shortest = RESOLUTION.shortest * half_width if count else 0.0
     scales = [w.torque_scale for w in windows]
     typical = {

@@ -129,6 +129,15 @@ class Windows:
         """Factor on each equation (R,)."""
         return np.ones(len(self.centers)) if self.scale is None else self.scale[self.centers]
 
+    @property
+    def half_width(self) -> float:
+        """Half width of a window [s]."""
+        return len(self.kernel) // 2 / self.recording.rate
+
+    def with_noise_of(self, other: Windows) -> Windows:
+        """Return the windows with the noise of others, of the same sensors."""
+        return replace(self, noise=replace(other.noise, excess=self.noise.excess))
+
     def center_at_every_sample(self) -> Windows:
         """Return windows about every sample that is clear of stick."""
         return replace(self, centers=np.flatnonzero(self.stick.is_clear), scale=None)

@@ -134,7 +134,7 @@ def _make_recording(item: JointLog, name: str, controller: Actuator | None, log_
         drive=controller,
         origin=origin,
         log_format=log_format,
-        clock_start=log.start,
+        clock_start=log.start + (date.timestamp() if date else 0.0),
         start_date=find_date(log.start) or (date and date + timedelta(seconds=log.start)),
     )
     recording = complete_torque(recording.actuator, recording)

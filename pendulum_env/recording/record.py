@@ -96,7 +96,7 @@ class Recording(Shown):
         if (time := np.asarray(self.time)).dtype.kind in "mM":  # dates or durations
             seconds, date = count_seconds(time)
             object.__setattr__(self, "time", seconds)
-            object.__setattr__(self, "start_date", self.start_date or date)
+            self._set_start(date, date.timestamp() if date else 0.0)
         for quantity in QUANTITIES:
             values = getattr(self, quantity)
             if quantity == "torque" and values is None:
@@ -121,9 +121,8 @@ class Recording(Shown):
             )
         date = find_date(float(self.time[0]))
         if date is not None or not is_uniform(self.time - self.time[0], self.starts, LOOSE):  # steps rounded by float64
+            self._set_start(date, float(self.time[0]))
             object.__setattr__(self, "time", self._convert_column("time", count_from_zero(self.time, self.starts)))
-            object.__setattr__(self, "start_date", self.start_date or date)
-
         if self.origin is None and self.position.ndim == 1 and not self.is_checked:
             self._check_unit()
         object.__setattr__(self, "is_checked", True)
@@ -133,6 +132,11 @@ class Recording(Shown):
         if (start := float(self.time[0])) == 0.0:
             return self
         return replace(self, time=self.time - start, clock_start=self.clock_start + start)
+
+    def _set_start(self, date: datetime | None, seconds: float) -> None:
+        """Set the date of the first sample, unless given, and add its time [s] to the start of the clock."""
+        object.__setattr__(self, "start_date", self.start_date or date)
+        object.__setattr__(self, "clock_start", self.clock_start + seconds)
 
     def _check_unit(self) -> None:
         """Refuse degrees or turns; add a note and warn if the unit is uncertain."""

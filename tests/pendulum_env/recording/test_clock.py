@@ -44,6 +44,7 @@ def test_arrays_with_time_since_1970_count_from_the_first_sample_and_keep_their_
     np.testing.assert_allclose(recording.time, run["time"][kept], rtol=0, atol=1e-6)
     assert recording.starts == (0, 800)
     assert recording.start_date is not None and recording.start_date.year == 2023
+    assert recording.clock_start == START
 
 
 @pytest.mark.parametrize("unit", ["ms", "us", "ns"])
@@ -57,6 +58,7 @@ def test_arrays_of_dates_and_of_durations_count_in_seconds(tmp_path: Path, unit:
         for recording in (own, read_recording(tmp_path / "run.npz")):
             np.testing.assert_allclose(recording.time, run["time"], rtol=0, atol=1e-9)
             assert recording.start_date == start
+            assert recording.clock_start == pytest.approx(start.timestamp() if start else 0.0, abs=1e-6)
 
 
 def test_the_date_is_that_of_the_first_row_that_is_kept() -> None:
