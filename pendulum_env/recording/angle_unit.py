@@ -76,19 +76,23 @@ class AccelerationFits:
     friction: Array
 
     @classmethod
-    def from_motion(cls, position: Array, torque: Array, rate: float, half_width: float) -> "AccelerationFits | None":
-        """Average the samples to about 200 Hz, and these in windows [s]; return None for too few windows."""
-        stride = max(1, round(rate / 200.0))
+    def from_motion(cls, position: Array, torque: Array, rate: float, half: int) -> "AccelerationFits | None":
+        """Average the samples in blocks of about 5 ms, and 2 `half` + 1 blocks in windows; return None for too few.
+
+        The torque is averaged as the acceleration: it accelerates a rotor of unit inertia, with the same averages.
+        """
+        stride = _choose_stride(rate)
         count, period = min(len(position) // stride, 100_000), stride / rate
-        half = max(3, round(half_width / period))
         if count < 4 * half + 2:
             return None
-        q, tau = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (position, torque))
+        held = torque - torque.mean()
+        speed = np.cumsum(held) - held
+        rotor = np.cumsum(speed + 0.5 * held) - (speed + 0.5 * held)  # times the squared rate
+        q, free = (x[: count * stride].reshape(count, stride).mean(axis=1) for x in (position, rotor))
         kernel = (1.0 - np.linspace(-1.0, 1.0, 2 * half + 1) ** 2) ** 4
         kernel /= kernel.sum()
-        held = 0.5 * (tau[1:-1] + tau[:-2])
         velocity = filter_savitzky_golay(q, 2 * (half // 2) + 3, 3, 1, period)[1:-1]
-        series = np.diff(q, 2) / period**2, held, (q[2:] - q[:-2]) / (2 * period), np.sign(velocity)
+        series = np.diff(q, 2) / period**2, np.diff(free, 2), (q[2:] - q[:-2]) / (2 * period), np.sign(velocity)
         a, u, v, sign = (np.convolve(each, kernel, "valid") for each in series)
         speed = np.abs(v)
         is_used = (np.abs(sign) > ONE_WAY) & (speed > MOVING * np.percentile(speed, 95))
@@ -103,7 +107,10 @@ class AccelerationFits:
         return np.asarray(np.convolve(series, self.kernel, "valid")[self.is_used])
 
     def compute_misfit(self, *free: Array, spring: bool = False) -> float:
-        """Return the RMS residual [rad/s^2] with some columns (R,); friction and a spring oppose the motion."""
+        """Return the RMS residual [rad/s^2] with some columns (R,).
+
+        Friction and the linear part of a spring oppose the motion; its quadratic part may have any sign.
+        """
         opposing, known = [*self.friction.T], np.column_stack([self.known, *free])
         if spring:
             opposing.append(self.average(self.position))
@@ -132,19 +139,20 @@ class AccelerationFits:
         return min(self.compute_misfit_in_unit(1.0, *law, spring=spring) for law in laws)
 
     def compute_misfit_of_cogging(self) -> float:
-        """Return the least misfit [rad/s^2] of cogging over radians that resembles gravity over turns."""
+        """Return the least misfit [rad/s^2] of gravity and cogging over radians that resemble gravity over turns."""
         waves = ([self.average(wave(order * self.position)) for wave in (np.sin, np.cos)] for order in ORDERS)
-        return min(self.compute_misfit(*columns) for columns in waves)
+        return min(self.compute_misfit_in_unit(1.0, *columns) for columns in waves)
 
 
 def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = True) -> UnitSuspicion | None:
     """Find another unit of an angle (N,) that was read as radians, from the torque of gravity.
 
     Another unit is found if gravity over it explains the acceleration with a misfit below `CLEAR` times that of gravity
-    and other laws over radians, in windows of any length. A spring is one of these laws for turns, which must also fit
-    as well as cogging of an order near 2 pi. Degrees must cover more than 2 pi. They are uncertain if a spring over
-    radians explains the motion, too: below 30 degrees the sine is linear. They are also uncertain for driven motion of
-    one frequency, in which position is proportional to acceleration and gravity may imitate an error of the torque.
+    and other laws over radians, in windows of at least one length. A spring is one of these laws for turns, which must
+    also fit as well as gravity with cogging of an order near 2 pi. Degrees must cover more than 2 pi. They are
+    uncertain if a spring over radians explains the motion, too: below 30 degrees the sine is linear. They are also
+    uncertain for driven motion of one frequency, in which position is proportional to acceleration and gravity may
+    imitate an error of the torque.
 
     Args:
         position: uniformly sampled angle of one segment (N,).
@@ -152,20 +160,23 @@ def suspect_unit(position: Array, torque: Array, rate: float, *, turns: bool = T
         rate: samples per second [Hz].
         turns: whether to test for turns.
     """
-    units, found = {"deg": DEGREE} if np.ptp(position) > 2 * np.pi else {}, list[tuple[float, UnitSuspicion]]()
+    has_range, is_wound = np.ptp(position) > 2 * np.pi, np.ptp(position) > WOUND
+    found = list[UnitSuspicion]()
     for fits in _list_fits(position, torque, rate):
         radians, with_spring = (fits.compute_misfit_of_alternatives(spring) for spring in (False, True))
-        for unit, factor in (({"rev": TURN} if turns else {}) | units).items():
-            misfit, others = fits.compute_misfit_in_unit(factor), with_spring if unit == "rev" else radians
-            is_clear = misfit < CLEAR * others and others > NOISE
-            if is_clear and (unit == "deg" or misfit < TIED * fits.compute_misfit_of_cogging()):
-                is_certain = unit == "rev" or misfit < CLEAR * with_spring or bool(np.ptp(position) > WOUND)
-                found.append((misfit / others, UnitSuspicion(unit, _find_range(position), misfit / others, is_certain)))
-    if not found:
-        return None
-    suspicion = min(found, key=lambda pair: pair[0])[1]
-    is_certain = suspicion.is_certain and not (torque.any() and has_one_frequency(position, 1.0 / rate))
-    return replace(suspicion, is_certain=is_certain or suspicion.unit == "rev")
+        if turns and with_spring > NOISE:
+            ratio = (misfit := fits.compute_misfit_in_unit(TURN)) / with_spring
+            if ratio < CLEAR and misfit < TIED * fits.compute_misfit_of_cogging():
+                found.append(UnitSuspicion("rev", _find_range(position), ratio))
+        if has_range and radians > NOISE:
+            ratio = (misfit := fits.compute_misfit_in_unit(DEGREE)) / radians
+            if ratio < CLEAR:
+                is_certain = bool(is_wound or misfit < CLEAR * with_spring)
+                found.append(UnitSuspicion("deg", _find_range(position), ratio, is_certain))
+    best = min(found, key=lambda suspicion: suspicion.residual, default=None)
+    if best is None or best.unit == "rev" or not (torque.any() and has_one_frequency(position, 1.0 / rate)):
+        return best
+    return replace(best, is_certain=False)
 
 
 def suspect_radians(position: Array, torque: Array, rate: float, factor: float) -> UnitSuspicion | None:
@@ -183,8 +194,14 @@ def suspect_radians(position: Array, torque: Array, rate: float, factor: float) 
 
 def _list_fits(position: Array, torque: Array, rate: float) -> list[AccelerationFits]:
     """List the fits in windows of each length with enough windows."""
-    fits = (AccelerationFits.from_motion(position, torque, rate, half_width) for half_width in HALF_WIDTHS)
+    halves = {max(3, round(half_width * rate / _choose_stride(rate))) for half_width in HALF_WIDTHS}
+    fits = (AccelerationFits.from_motion(position, torque, rate, half) for half in sorted(halves))
     return [each for each in fits if each is not None]
+
+
+def _choose_stride(rate: float) -> int:
+    """Return the number of samples in a block of about 5 ms."""
+    return max(1, round(rate / 200.0))
 
 
 def _find_range(position: Array) -> tuple[float, float]:
