@@ -1,7 +1,7 @@
 """Fits of models with standard errors of linear parameters, nonlinear parameters, and edges without derivatives."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from estimators.data.regression_data import RegressionData
 from estimators.data.settings import DATA
 from estimators.decisions.criterion import Criterion
 from estimators.regression.balance import Balance, place_columns
-from estimators.regression.least_squares import Fit, project_out, solve_least_squares
+from estimators.regression.least_squares import Fit, compute_robust_covariance, project_out, solve_least_squares
 from estimators.weak_form.columns import list_law_bounds, mark_bounds
 from estimators.weak_form.floors import compute_noise_floor
 from estimators.weak_form.nonlinear import find_edges, get_step_unit, set_values
@@ -87,6 +87,36 @@ def _are_smooth(names: Sequence[str], edges: Mapping[Term, Sequence[NonlinearPar
     return np.array([name not in scanned for name in names], dtype=bool)
 
 
+@dataclass(frozen=True)
+class LinearisedRows:
+    """Weighted rows of a model, linear in its free parameters with derivatives.
+
+    Attributes:
+        names: full names of these parameters.
+        slopes: weighted derivatives of the torque (R, S).
+        weights: of the rows (R,).
+        residual: weighted residual (R,).
+    """
+
+    names: list[str]
+    slopes: Array
+    weights: Array
+    residual: Array
+
+
+def linearise(data: RegressionData, model: Model) -> LinearisedRows:
+    """Linearise the rows of a model in its parameters; known ones, those at their bounds and edges do not count."""
+    terms, theta = model.terms, model.theta
+    jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
+    names = [*(column.name for column in model.columns), *names]
+    is_smooth = _are_smooth(names, find_term_edges(data, terms))
+    is_free = np.array([model.estimates[name].std > 0 for name in names]) & is_smooth
+    balance = data.equations(terms)
+    slopes = balance.slopes(theta, jacobian)[:, is_free] * balance.weights[:, None]
+    residual = balance.error(theta) * balance.weights
+    return LinearisedRows(np.array(names)[is_free].tolist(), slopes, balance.weights, residual)
+
+
 def compute_parameter_changes(data: RegressionData, model: Model, change: Array) -> dict[str, float]:
     """Return by how much the parameters of a model change, to first order, with the torque of the rows; by name.
 
@@ -95,20 +125,12 @@ def compute_parameter_changes(data: RegressionData, model: Model, change: Array)
     their bounds and edges do not change. A parameter that the motion determines more exactly than the rows changes by
     the rows' share of the information on it.
     """
-    terms, theta = model.terms, model.theta
-    jacobian, names = data.maker.nonlinear_jacobian(terms, theta)
-    names = [*(column.name for column in model.columns), *names]
-    is_smooth = _are_smooth(names, find_term_edges(data, terms))
-    is_free = np.array([model.estimates[name].std > 0 for name in names]) & is_smooth
-    balance = data.equations(terms)
-    slopes = balance.slopes(theta, jacobian)[:, is_free] * balance.weights[:, None]
-    steps = solve_least_squares(slopes, change * balance.weights)
-    variance = float(np.mean((balance.error(theta) * balance.weights) ** 2))
-    size = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
-    of_rows = variance * np.diag(np.linalg.pinv((slopes / size).T @ (slopes / size), hermitian=True)) / size**2
-    free = np.array(names)[is_free].tolist()
-    shares = np.minimum(np.array([model.estimates[name].std for name in free]) ** 2 / np.maximum(of_rows, 1e-300), 1.0)
-    return dict(zip(free, (shares * steps).tolist(), strict=True))
+    rows = linearise(data, model)
+    steps = solve_least_squares(rows.slopes, change * rows.weights)
+    of_rows = np.diag(compute_robust_covariance(rows.slopes, rows.residual, data.layout.clusters))
+    stds = np.array([model.estimates[name].std for name in rows.names])
+    shares = np.minimum(stds**2 / np.maximum(of_rows, 1e-300), 1.0)
+    return dict(zip(rows.names, (shares * steps).tolist(), strict=True))
 
 
 def _open_to_noise(data: RegressionData, terms: Terms, theta: Array) -> Balance:

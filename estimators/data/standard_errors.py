@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimators.checks.alignment import NO_ALIGNMENT
 from estimators.data.fit_data import FitData
-from estimators.data.fits import compute_parameter_changes, fit_terms
+from estimators.data.fits import compute_parameter_changes, fit_terms, linearise
 from estimators.data.regression_data import RegressionData
 from estimators.data.settings import DATA
 from estimators.findings import Finding, Quantity
@@ -29,7 +30,8 @@ def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model
     standard error, or by the rival law if a delay and a filter explain the torque equally. Recordings with one
     alignment change together. A delay of half a sample has the error of a free delay. A controller that sets the torque
     n times a sample is late by (1 - 1/n) / 2 samples. Delay and lag count as independent, which widens the errors where
-    they compensate each other. Torque in time may be late by a sample, as far as the residual allows.
+    they compensate each other. Logged torque that is not corrected may be late by a sample, as far as the residual
+    allows, unless a term of the model delays it.
 
     Args:
         model: fitted to the windows of `train`.
@@ -43,30 +45,31 @@ def widen_by_timing(model: Model, data: FitData, train: RegressionData) -> Model
 
 
 def _list_torque_changes(model: Model, data: FitData, train: RegressionData) -> Iterator[Array]:
-    """Yield the change of the torque of all rows (R,) [N m] by the error of the timing of each law of the channel.
+    """Yield the change of the torque of all rows (R,) [N m] by each error of the timing.
 
     The acting torque tau of the logged torque u changes by tau' per second of the delay, and by u' = (tau - u) / lag
     per second of the lag.
     """
-    windows, laws = train.data.windows, data.timing.alignments
+    windows, laws = train.data.windows, data.timing.alignments or (NO_ALIGNMENT,) * len(data.recordings)
     counts = [len(w.centers) for w in windows]
+    of_windows = [
+        law if law.is_late and law.moves(w.at) else None
+        for w, law in ((w, laws[k if w.run is None else w.run]) for k, w in enumerate(windows))
+    ]
     rates = np.concatenate([w.rates.narrow @ w.samples.torque for w in windows])
-    for law in dict.fromkeys(laws[: len(data.recordings)]):
-        of_windows = (laws[k if w.run is None else w.run] for k, w in enumerate(windows))
-        is_timed = np.repeat(
-            [own == law and law.moves(w.at) for own, w in zip(of_windows, windows, strict=True)], counts
-        )
-        if not law.is_found and not any(term.delays_torque for term in model.terms):
-            yield _bound_delay(model, train, rates * is_timed) * rates * is_timed
-        if not law.is_late:
-            continue
+    is_open = [law is None and w.recording.has_logged_torque for w, law in zip(windows, of_windows, strict=True)]
+    if any(is_open) and not any(term.delays_torque for term in model.terms):
+        change = rates * np.repeat(is_open, counts)
+        yield _bound_delay(model, train, change) * change
+    for law in dict.fromkeys(law for law in of_windows if law is not None):
+        is_timed = np.repeat([own == law for own in of_windows], counts)
         if 0 < law.delay_std < np.inf:
             yield law.delay_std * rates * is_timed
         if law.lag > 0 and 0 < law.lag_std < np.inf:
             yield law.lag_std / law.lag * train.data.columns([ActuatorLag(law.lag)])[0][1] * is_timed
-        if law.rival is not None:  # applied to the torque as logged: without the delay, or without the filter
+        if law.rival is not None:  # by the law that undoes the delay or filter and applies the rival, to first order
             rival = Channel(-law.delay - law.rival.delay, law.lag + law.rival.lag)
-            yield -train.data.columns([rival])[0][1] * is_timed
+            yield train.data.columns([rival])[0][1] * is_timed
 
 
 def _bound_delay(model: Model, train: RegressionData, rates: Array) -> float:
@@ -74,11 +77,9 @@ def _bound_delay(model: Model, train: RegressionData, rates: Array) -> float:
 
     `rates` (R,) are the derivatives of the torque by the delay.
     """
-    balance, period = train.equations(model.terms), max(1.0 / recording.rate for recording in train.recordings)
-    slopes, weights = balance.slopes(model.theta), balance.weights
-    unexplained = project_out(np.linalg.qr(slopes * weights[:, None])[0], rates * weights)
-    variance = float(np.mean((balance.error(model.theta) * weights) ** 2))
-    information = float(unexplained @ unexplained) / max(variance, 1e-300)
+    rows, period = linearise(train, model), max(1.0 / recording.rate for recording in train.recordings)
+    unexplained = project_out(np.linalg.qr(rows.slopes)[0], rates * rows.weights)
+    information = float(unexplained @ unexplained) / max(float(np.mean(rows.residual**2)), 1e-300)
     return period / np.sqrt(1.0 + information * period**2)
 
 

@@ -53,22 +53,29 @@ def test_an_exact_delay_has_no_error():
     assert widen_by_timing(model, data, data.parts[0]) is model
 
 
+@pytest.mark.parametrize("timing", [Timing((Alignment(Channel(), np.inf, np.inf),), ("run",)), Timing()])
 @pytest.mark.parametrize("rate", [100.0, 500.0])
-def test_torque_in_time_may_be_late_by_what_the_data_allow(rate):
+@pytest.mark.parametrize("hidden", [{}, {"stribeck": {"strib_d": 0.4, "strib_v": 0.3}}], ids=["base", "stribeck"])
+def test_torque_in_time_may_be_late_by_what_the_data_allow(hidden, rate, timing):
     """The error is that of a fit with a free delay, and at most that of a delay of one sample."""
-    recording = recorded(Plant(), Experiment(rate=rate, seconds=12.0, excitation="multisine", seed=3))[0]
-    data = FitData((recording,), timing=Timing((Alignment(Channel(), np.inf, np.inf),), (recording.name,)))
-    train = data.parts[0]
-    model = fit_terms(train, BASE)[0]
+    noise = {"torque_noise": 0.1, "counts": 4096}
+    experiment = Experiment(rate=rate, seconds=12.0, excitation="two_tone", seed=3, **noise)
+    recording = recorded(Plant(effects=hidden), experiment)[0]
+    data = FitData((recording,), timing=timing)
+    train, terms = data.parts[0], (*BASE, *(effect(id)(stribeck_velocity=0.3) for id in hidden))
+    model = fit_terms(train, terms)[0]
     widened = widen_by_timing(model, data, train)
     rates = np.concatenate([w.rates.narrow @ w.samples.torque for w in train.data.windows])
-    rows = train.equations(BASE)
-    free = rows.fit(train.layout.clusters, rates[:, None], model.theta)
+    jacobian, _ = train.maker.nonlinear_jacobian(model.terms, model.theta)
+    rows = train.equations(model.terms)
+    free = rows.fit(train.layout.clusters, np.column_stack([jacobian, rates]), model.theta)
     sample = compute_parameter_changes(train, model, rates / rate)
     for k, (name, estimate) in enumerate(widened.estimates.items()):
         own = model.estimates[name].std
         assert own <= estimate.std <= 1.01 * np.hypot(own, sample[name])
         assert estimate.std == pytest.approx(min(free.std[k], np.hypot(own, sample[name])), rel=0.3)
+    growth = [estimate.std / model.estimates[name].std for name, estimate in widened.estimates.items()]
+    assert max(growth) > 1.1
 
 
 def test_parameters_change_together_with_the_torque_constant():
