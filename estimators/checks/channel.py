@@ -1,8 +1,8 @@
 """Fit of the torque channel: delay, filter and hold between recorded and acting torque.
 
 A law C of the channel (`signals.channel.Channel`) gives the acting torque C u of the logged torque u. It is a term of
-the torque balance, fitted by least squares over windows beside columns phi that approximate nearly any law of the
-joint,
+the torque balance, fitted by least squares over windows beside columns phi of a model, or beside columns that
+approximate nearly any law of the joint,
 
     C u = phi theta.
 

@@ -1,4 +1,4 @@
-"""Rows of the torque channel: windows of recordings, and columns that approximate nearly any law of the joint."""
+"""Rows of the torque channel: windows of recordings, and columns of a model or of nearly any law of the joint."""
 
 from __future__ import annotations
 

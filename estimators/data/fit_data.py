@@ -106,7 +106,7 @@ class FitData:
     def with_timing(self, effects: Sequence[Term] | None = None) -> FitData:
         """Return the data with torque corrected by its estimated delay and filter.
 
-        They are estimated beside the base model with some effects, or beside nearly any law of the joint.
+        They are estimated under the base model with some effects; under None, beside nearly any law of the joint.
 
         Recordings share an alignment, unless their own estimates contradict it, see `estimate_alignments`. Held-out and
         excluded recordings count, since the timing belongs to the log: `whole` is timed, and the same recordings are
@@ -122,7 +122,7 @@ class FitData:
         corrections = self.timing.corrections
         earlier = [treatment for treatment in self.treatments if treatment not in corrections]
         if effects is not None:
-            earlier.append(Treatment(Action.TIMED_BESIDE, effects=tuple(term.id for term in effects)))
+            earlier.append(Treatment(Action.TIMED_BY_MODEL, effects=tuple(term.id for term in effects)))
         treatments = (*earlier, *timing.corrections)
         changes: dict[str, Any] = {"recordings": corrected[:count], "holdout": corrected[count:]}
         return replace(self, **changes, timing=timing, treatments=treatments)
@@ -134,7 +134,7 @@ class FitData:
         logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
         corrections = self.timing.corrections
         others = (treatment for treatment in self.treatments if treatment not in corrections)
-        earlier = (one for one in others if not (isinstance(one, Treatment) and one.action is Action.TIMED_BESIDE))
+        earlier = (one for one in others if not (isinstance(one, Treatment) and one.action is Action.TIMED_BY_MODEL))
         treatments = (*earlier, Treatment(Action.TIMED_AS_LOGGED))
         changes: dict[str, Any] = {"recordings": logged[:count], "holdout": logged[count:]}
         return replace(self, **changes, timing=Timing(), treatments=treatments)

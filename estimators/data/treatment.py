@@ -15,7 +15,7 @@ class Action(StrEnum):
     WINDOWS_BY_INERTIA = "windows_by_inertia"  # inertia of the model, and that `before`, of the base model
     IMPACTS_INCLUDED = "impacts_included"
     RECORDINGS_EXCLUDED = "recordings_excluded"
-    TIMED_BESIDE = "timed_beside"
+    TIMED_BY_MODEL = "timed_by_model"
     TIMED_AS_LOGGED = "timed_as_logged"
 
 

@@ -16,7 +16,7 @@ from estimators.selection.evidence import Evidence, Hypothesis
 from estimators.selection.policies import ADD_STOP, FOLLOW, SWAP, TIE
 from pendulum_env.physics import BASE, Term, has_link, list_ids
 
-TIMES = {Action.TIMED_BESIDE, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
+TIMES = {Action.TIMED_BY_MODEL, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
 PURPOSES: Mapping[str, Policy[Hypothesis]] = {
     Action.IMPACTS_INCLUDED: ADD_STOP,  # windows in contact
     Action.NARROWER_WINDOWS: FOLLOW,  # near reversals
@@ -144,7 +144,7 @@ def exclude_outliers(trial: Trial) -> FitData | None:
 def align_with_effects(trial: Trial) -> FitData | None:
     """Return data with torque timed under the found model alone, which shows shorter delays than nearly any law does.
 
-    None if this was done, if torque is kept as logged, if the timing agrees, or if a late torque shows no longer: the
+    None if this was done, if torque is kept as logged, if the timing agrees, or if a corrected delay would be lost: the
     few columns of a wrong model may hide a delay.
     """
     known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))

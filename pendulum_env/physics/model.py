@@ -137,7 +137,9 @@ class Model(Mapping[str, Estimate], Shown):
             return None
         std = np.array([estimate.std for estimate in self.estimates.values()])
         covariance = np.array(self.correlation) * np.outer(std > 0, std > 0)
-        i, j = np.nonzero(covariance)  # known parameters and uncorrelated errors have none, infinite errors, too
+        i, j = np.nonzero(
+            covariance
+        )  # zero of known parameters and uncorrelated errors, whose product with infinity is NaN
         covariance[i, j] *= std[i] * std[j]
         return covariance
 

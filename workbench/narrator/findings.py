@@ -503,7 +503,7 @@ TREATMENTS: Mapping[str, str] = {
     ),
     Action.IMPACTS_INCLUDED: "Windows in contact with a stop, at reversals or at rest, are included.",
     Action.RECORDINGS_EXCLUDED: "Left out: {recordings}.",
-    Action.TIMED_BESIDE: "Torque is timed by the fitted model.",
+    Action.TIMED_BY_MODEL: "Torque is timed by the fitted model.",
     Action.TIMED_AS_LOGGED: "Torque keeps its time of the log.",
 }
 SENTENCES: Mapping[type[Finding], Text] = {

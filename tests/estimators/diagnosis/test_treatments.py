@@ -60,7 +60,7 @@ def test_torque_is_either_timed_or_kept_as_logged():
     found = diagnosed_under_chirps(Plant(effects=hidden), "viscous_asymmetry", late=1)
     actions = {*found.data.actions}
     assert found.selected == ("viscous_asymmetry",) and found.unexplained
-    assert not actions >= {Action.TIMED_BESIDE, Action.TIMED_AS_LOGGED}
+    assert not actions >= {Action.TIMED_BY_MODEL, Action.TIMED_AS_LOGGED}
     tried = [treatment for treatment in found.treatments if treatment.treatment == Treatment(Action.TIMED_AS_LOGGED)]
     assert {gate.name for treatment in tried for gate in treatment.decision.gates} <= GATES
 
