@@ -137,9 +137,7 @@ class Model(Mapping[str, Estimate], Shown):
             return None
         std = np.array([estimate.std for estimate in self.estimates.values()])
         covariance = np.array(self.correlation) * np.outer(std > 0, std > 0)
-        i, j = np.nonzero(
-            covariance
-        )  # zero of known parameters and uncorrelated errors, whose product with infinity is NaN
+        i, j = np.nonzero(covariance)  # zero times an infinite error is NaN
         covariance[i, j] *= std[i] * std[j]
         return covariance
 
