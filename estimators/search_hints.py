@@ -178,12 +178,12 @@ def _is_cogging(term: Cogging, x: Samples) -> bool:
 def _list_stops(kind: type[Any], x: Samples, residual: Array) -> list[Term]:
     """List possible stops near either end of the motion, elastic and damped.
 
-    Depths are 0.1 to 40 % of the range. The motion meets each stop, and the joint is free at the median of its path.
+    Depths are 0.01 to 40 % of the range. The motion meets each stop, and the joint is free at the median of its path.
     `residual` is not used.
     """
     q = np.asarray(x.position)
     low, high = float(q.min()), float(q.max())
-    depths = (high - low) * np.array([0.001, 0.01, 0.03, 0.06, 0.1, 0.2, 0.3, 0.4])
+    depths = (high - low) * np.geomspace(1e-4, 0.4, 10)
     lower, upper = (low + depths).tolist(), (high - depths).tolist()
     ends = [*((stop, np.inf) for stop in lower), *((-np.inf, stop) for stop in upper), *product(lower, upper)]
     variants = [kind(*stops, damping_time=damping) for damping in (0.0, 0.01, 0.04) for stops in ends]

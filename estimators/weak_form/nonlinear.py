@@ -30,6 +30,7 @@ class NonlinearSettings:
     leap: float = 0.7  # largest step [step units, or of the logarithm]: a factor of two
     damping: float = 1e-12  # keeps a step finite with collinear slopes
     difference: float = 1e-3  # step of a parameter for derivatives [step units]
+    place: float = 0.3  # step unit of a position [rad]
     jump: float = 0.1  # a law jumps if a hundredth of `difference` changes it by this share of the change over it
     scanned: int = 21  # values of an edge per scan
     widths: tuple[float, ...] = (1.0, 0.1, 0.01, 1e-3)  # half widths of successive scans, shares of the first
@@ -92,7 +93,8 @@ def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Seq
     for parameter in list_continuous_parameters(term):
         value = term.nonlinear_values[parameter.name]
         # symmetric difference over a step that is small against the value and safe against rounding
-        step = NONLINEAR.difference * max(abs(value), 1e-6)
+        size = get_step_unit(parameter, value) if parameter.is_position else max(abs(value), 1e-6)
+        step = NONLINEAR.difference * size
         more, less = torques([replace(term, **{parameter.name: value + d}) for d in (step, -step)])
         slopes[term.get_full_name(parameter.name)] = (more - less) / (2 * step)
     return slopes
@@ -182,7 +184,12 @@ def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
 
 
 def get_step_unit(parameter: NonlinearParameter, value: float) -> float:
-    """Return the step unit of a parameter: its absolute value, at least 0.1 if its lower limit is not positive."""
+    """Return the step unit of a parameter: its absolute value, at least 0.1 if its lower limit is not positive.
+
+    The unit of a position is the same about any zero.
+    """
+    if parameter.is_position:
+        return NONLINEAR.place
     return abs(value) if parameter.low > 0 else max(abs(value), 0.1)
 
 

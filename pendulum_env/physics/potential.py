@@ -145,8 +145,8 @@ class HardStop(Term):
     kind = "potential"
     has_impacts = True
     nonlinear_parameters = (
-        NonlinearParameter("lower", "rad", -np.inf, 1e6, nominal=-np.inf),
-        NonlinearParameter("upper", "rad", -1e6, np.inf, nominal=np.inf),
+        NonlinearParameter("lower", "rad", -np.inf, 1e6, nominal=-np.inf, is_position=True),
+        NonlinearParameter("upper", "rad", -1e6, np.inf, nominal=np.inf, is_position=True),
         NonlinearParameter("hysteresis", "s/rad", 0.0, 100.0, nominal=0.0),
         NonlinearParameter("damping_time", "s", 0.0, 1.0, nominal=0.0),
     )

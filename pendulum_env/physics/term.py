@@ -165,6 +165,7 @@ class NonlinearParameter:
     integer: bool = False
     follows: str = ""  # name of a linear parameter of another term with the same value
     instant: bool = False  # whether the value is a time, visible only in the samples near it
+    is_position: bool = False  # whether the value is a position of the joint, from any zero
     nominal: float | None = None  # default value, at which the parameter is not counted or fitted
     is_frequency: bool = False  # whether rad/s is the frequency of an oscillation
     can_be_zero: bool = False  # whether a plant may have the value 0 below `low`, which switches the effect off
