@@ -28,7 +28,7 @@ from scipy.special import gammaln
 from estimators.regression.balance import Balance
 from estimators.regression.fold_fits import solve_without
 from estimators.regression.least_squares import SOLVER
-from pendulum_env._typing import JSON, Array, Index
+from pendulum_env._typing import JSON, Array, Index, Mask
 from pendulum_env.physics.estimate import LARGEST
 from pendulum_env.quantity import get_finite
 
@@ -71,12 +71,15 @@ class Blocks:
         recording: entry of each equation (R,), a recording or a recording of a joint.
         of_block: recording of each block (S,).
         piece: number of the piece of time of each equation (R,), by which equations belong to folds in turn.
+        is_bounded: mask of equations (R,) with a bound of the error instead of noise, as in contact with a stop. The
+            scale of the noise is that of the others. None if all have noise.
     """
 
     block: Index
     recording: Index
     of_block: Index
     piece: Index
+    is_bounded: Mask | None = None
 
     @cached_property
     def fold(self) -> Index:
@@ -85,9 +88,12 @@ class Blocks:
 
     @cached_property
     def cells(self) -> Cells:
-        """Cells of the equations."""
+        """Cells of the equations with noise; of all equations, if a recording has none with noise."""
         cell = self.recording * FOLDS + self.fold
         order = np.argsort(cell, kind="stable")
+        if self.is_bounded is not None:
+            with_noise = order[~self.is_bounded[order]]
+            order = with_noise if len(np.unique(self.recording[with_noise])) == int(self.recording.max()) + 1 else order
         filled, begins, counts = np.unique(cell[order], return_index=True, return_counts=True)
         recording, fold = np.divmod(filled, FOLDS)
         number = np.zeros((int(self.recording.max()) + 1, FOLDS))

@@ -18,7 +18,7 @@ from estimators.decisions.errors import Errors
 from estimators.decisions.score import Blocks
 from estimators.regression.balance import Balance, Columns
 from estimators.weak_form.point import Point
-from pendulum_env._typing import Array, Index
+from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.physics import Term
 
 Terms = Sequence[Term]
@@ -34,6 +34,7 @@ class RowLayout:
         precision: error of the rows of each joint without sensor noise, by its name.
         blocks: maps a length [s] to block and entry of each row, (R,) each, and the recording of each block (S,).
         block: length of a block of folds and score [s].
+        is_bounded: mask of rows (R,) with a bound of the error, see `Blocks`; None if all have noise.
         noise: maps a joint and its inertia [kg m^2] to the noise floor of its rows.
         structure: maps a joint, a residual of its rows and its inertia to the structure of the residual.
         errors: maps a residual (R,) of positions to the errors of its model; None for rows of torque.
@@ -52,6 +53,7 @@ class RowLayout:
     errors: Callable[[Array], Errors] | None = None
     predicts_torque: bool = True
     has_fast_fits: bool = True
+    is_bounded: Mask | None = None
 
     def compute_joint_errors(self, residual: Array) -> dict[str, float]:
         """Return the root mean square of a residual (R,) at each joint."""
@@ -64,7 +66,7 @@ class RowLayout:
 
     def make_blocks(self, piece: float) -> Blocks:
         """Return the blocks of the score, with folds made of pieces of a length [s]."""
-        return Blocks(*self.blocks(self.block), self.blocks(piece)[0])
+        return Blocks(*self.blocks(self.block), self.blocks(piece)[0], self.is_bounded)
 
 
 class FoldFits(NamedTuple):

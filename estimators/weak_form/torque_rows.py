@@ -40,6 +40,7 @@ from estimators.weak_form.rows import FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.weak_form.torque_columns import TorqueColumns
 from estimators.weak_form.torque_windows import TorqueWindows
 from estimators.weak_form.variant_rows import VariantRows
+from estimators.weak_form.windows import mark_contacts
 from pendulum_env._typing import Array
 from pendulum_env.physics import Term
 
@@ -57,6 +58,7 @@ class TorqueRows:
         """Joints, blocks and noise of the rows."""
         data = self.data
         windows = {at: data.part(at).windows for at in data.joints}
+        is_contact = np.concatenate([mark_contacts(w) for w in data.windows])
         return RowLayout(
             joints={at: data.locate_rows(at) for at in data.joints},
             clusters=data.clusters,
@@ -65,6 +67,7 @@ class TorqueRows:
             block=data.block,
             noise=lambda at, inertia: compute_noise_floor(windows[at], inertia),
             structure=lambda at, residual, inertia: measure_structure(windows[at], residual, inertia, data.block),
+            is_bounded=is_contact if is_contact.any() else None,
         )
 
     @cached_property
