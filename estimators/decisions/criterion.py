@@ -158,7 +158,8 @@ class Criterion(Limits):
         p_value: largest p-value of a gain in prediction at which an effect is added.
         explained_share: least share of the residual structure, or of the motion error, that an added effect explains;
             between `coarse_share` and `needed_share`.
-        coarse_share: explained share on a coarse grid of nonlinear parameters below which they are not refined.
+        coarse_share: share of the squared error of the fit that the best of a coarse grid of nonlinear parameters must
+            explain to be refined.
         needed_share: least share that a needed effect explains of the residual of all other effects.
         kept_inertia: least share of the inertia that a larger model keeps; see `gates.compare_base`.
         noise_ratio: ratio of correlated residual to noise floor below which a correlation does not matter.
@@ -167,7 +168,6 @@ class Criterion(Limits):
         tie_probability: probability above which a model ties with another.
         misfit_ratio: ratio of an error to its noise floor above which it is more than noise.
         max_score: upper limit of any reported score, the hit rate of the best verdicts.
-        coarse_p_value: p-value on a coarse grid of nonlinear parameters above which they are not refined.
         least_excitation: least ratio of the recorded torque to the smallest significant torque of an effect.
         block: length of a block of time [s], by which densities are summed and data are folded: residuals of a real
             machine are correlated for less.
@@ -189,7 +189,6 @@ class Criterion(Limits):
     tie_probability: float = 0.05
     misfit_ratio: float = 2.5
     max_score: float = 0.98
-    coarse_p_value: float = 0.5
     least_excitation: float = 10.0
     block: float = BLOCK
     drift_piece: float = 0.2

@@ -12,7 +12,7 @@ from estimators.decisions.gate import Gate
 from estimators.memoize import memoized
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.evidence import Evidence
-from estimators.selection.policies import ADD, KEEP_BASE, REFINE, SWAP
+from estimators.selection.policies import ADD, KEEP_BASE, SWAP
 from estimators.weak_form.nonlinear import list_continuous_parameters, list_released_variants, set_values
 from estimators.weak_form.rows import ScoredTerms
 from estimators.weak_form.torque_windows import find_largest_sizes
@@ -76,7 +76,8 @@ def _make_transmission_gate(evidence: Evidence, terms: Terms, screened_effects: 
 def screen_effect(evidence: Evidence, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the terms with the best variant of an effect; None without variants.
 
-    If the best of a coarse grid has little gain or explained share, it is returned without a refinement.
+    The best of a coarse grid is refined if it lowers the squared error of the fit by at least `criterion.coarse_share`.
+    Its prediction does not count: a stop near its place predicts worse than none.
     """
     if not find_hints(effect).multimodal:
         ranked = rank_variants(evidence.train, terms, effect)
@@ -85,7 +86,8 @@ def screen_effect(evidence: Evidence, terms: Terms, effect: type[Term]) -> Score
         is_uniform = (
             len({len(trial.terms[-1].columns) for trial in ranked}) == 1
         )  # else the one with most columns is first
-        if is_uniform and not evidence.decide(ranked[0].terms, terms, REFINE).passed:
+        least = (1.0 - evidence.criterion.coarse_share) * evidence.train.maker.score_terms(terms).fitted_rms ** 2
+        if is_uniform and ranked[0].fitted_rms ** 2 > least:
             return ranked[0]
     return find_best_variant(evidence, terms, effect)
 

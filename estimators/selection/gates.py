@@ -109,16 +109,6 @@ def require_share_of_torque(after: Hypothesis, before: Hypothesis) -> Iterator[G
     yield Gate("explained_share", share, least, share > least)
 
 
-def require_coarse_gain(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
-    """Test gain and explained share of a variant on a coarse grid, with limits that a refined variant may pass."""
-    evidence, criterion = after.evidence, after.evidence.criterion
-    p_value = evidence.gain(after.terms, before.terms).p_value
-    yield Gate("p_value", p_value, criterion.coarse_p_value, p_value <= criterion.coarse_p_value)
-    if p_value <= criterion.coarse_p_value:
-        share = evidence.shares.compute_of_torque(after.terms, before.terms)
-        yield Gate("explained_share", share, criterion.coarse_share, share >= criterion.coarse_share)
-
-
 def require_needed_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the same share with the limit `Criterion.needed_share`.
 

@@ -33,8 +33,6 @@ TIE = Rule("tie", (gates.require_tie,))
 REFIT = Rule("refit", (gates.require_gain_of_parameters,))
 # Parameters fitted to the motion lower its held-out error, and do not predict torque worse.
 REFIT_TO_MOTION = Rule("refit to motion", (gates.require_no_loss, gates.require_lower_position))
-# A variant on a coarse grid is near enough to the data to be refined.
-REFINE = Rule("refine", (gates.require_coarse_gain,))
 # A law explains enough of the residual torque.
 EXPLAIN_TORQUE = Rule("explain torque", (gates.require_share_of_torque,))
 # An ambiguous effect may take the place of the selected one.

@@ -20,6 +20,7 @@ from estimators.data.split import CutSettings, split_recordings
 from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.treatments import narrow_windows
 from estimators.selection import policies
+from estimators.selection.candidates import screen_effect
 from estimators.selection.evidence import Evidence
 from estimators.selection.moves import add_effect, propose_pairs
 from estimators.selection.path import find_model_path
@@ -62,9 +63,10 @@ def decide_models(criterion: Criterion) -> dict[tuple[str, str, str], list[bool]
         evidence = make_evidence(criterion, id)
         for candidate in (STRIBECK, DRAG):
             terms = (*BASE, candidate)
-            for name in ("ADD", "NEED", "CONFIRM", "SWAP", "TIE", "REFINE", "KEEP_BASE", "EXCITE", "FOLLOW"):
+            for name in ("ADD", "NEED", "CONFIRM", "SWAP", "TIE", "KEEP_BASE", "EXCITE", "FOLLOW"):
                 decision = evidence.decide(terms, BASE, getattr(policies, name))
                 outcome[name, id, candidate.id] = [gate.passed for gate in decision.gates]
+        outcome["screen", id, ""] = [screen_effect(evidence, BASE, type(STRIBECK)).terms]
         outcome["noise", id, ""] = [evidence.residuals.is_noise(terms) for terms in (BASE, (*BASE, STRIBECK))]
     return outcome
 
@@ -75,8 +77,7 @@ OF_POLICIES = {
     "needed_share": "NEED",
     "kept_inertia": "KEEP_BASE",
     "tie_probability": "TIE",
-    "coarse_p_value": "REFINE",
-    "coarse_share": "REFINE",
+    "coarse_share": "screen",
     "least_excitation": "EXCITE",
     "z_score": "noise",
     "noise_ratio": "noise",
