@@ -13,13 +13,14 @@ from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import TriedTreatment
 from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence, Hypothesis
-from estimators.selection.policies import ADD_STOP, FOLLOW, SWAP, TIE
+from estimators.selection.policies import ADD_STOP, FOLLOW, HAVE_INERTIA, SWAP, TIE
 from pendulum_env.physics import BASE, Term, has_link, list_ids
 
 TIMES = {Action.TIMED_BY_MODEL, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
 PURPOSES: Mapping[str, Policy[Hypothesis]] = {
     Action.IMPACTS_INCLUDED: ADD_STOP,  # windows in contact
     Action.NARROWER_WINDOWS: FOLLOW,  # near reversals
+    Action.WINDOWS_BY_INERTIA: HAVE_INERTIA,
 }
 
 

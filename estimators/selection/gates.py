@@ -382,6 +382,14 @@ def require_stop(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     yield Gate("stops", float(has_stop(after.terms)), 1, has_stop(after.terms))
 
 
+def require_inertia(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that the inertia of `after` is significant, by which its windows are cut; a link has its own inertia."""
+    if not has_link(after.terms):
+        step = after.fitted or after.evidence.fits.fit_with_std(after.terms)
+        inertia = step.model.estimates["inertia"]
+        yield Gate("inertia", inertia.value, SIGNIFICANT * inertia.std, inertia.is_significant, "kg m^2", inertia.std)
+
+
 def require_motion_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that `before` does not follow the motion significantly better."""
     share = after.evidence.motion.compute_shares(before.terms, after.terms)[0]

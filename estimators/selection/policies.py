@@ -41,6 +41,8 @@ FOLLOW_MOTION = Rule("follow motion", (gates.require_motion_share,))
 # Windows in contact with a stop, and windows near reversals, are of use.
 ADD_STOP = Rule("add stop", (gates.require_stop,))
 FOLLOW = Rule("follow", (gates.require_motion,))
+# So are windows cut by the inertia of a model.
+HAVE_INERTIA = Rule("have inertia", (gates.require_inertia,))
 # A lag or delay is no answer of a controller.
 DETERMINE_LAG = Rule("determine lag", (gates.require_determined_lag,))
 # The recorded torque would show the effect.
