@@ -234,33 +234,42 @@ def require_lower_errors(after: Hypothesis, before: Hypothesis) -> Iterator[Gate
     """Test physical bounds and held-out errors, see `compare_errors`: of steps, or of fits to torque, else to motion.
 
     If only free motion shows the effects, torque errors may rise by `Criterion.equal_error_share`. Bounds that a fit
-    without standard errors violates are tested again with these.
+    without standard errors violates are tested again with these. The error of the position may rise if the gain in
+    torque exceeds the loss in motion: stick and unstable rest amplify small errors.
     """
     evidence, criterion = after.evidence, after.evidence.criterion
 
-    def compare(new: Step, old: Step) -> list[Gate]:
+    def compare(new: Step, old: Step, has_motion: bool = True) -> list[Gate]:
         terms, motions = (new.model.terms, old.model.terms), evidence.train.motions
         is_hidden = evidence.gain(*terms).p_value > criterion.p_value and evidence.may_act_at_rest(*terms)
         margin = criterion.equal_error_share if is_hidden else 0.0
-        gates = compare_errors(new, old, motions, margin)
+        gates = compare_errors(new, old, motions, margin, has_motion)
         if not gates[0].passed and not any(estimate.std for estimate in new.model.estimates.values()):
             new = replace(new, model=evidence.fits.fit_with_std(new.model.terms).model)
-            gates = compare_errors(new, old, motions, margin)
+            gates = compare_errors(new, old, motions, margin, has_motion)
         return gates
 
-    steps = after.step, before.step
-    gates = compare(*steps)
+    new, old = after.step, before.step
+    gates = compare(new, old)
     if after.fitted is None and before.fitted is None and not all(gate.passed for gate in gates):
-        gates = compare(*map(evidence.fits.refit_to_motion, steps))
+        gates = compare(evidence.fits.refit_to_motion(new), evidence.fits.refit_to_motion(old))
+    if gates[-1].name == "holdout_position" and not gates[-1].passed:
+        terms = new.model.terms, old.model.terms
+        of_motion, of_torque = evidence.motion.compare(*terms)[0], evidence.gain(*terms)
+        if of_motion.error and of_torque.total + of_motion.total > 0 and of_torque.p_value <= criterion.p_value:
+            of_position = Gate("loss_in_motion", -of_motion.total, of_torque.total, True, "nat")
+            gates = [of_position, *compare(new, old, has_motion=False)]
     yield from gates
 
 
-def compare_errors(after: Step, before: Step, motions: Mapping[str, Samples], torque_margin: float = 0.0) -> list[Gate]:
+def compare_errors(
+    after: Step, before: Step, motions: Mapping[str, Samples], torque_margin: float = 0.0, has_motion: bool = True
+) -> list[Gate]:
     """Return the gates of a step over a smaller one: physical bounds, then held-out errors, up to the first failure.
 
     All violated bounds are returned. Held-out errors have to be below those of `before`: positions first, then torque
-    of each joint with changed terms; unknown errors have no gate. Torque errors may exceed their limit by the relative
-    `torque_margin`. `motions` are samples of the training data, by joint.
+    of each joint with changed terms. Unknown errors have no gate, nor have positions without `has_motion`. Torque
+    errors may exceed their limit by the relative `torque_margin`. `motions` are samples of the training data, by joint.
     """
     new, old = after.errors["holdout"], before.errors["holdout"]
     common = list_forms(after.model.terms) & list_forms(before.model.terms)
@@ -268,8 +277,11 @@ def compare_errors(after: Step, before: Step, motions: Mapping[str, Samples], to
     joints = {joint for term in others for joint in list_loads(term.at)} or set(motions)
     if violated := find_violations(after.model, {name: x for name, x in motions.items() if name in joints}):
         return violated
+    for term in (term for term in after.model.terms if list_forms([term]).isdisjoint(common) and term.columns):
+        if not any(after.model.estimates[column.name].value for column in term.columns):
+            return [Gate(term.id, 0, 0, False)]  # an effect without any torque
     gates = [Gate("physical_bounds", 0, 0, True)]
-    angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms"]
+    angle, kinds = after.model.units().unit("rad"), [kind for kind in new.kinds if kind != "torque_rms" and has_motion]
     errors = [(kind.removesuffix("_rms"), new.get_error(kind), old.get_error(kind), angle) for kind in kinds]
     for joint_name in (joint for joint in new.joints if joint in joints):
         unit = after.model.units(joint_name).unit("N m")

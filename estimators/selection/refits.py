@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from estimators.data.fits import find_term_edges
-from estimators.decisions.decision import Policy, decide
 from estimators.decisions.errors import Step
 from estimators.decisions.gate import Gate
-from estimators.selection.evidence import Evidence
+from estimators.selection import gates
+from estimators.selection.evidence import Evidence, Hypothesis
 from estimators.selection.policies import CONFIRM, REFIT, REFIT_TO_MOTION, Rule
 from estimators.selection.search import SearchResult
 from estimators.simulation import multiple_shooting, output_error
@@ -20,7 +20,6 @@ from pendulum_env.physics.terms import has_bristles
 
 SEGMENT = 0.5  # length of a segment [s], short enough to linearise the growth of errors
 FEWEST = 2  # least number of segments per parameter
-Innovated = tuple[Step, float]  # step, and RMS of its held-out innovations
 
 
 def refit_if_misfit(result: SearchResult) -> SearchResult:
@@ -83,33 +82,20 @@ def _has_edges(evidence: Evidence, model: Model) -> bool:
 def _refit_by_likelihood(evidence: Evidence, last: Step) -> Step:
     """Return the step by maximum likelihood, or `last`: with few segments, or by `REFIT_BY_LIKELIHOOD`."""
     start = Point.from_model(last.model)
-    segments, holdout_segments = (
-        [choose_segments(w, SEGMENT) for w in part.data.windows] for part in evidence.fits.parts
-    )
+    segments = [choose_segments(w, SEGMENT) for w in evidence.train.data.windows]
     if sum(len(segment.first) for segment in segments) < FEWEST * len(start.values):
         return last
     refitted = evidence.fits.make_step(output_error.fit_maximum_likelihood(segments, start), added=last.added)
-    filters = output_error.make_innovations(holdout_segments, start)
-    old_rms, new_rms = (
-        output_error.compute_rms(holdout_segments, point, filters=filters)
-        for point in (start, Point.from_model(refitted.model))
-    )
-    better = decide((refitted, new_rms), (last, old_rms), REFIT_BY_LIKELIHOOD).passed
-    return refitted if better else last
+    return refitted if evidence.decide(refitted, last, REFIT_BY_LIKELIHOOD).passed else last
 
 
-def require_innovations(after: Innovated, before: Innovated) -> Iterator[Gate]:
-    """Test that held-out innovations do not grow."""
-    yield Gate("innovations", after[1], before[1], after[1] <= before[1])
-
-
-def require_smaller_std(after: Innovated, before: Innovated) -> Iterator[Gate]:
+def require_smaller_std(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that standard errors are smaller on average."""
-    ratio = _compute_std_ratio(after[0], before[0])
+    ratio = _compute_std_ratio(after.step, before.step)
     yield Gate("standard_errors", ratio, 1, ratio < 1)
 
 
-REFIT_BY_LIKELIHOOD = Policy("refit by likelihood", (require_innovations, require_smaller_std))
+REFIT_BY_LIKELIHOOD = Rule("refit by likelihood", (gates.require_no_loss, require_smaller_std))
 
 
 def _compute_std_ratio(step: Step, reference: Step) -> float:
