@@ -29,16 +29,6 @@ ALIASES = {
     "tauext",
     "segment": "segment segments episode episodeindex trial",
 }
-TICKS = {
-    "second": "s",
-    "secs": "s",
-    "millis": "ms",
-    "milliseconds": "ms",
-    "micros": "us",
-    "microseconds": "us",
-    "nanoseconds": "ns",
-    "utime": "us",
-}  # of a clock
 NOW = "current"  # before a long alias: measured, `current_torque`, but `torque_current` and `current_q` are currents
 CARRIERS = ("shaft", "pendulum", "arm", "dof")  # before an alias: the moving part
 JOINT_WORDS = frozenset((*CARRIERS, "joint", "joints", "motor", "axis", "j", "id"))  # words that name no one joint
@@ -199,7 +189,8 @@ def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
 
 STEMS = dict(_list_stems())
 WHOLE = {  # names that are not a stem with a unit
-    **{name: ("time", unit) for name, unit in TICKS.items()},
+    **{name: ("time", name) for name, factor in UNITS["time"].items() if len(name) > 1 and factor <= 1},  # `ms`
+    "utime": ("time", "us"),
     **ODRIVE,
     "taum": ("torque", None),  # motor torque; `taumnm` is `tau [mNm]`
 }

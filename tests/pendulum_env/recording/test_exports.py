@@ -130,6 +130,7 @@ FREE: dict[str, str] = {  # without torque
     ),
     "PASCO": text("Time (s) Run #1,Angle (rad) Run #1,Angular Velocity (rad/s) Run #1", TIME, ANGLE, SPEED),
     "Arduino": text("millis,angle", MILLIS, ANGLE),
+    "a clock named by its unit": text("ms,angle", MILLIS, ANGLE),
     "a spreadsheet": text("t;phi", TIME, ANGLE, sep=";", comma=True),
     "comments above": "# Group 3\n# L = 0.32 m\n" + text("# t [s], theta [rad]", TIME, ANGLE),
     "frames of a video": text("frame,time,angle", range(800), TIME, ANGLE),
