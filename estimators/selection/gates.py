@@ -199,7 +199,7 @@ def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], le
     inertia, and its imitation less; a longer lag cannot be distinguished from its imitation. A spring with negative
     gravity imitates a hardening spring.
 
-    Inertia must keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
+    Inertia, also a known one, must keep the share `least_inertia` of the smallest value within 3 standard errors of the smaller model.
     It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where the smaller
     model determines it, within 3 standard errors of the larger model, since an effect may explain all of the gravity.
     With another weight, as a tilt, it may have any sign. Its standard error may not exceed its former value: effects of
@@ -210,8 +210,8 @@ def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], le
     shared = before.estimates.keys() & after.estimates.keys()
     if has_link(after.terms):
         return gates
-    if "inertia" in shared and compute_significant_sign(before, "inertia") > 0:
-        old, new = before.estimates["inertia"], after.estimates["inertia"]
+    if "inertia" in shared and (old := before.estimates["inertia"]).is_significant and old.value > 0:
+        new = after.estimates["inertia"]
         total = _compute_mean_inertia(before, motions[""])
         share = _compute_mean_inertia(after, motions[""]) / total
         limit = least_inertia * (1 - SIGNIFICANT * old.std / total)
