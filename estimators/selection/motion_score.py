@@ -32,7 +32,7 @@ def compute_floor(segments: Sequence[Segments], accuracy: float) -> Array:
 
 
 def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
-    """Return whether the position errors of a model exceed those by noise `criterion.misfit_ratio` times, RMS of all.
+    """Return whether the position errors of a model exceed those by noise `criterion.misfit_ratio` times.
 
     Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
     """
@@ -40,7 +40,7 @@ def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criteri
     noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
     errors = [simulate_errors(segment, model.terms, point.theta)[1:] for segment in segments]
     squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
-    return bool(np.mean(squares / noise) > criterion.misfit_ratio**2)
+    return _exceed(squares / noise, criterion)
 
 
 def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
@@ -55,7 +55,16 @@ def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) 
         return False
     noise = compute_motion_noise(segments, model, criterion.accuracy)
     noise += output_error.compute_uncertainty(segments, model)
-    return bool(np.mean(compute_motion_squares(segments, model) / noise) > criterion.misfit_ratio**2)
+    return _exceed(compute_motion_squares(segments, model) / noise, criterion)
+
+
+def _exceed(ratios: Array, criterion: Criterion) -> bool:
+    """Return whether squared errors over noise (B,) exceed the square of `criterion.misfit_ratio`.
+
+    Their scale is that of Student's t: where slow motion is unstable, small errors decide whether a joint sticks.
+    """
+    scale = _estimate_scale(ratios, np.zeros(len(ratios), dtype=int))
+    return bool(scale[0] > criterion.misfit_ratio**2)
 
 
 def compute_motion_squares(segments: Sequence[Segments], model: Model) -> Array:
@@ -90,8 +99,13 @@ def compute_motion_gain(
 
 def _compute_density_of_ratios(ratios: Array, owner: Index) -> Array:
     """Return the log density of squared errors over noise (B,) by Student's t; its scale in each part is at least 1."""
+    return compute_log_student(ratios, _estimate_scale(ratios, owner)[owner])
+
+
+def _estimate_scale(ratios: Array, owner: Index) -> Array:
+    """Return the squared scale of Student's t of squared errors over noise (B,) in each part, at least 1."""
     scale = np.ones(int(owner.max()) + 1)
     for _ in range(MAX_ITERATIONS):
         weighted = np.bincount(owner, weigh_squares(ratios, scale[owner])) / np.bincount(owner)
         scale = np.maximum(weighted, 1.0)
-    return compute_log_student(ratios, scale[owner])
+    return scale
