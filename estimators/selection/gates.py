@@ -201,11 +201,10 @@ def compare_base(after: Model, before: Model, motions: Mapping[str, Samples], le
 
     Inertia, also a known one, must keep the share `least_inertia` of the smallest value within 3 standard errors of the
     smaller model. It includes the inertia that effects add, as a mean over the motion. Gravity must keep its sign where
-    the smaller model determines it, within 3 standard errors of the larger model, since an effect may explain all of the
-    gravity.
-    With another weight, as a tilt, it may have any sign. Its standard error may not exceed its former value: effects of
-    the angle that leave it undetermined cancel it and imitate another law. Models with a link have no gates, as they
-    are uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
+    the smaller model determines it, within 3 standard errors of the larger model: an effect may explain all of the
+    gravity. With another weight, as a tilt, it may have any sign. Its standard error may not exceed its former value:
+    effects of the angle that leave it undetermined cancel it and imitate another law. Models with a link have no gates,
+    as they are uncertain before the link's states are fitted. `motions` are the samples of joints, by name.
     """
     gates: list[Gate] = []
     shared = before.estimates.keys() & after.estimates.keys()

@@ -129,6 +129,25 @@ def test_limits_that_are_met_twice_within_two_radians_are_found(lower, upper, se
     assert abs(end.value - upper) < 3 * end.std < 0.2
 
 
+@pytest.mark.parametrize("turns", [0, -1191])
+def test_a_stop_that_a_staircase_presses_is_found_about_any_zero(turns):
+    """Half of the log stands on the stop; the way beyond is a thousand times the depth of the contact."""
+    wall = {"hard_stop": {"wall_hi": 0.6, "wall_k": 51.4, "wall_c": 0.05}}
+    truth = {"inertia": 0.0446, "gravity": 0.424, "viscous": 0.095, "coulomb": 0.158}
+    levels = np.r_[0:6, 6, 6:0:-1, 0:-6:-1, -6, -6:0, 0] / 6
+    time = np.arange(24_500) / 1000.0
+    command = 0.858 * levels[np.minimum((time / 24.5 * len(levels)).astype(int), len(levels) - 1)]
+    experiment = Experiment(1000.0, 24.5, seed=3, counts=16_384, torque_noise=0.003)
+    (run,) = recorded(Plant(**truth, effects=wall), experiment, commands=[command])
+    shifted = Recording(run.time, run.position + 2 * np.pi * turns, run.torque)
+    found = diagnose(shifted, only=FEW)
+    assert found.selected == ("hard_stop",) and not found.unexplained
+    truth |= {"hard_stop.upper": 0.6 + 2 * np.pi * turns, "hard_stop.stiffness": 51.4}
+    for name, value in truth.items():
+        estimate = found.model.estimates[name]
+        assert abs(estimate.value - value) < 4 * estimate.std, name
+
+
 @pytest.mark.parametrize(("upper", "seed"), [(0.892, 28), (1.717, 34)], ids=["fitted", "held out"])
 def test_a_limit_that_is_met_once_is_a_contact_and_no_effect(upper, seed):
     """A single contact may be a blow; without the limit, the same torque shows no contact."""

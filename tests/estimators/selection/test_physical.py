@@ -168,6 +168,22 @@ def test_a_step_meets_physical_bounds_and_held_out_errors_in_this_order(torque, 
     assert (explain_rejection(gates) is None) == (failed is None)
 
 
+@pytest.mark.parametrize(("torque", "passed"), [(0.5, True), (2.0, False)])
+def test_without_motion_the_torque_alone_decides(torque, passed):
+    before = Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(1.0, 0.1, joints={"": 1.0})})
+    after = replace(before, errors={"holdout": Errors(torque, 0.2, joints={"": torque})})
+    assert all(gate.passed for gate in compare_errors(after, before, {"": X}, has_motion=False)) == passed
+
+
+def test_an_effect_without_torque_is_none_whatever_the_errors():
+    terms = [*BASE, effect("stribeck")(stribeck_velocity=0.1)]
+    before = Step(None, Model.build(BASE, [0.1, 2.0, 0.1, 0.1], 0.01), {"holdout": Errors(1.0, 0.1, joints={"": 1.0})})
+    for size, passed in ((0.0, False), (0.1, True)):
+        model = Model.build(terms, [0.1, 2.0, 0.1, 0.1, size], 0.01)
+        after = Step("stribeck", model, {"holdout": Errors(0.9, 0.09, joints={"": 0.9})})
+        assert all(gate.passed for gate in compare_errors(after, before, {"": X})) == passed
+
+
 @pytest.mark.parametrize(("torque", "passed"), [(1.04, True), (1.06, False)])
 def test_a_torque_error_may_rise_by_its_margin_if_the_position_error_falls(torque, passed):
     before, after = (
@@ -251,6 +267,15 @@ def test_inertia_has_to_keep_half_of_what_the_smaller_model_shows_beyond_three_s
         before = Model.build(BASE, [0.1, 2.0, 0.1, 0.1], [std, 3.0, 0.01, 0.01])
         (gate,) = compare_base(after, before, {"": X}, LEAST)
         assert gate.limit == pytest.approx(limit) and gate.passed is passed
+
+
+def test_a_known_inertia_has_to_be_kept():
+    """A payload of minus the inertia leaves an equation without any torque, which each motion meets."""
+    before = Model.build(BASE, [1.0, 11.0, 0.1, 0.1], [0.0, 0.01, 0.01, 0.01])
+    for payload, passed in ((-0.9, False), (-0.3, True)):
+        after = Model.build([*BASE, PayloadChange(0.0)], [1.0, 11.0, 0.1, 0.1, payload, 0.0], [0.0, *[0.01] * 5])
+        inertia, _ = compare_base(after, before, {"": X}, LEAST)
+        assert inertia.passed is passed
 
 
 def test_inertia_of_a_payload_that_comes_later_counts_as_kept():

@@ -1,5 +1,7 @@
 """The score: predictions of blocks that were not fitted, and how sure their sum is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import t as student
@@ -129,3 +131,19 @@ def test_models_that_predict_alike_share_the_probability_and_a_worse_one_gets_no
     unsure = bootstrap.probabilities([density, density + 4.0 * rng.standard_normal(30)])
     assert unsure.sum() == pytest.approx(1.0)
     assert 0.02 < unsure.min()  # a difference that scatters so decides nothing
+
+
+def test_rows_with_a_bound_of_their_error_have_no_share_in_the_scale_of_the_noise():
+    """Rows in contact repeat one small residual, and would make the noise of the others an outlier."""
+    where = blocks(1, 20, 30)
+    phi, y = data(3, where)
+    theta = np.array([1.0, 2.0, 3.0])
+    is_bounded = where.block % 2 == 1
+    y[is_bounded] = (phi @ theta)[is_bounded]
+    without = replace(where, is_bounded=is_bounded)
+    clear = slice(0, None, 2)
+    exact = student.fit((y - phi @ theta)[~is_bounded], fdf=NU, floc=0)[2]
+    expected = student.logpdf(y - phi @ theta, NU, scale=exact)
+    found = predict_density(theta, linear(phi, y), without)
+    np.testing.assert_allclose(found[clear], np.bincount(where.block, expected)[clear], atol=0.5)
+    assert (predict_density(theta, linear(phi, y), where)[clear] < found[clear] - 1.0).all()
