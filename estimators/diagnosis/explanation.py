@@ -7,7 +7,7 @@ from estimators.data.treatment import Action
 from estimators.diagnosis.case import Trial
 from estimators.diagnosis.checks import Subject, examine
 from estimators.diagnosis.contacts import mark_met_stops
-from estimators.diagnosis.ranking import rank_effects
+from estimators.diagnosis.ranking import rank_effects, widen_by_rivals
 from estimators.diagnosis.result import Diagnosis, TriedTreatment
 from pendulum_env.recording.study import collect_log_format
 
@@ -25,7 +25,8 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
             last = trial.evidence.fits.make_step(refitted.model, added=last.added) if refit.is_kept else last
             refitted = trial.present(refitted, True)
         refit = replace(refit, before=trial.present(refit.before, True), after=refitted)
-    steps = [trial.present(step, step is last) for step in (*others, last)]
+    last = replace(last, model=widen_by_rivals(last.model, trial.evidence, candidates))
+    steps = [*(trial.present(step, False) for step in others), trial.present(last, True)]
     data = trial.data.with_horizon(trial.options.horizon)
     diagnosis = Diagnosis(
         steps=(*steps[:-1], steps[-1].with_log_format(collect_log_format(data.recordings))),

@@ -19,7 +19,7 @@ from estimators.selection.search import SearchResult
 from estimators.selection.state import remove_term
 from estimators.selection.tables import ExplainingTable, remove_table
 from estimators.weak_form.contacts import count_contacts
-from pendulum_env.physics import Term, is_hidden
+from pendulum_env.physics import Model, Term, is_hidden
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,23 @@ def rank_effects(
             verdicts[id] = demoted
     order = list(Verdict)
     return sorted(verdicts.values(), key=lambda candidate: (order.index(candidate.verdict), -candidate.score)), groups
+
+
+def widen_by_rivals(model: Model, evidence: Evidence, candidates: Sequence[Candidate]) -> Model:
+    """Add the error of the choice among effects that the data cannot distinguish to the standard errors of a model.
+
+    The variance of each parameter that the models share grows by the squared difference of a rival's estimate, times
+    the probability of the rival.
+    """
+    chosen = {candidate.effect: candidate for candidate in candidates if candidate.verdict is Verdict.SELECTED}
+    changes = list[dict[str, float]]()
+    for rival in candidates:
+        if not isinstance(tie := rival.reason, Tie) or not (selected := chosen[tie.effects[0]]).score:
+            continue
+        own, other = (evidence.fits.fit_model(terms).estimates for terms in (selected.terms, rival.terms))
+        root = float(np.sqrt(rival.score / selected.score))
+        changes.append({name: root * (other[name].value - own[name].value) for name in own.keys() & other.keys()})
+    return model.add_errors(*changes)
 
 
 def _rank_selected(result: SearchResult, final: Terms, before: Step, after: Step) -> list[Candidate]:
