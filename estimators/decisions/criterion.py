@@ -158,8 +158,8 @@ class Criterion(Limits):
         p_value: largest p-value of a gain in prediction at which an effect is added.
         explained_share: least share of the residual structure, or of the motion error, that an added effect explains;
             between `coarse_share` and `needed_share`.
-        coarse_share: share of the squared error of the fit that the best of a coarse grid of nonlinear parameters must
-            explain to be refined.
+        coarse_share: least explained share, of training data alone, of the best of a coarse grid of nonlinear
+            parameters that is refined.
         needed_share: least share that a needed effect explains of the residual of all other effects.
         kept_inertia: least share of the inertia that a larger model keeps; see `gates.compare_base`.
         noise_ratio: ratio of correlated residual to noise floor below which a correlation does not matter.

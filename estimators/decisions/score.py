@@ -88,12 +88,12 @@ class Blocks:
 
     @cached_property
     def cells(self) -> Cells:
-        """Cells of the equations with noise; of all equations, if a recording has none with noise."""
+        """Cells of the equations with noise; of all equations of a recording that has none with noise."""
         cell = self.recording * FOLDS + self.fold
         order = np.argsort(cell, kind="stable")
         if self.is_bounded is not None:
-            with_noise = order[~self.is_bounded[order]]
-            order = with_noise if len(np.unique(self.recording[with_noise])) == int(self.recording.max()) + 1 else order
+            has_noise = np.bincount(self.recording, ~self.is_bounded) > 0
+            order = order[(~self.is_bounded | ~has_noise[self.recording])[order]]
         filled, begins, counts = np.unique(cell[order], return_index=True, return_counts=True)
         recording, fold = np.divmod(filled, FOLDS)
         number = np.zeros((int(self.recording.max()) + 1, FOLDS))

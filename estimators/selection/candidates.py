@@ -76,8 +76,8 @@ def _make_transmission_gate(evidence: Evidence, terms: Terms, screened_effects: 
 def screen_effect(evidence: Evidence, terms: Terms, effect: type[Term]) -> ScoredTerms | None:
     """Return the terms with the best variant of an effect; None without variants.
 
-    The best of a coarse grid is refined if it lowers the squared error of the fit by at least `criterion.coarse_share`.
-    Its prediction does not count: a stop near its place predicts worse than none.
+    The best of a coarse grid is refined if it explains at least `criterion.coarse_share` of the residual of the
+    training data. Its prediction does not count: a stop near its place predicts worse than none.
     """
     if not find_hints(effect).multimodal:
         ranked = rank_variants(evidence.train, terms, effect)
@@ -86,8 +86,8 @@ def screen_effect(evidence: Evidence, terms: Terms, effect: type[Term]) -> Score
         is_uniform = (
             len({len(trial.terms[-1].columns) for trial in ranked}) == 1
         )  # else the one with most columns is first
-        least = (1.0 - evidence.criterion.coarse_share) * evidence.train.maker.score_terms(terms).fitted_rms ** 2
-        if is_uniform and ranked[0].fitted_rms ** 2 > least:
+        share = evidence.shares.compute_of_torque(ranked[0].terms, terms, has_holdout=False)
+        if is_uniform and share < evidence.criterion.coarse_share:
             return ranked[0]
     return find_best_variant(evidence, terms, effect)
 

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from estimators.data.fits import compute_inertia
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.score import MAX_ITERATIONS, Bootstrap, Gain, compute_log_student, weigh_squares
 from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation import output_error
 from estimators.simulation.free_running import Segments, simulate_errors
 from estimators.weak_form.point import Point
+from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array, Index
 from pendulum_env.physics import Model, has_transmission
+
+LARGEST_EXPONENT = 20.0  # of a growth, from which a free run shows nothing
 
 
 def fit_to_motion(segments: Sequence[Segments], start: Model) -> Model:
@@ -31,16 +36,49 @@ def compute_floor(segments: Sequence[Segments], accuracy: float) -> Array:
     return of_simulation**2 + np.repeat(np.square(of_encoder), [len(segment.first) for segment in segments])
 
 
-def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
-    """Return whether the position errors of a model exceed those by noise `criterion.misfit_ratio` times.
+def compute_growth(segments: Sequence[Segments], model: Model) -> Array:
+    """Return the largest growth of an error of the velocity along the measured motion of each segment (B,), at least 1.
 
-    Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation.
+    An error grows at the rate -(dF/dv) / J where the friction F falls with the speed v. By a small error, a free run at
+    a slow speed sticks or runs away. Terms with states have no share.
+    """
+    growths = list[Array]()
+    for segment in segments:
+        w, inertia = segment.windows, compute_inertia(model, segment.windows.samples)
+        step = 0.01 * float(np.sqrt(np.mean(w.samples.velocity**2)))
+        faster, slower = (_compute_friction(model, w, change) for change in (step, -step))
+        rate = np.where(w.moving, (slower - faster) / (2 * step * inertia), 0.0)
+        index = segment.first + np.arange(len(segment.torque))[:, None]
+        exponent = np.cumsum(rate[index] / w.recording.rate, axis=0)
+        growths.append((exponent - np.minimum.accumulate(exponent, axis=0)).max(axis=0))
+    return np.exp(np.minimum(np.concatenate(growths), LARGEST_EXPONENT))
+
+
+def _compute_friction(model: Model, w: Windows, change: float) -> Array:
+    """Return the friction of a model in all samples (N,) at speeds that are higher by a change [rad/s]."""
+    sign = np.sign(w.samples.velocity)
+    x = replace(w.samples, velocity=w.samples.velocity + sign * change)
+    terms = [term for term in model.terms if term.kind == "dissipative" and not term.has_state()]
+    parts = [
+        model.estimates[column.name].value * (column.force(x) * sign + column.dry(x))
+        for term in terms
+        for column in term.columns
+    ]
+    return np.asarray(sum(parts, np.zeros(len(sign))))
+
+
+def exceeds_noise(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
+    """Return whether the position errors of a model exceed those by noise `criterion.misfit_ratio` times, RMS of all.
+
+    Noise of each segment is that of torque, initial states and encoder, and the accuracy of the simulation, times the
+    growth of errors along the measured motion.
     """
     point = Point.from_model(model)
     noise = output_error.compute_noise(segments, point) + compute_floor(segments, criterion.accuracy)
+    noise *= compute_growth(segments, model) ** 2
     errors = [simulate_errors(segment, model.terms, point.theta)[1:] for segment in segments]
     squares = np.concatenate([np.mean(error**2, axis=0) for error in errors])
-    return _exceed(squares / noise, criterion)
+    return bool(np.mean(squares / noise) > criterion.misfit_ratio**2)
 
 
 def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) -> bool:
@@ -55,16 +93,8 @@ def is_misfit(segments: Sequence[Segments], model: Model, criterion: Criterion) 
         return False
     noise = compute_motion_noise(segments, model, criterion.accuracy)
     noise += output_error.compute_uncertainty(segments, model)
-    return _exceed(compute_motion_squares(segments, model) / noise, criterion)
-
-
-def _exceed(ratios: Array, criterion: Criterion) -> bool:
-    """Return whether squared errors over noise (B,) exceed the square of `criterion.misfit_ratio`.
-
-    Their scale is that of Student's t: where slow motion is unstable, small errors decide whether a joint sticks.
-    """
-    scale = _estimate_scale(ratios, np.zeros(len(ratios), dtype=int))
-    return bool(scale[0] > criterion.misfit_ratio**2)
+    noise *= compute_growth(segments, model) ** 2
+    return bool(np.mean(compute_motion_squares(segments, model) / noise) > criterion.misfit_ratio**2)
 
 
 def compute_motion_squares(segments: Sequence[Segments], model: Model) -> Array:
@@ -99,13 +129,8 @@ def compute_motion_gain(
 
 def _compute_density_of_ratios(ratios: Array, owner: Index) -> Array:
     """Return the log density of squared errors over noise (B,) by Student's t; its scale in each part is at least 1."""
-    return compute_log_student(ratios, _estimate_scale(ratios, owner)[owner])
-
-
-def _estimate_scale(ratios: Array, owner: Index) -> Array:
-    """Return the squared scale of Student's t of squared errors over noise (B,) in each part, at least 1."""
     scale = np.ones(int(owner.max()) + 1)
     for _ in range(MAX_ITERATIONS):
         weighted = np.bincount(owner, weigh_squares(ratios, scale[owner])) / np.bincount(owner)
         scale = np.maximum(weighted, 1.0)
-    return scale
+    return compute_log_student(ratios, scale[owner])

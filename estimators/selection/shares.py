@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -69,10 +70,12 @@ class ExplainedShares:
             powers_by_part.append(powers)
         return powers_by_part
 
-    def compute_of_torque(self, after: Terms, before: Terms, above_floor: bool = False) -> float:
+    def compute_of_torque(
+        self, after: Terms, before: Terms, above_floor: bool = False, has_holdout: bool = True
+    ) -> float:
         """Return the share of one model's explainable residual power that a larger model explains, at its best joint.
 
-        The share is the smaller of training and held-out data. Explainable power is
+        The share is the smaller of training and held-out data, or that of training data alone. Explainable power is
 
         - all power, if the residual of the smaller model has no structure;
         - removed power + correlated power of the rest + power of the rest / sqrt(number of rows), if its
@@ -82,16 +85,16 @@ class ExplainedShares:
         Held-out data without structure do not count if the training data have structure. Removed power below the
         precision of the rows counts as zero. Joints other than the best may lose by a compensation of link parameters.
         """
-        return max(self._explained_at(at, after, before, above_floor) for at in self.residuals.joints)
+        return max(min(self._explain_at(at, after, before, above_floor, has_holdout)) for at in self.residuals.joints)
 
-    def _explained_at(self, at: str, after: Terms, before: Terms, above_floor: bool) -> float:
-        """Return the share at a joint."""
+    def _explain_at(self, at: str, after: Terms, before: Terms, above_floor: bool, has_holdout: bool) -> list[float]:
+        """Return the shares at a joint, of training and of held-out data."""
         residuals, criterion = self.residuals, self.residuals.criterion
         powers = zip(residuals.parts, self._compute_powers(before), self._compute_powers(after), strict=True)
         structures, shares = [of_part[at] for of_part in residuals.structures(before)], list[float]()
         floors = [residuals.noise_floor(part, at) for part in residuals.parts]
         structured = [has_structure(*pair, criterion) for pair in zip(structures, floors, strict=True)]
-        for k, (part, olds, news) in enumerate(powers):
+        for k, (part, olds, news) in enumerate(islice(powers, 1 + has_holdout)):
             old, new = olds[at], news[at]
             removed = old.total - new.total
             if structured[0] and not structured[k]:
@@ -105,4 +108,4 @@ class ExplainedShares:
                 shares.append(removed / (removed + new.correlated + resolution))
             else:
                 shares.append(removed / max(old.total - floors[k] ** 2, removed))
-        return min(shares)
+        return shares

@@ -30,7 +30,7 @@ class NonlinearSettings:
     leap: float = 0.7  # largest step [step units, or of the logarithm]: a factor of two
     damping: float = 1e-12  # keeps a step finite with collinear slopes
     difference: float = 1e-3  # step of a parameter for derivatives [step units]
-    place: float = 0.3  # step unit of a position [rad]
+    place: float = 0.01  # step unit of a position, share of the range of the motion
     jump: float = 0.1  # a law jumps if a hundredth of `difference` changes it by this share of the change over it
     scanned: int = 21  # values of an edge per scan
     widths: tuple[float, ...] = (1.0, 0.1, 0.01, 1e-3)  # half widths of successive scans, shares of the first
@@ -84,16 +84,18 @@ def list_reset_variants(term: Term) -> list[Term]:
     ]
 
 
-def compute_nonlinear_slopes(term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]]) -> dict[str, Array]:
+def compute_nonlinear_slopes(
+    term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]], width: float = 1.0
+) -> dict[str, Array]:
     """Return derivatives (R,) of a term's torque by its continuous nonlinear parameters, keyed by their full names.
 
-    `torques` returns the torque (R,) of each of several variants of the term [N m].
+    `torques` returns the torque (R,) of each of several variants of the term [N m]. The motion has a `width` [rad].
     """
     slopes = {}
     for parameter in list_continuous_parameters(term):
         value = term.nonlinear_values[parameter.name]
         # symmetric difference over a step that is small against the value and safe against rounding
-        size = get_step_unit(parameter, value) if parameter.is_position else max(abs(value), 1e-6)
+        size = get_step_unit(parameter, value, width) if parameter.is_position else max(abs(value), 1e-6)
         step = NONLINEAR.difference * size
         more, less = torques([replace(term, **{parameter.name: value + d}) for d in (step, -step)])
         slopes[term.get_full_name(parameter.name)] = (more - less) / (2 * step)
@@ -106,12 +108,14 @@ def refine_nonlinear(
     edges: Sequence[NonlinearParameter] = (),
     gain: float = 0.0,
     longest: float = np.inf,
+    width: float = 1.0,
 ) -> T:
     """Find the variant of a term with locally least squared residual; parameters in `edges` stay.
 
     Gauss-Newton with derivatives by differences evaluates all variants of an iteration in one batch. Parameters with a
     positive lower limit change by factors. The search ends if an iteration lowers the squared residual by less than a
-    share `gain`. Time constants are at most `longest` [s], beyond which an exponential equals a line.
+    share `gain`. Time constants are at most `longest` [s], beyond which an exponential equals a line. The motion
+    has a `width` [rad].
 
     Source: Golub and Pereyra, Inverse Problems 19(2), 2003.
     """
@@ -129,7 +133,7 @@ def refine_nonlinear(
         """Return the values of the sought parameters (S,), and the units of their steps (S,)."""
         values = np.array([term.nonlinear_values[parameter.name] for parameter in sought])
         return values, np.array(
-            [get_step_unit(parameter, value) for parameter, value in zip(sought, values, strict=True)]
+            [get_step_unit(parameter, value, width) for parameter, value in zip(sought, values, strict=True)]
         )
 
     def linearise(term: T) -> LocalErrors[T]:  # slopes per step unit
@@ -170,7 +174,7 @@ def find_edges(term: Term, x: Samples) -> list[NonlinearParameter]:
 def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
     """Return whether a small change of a parameter leaves the laws of a term unchanged at all samples, or is a jump."""
     value = term.nonlinear_values[parameter.name]
-    unit = get_step_unit(parameter, value)
+    unit = get_step_unit(parameter, value, float(np.ptp(x.position)))
 
     def compute_change(share: float) -> float:  # largest, over samples, for a move by this many step units either way
         ends = [
@@ -183,13 +187,13 @@ def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
     return far > 0 and (near <= least or close <= least or close > NONLINEAR.jump * near)
 
 
-def get_step_unit(parameter: NonlinearParameter, value: float) -> float:
+def get_step_unit(parameter: NonlinearParameter, value: float, width: float = 1.0) -> float:
     """Return the step unit of a parameter: its absolute value, at least 0.1 if its lower limit is not positive.
 
-    The unit of a position is the same about any zero.
+    The unit of a position, about any zero, is a share of the `width` of the motion [rad].
     """
     if parameter.is_position:
-        return NONLINEAR.place
+        return NONLINEAR.place * width
     return abs(value) if parameter.low > 0 else max(abs(value), 0.1)
 
 

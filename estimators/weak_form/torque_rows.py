@@ -139,7 +139,8 @@ class TorqueRows:
             def torques(variants: Terms, parameters: Array = parameters) -> list[Array]:
                 return [linear @ parameters + fixed for linear, fixed in self.data.columns(variants)]
 
-            for name, slope in compute_nonlinear_slopes(term, torques).items():
+            width = float(np.ptp(self.data.part(term.at).samples.position))
+            for name, slope in compute_nonlinear_slopes(term, torques, width).items():
                 slopes[name] = slope_of_rows = np.zeros(len(self.data.weights))
                 slope_of_rows[self.data.locate_rows(term.at)] = slope
         return np.column_stack([np.empty((len(self.data.weights), 0)), *slopes.values()]), list(slopes)
@@ -218,7 +219,7 @@ class TorqueRows:
         span, refined, edges = float(np.ptp(samples.time)), term, find_edges(term, samples)
         reach, longest = VARIANTS.reach * span, VARIANTS.longest * span
         for _ in range(1 + bool(edges and len(list_continuous_parameters(term)) > 1)):
-            refined = refine_nonlinear(refined, residuals, edges, gain, longest)
+            refined = refine_nonlinear(refined, residuals, edges, gain, longest, float(np.ptp(samples.position)))
             refined = scan_edges(refined, residuals, edges, reach)
         refined_trial = self.score_terms((*trial.terms[:index], refined, *trial.terms[index + 1 :]))
         is_worse = refined_trial.fitted_rms > trial.fitted_rms and not following

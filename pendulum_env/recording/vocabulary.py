@@ -189,8 +189,10 @@ def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
 
 STEMS = dict(_list_stems())
 WHOLE = {  # names that are not a stem with a unit
-    **{name: ("time", name) for name, factor in UNITS["time"].items() if len(name) > 1 and factor <= 1},  # `ms`
-    "utime": ("time", "us"),
+    **dict.fromkeys(("second", "secs"), ("time", "s")),
+    **dict.fromkeys(("millis", "milliseconds"), ("time", "ms")),
+    **dict.fromkeys(("micros", "microseconds", "utime"), ("time", "us")),
+    "nanoseconds": ("time", "ns"),
     **ODRIVE,
     "taum": ("torque", None),  # motor torque; `taumnm` is `tau [mNm]`
 }
@@ -201,6 +203,8 @@ def find_name(name: str) -> tuple[str, str | None, Rank] | None:
     letters = normalise_name(name)
     if letters in WHOLE:
         return *WHOLE[letters], Rank.MEASURED
+    if len(letters) > 1 and UNITS["time"].get(letters, 1.0) < 1:  # `ms`, a part of another time, or the only one
+        return "time", letters, Rank.ESTIMATED
     for end in range(len(letters), 0, -1):
         if letters[:end] in STEMS:
             quantity, rank = STEMS[letters[:end]]

@@ -465,6 +465,10 @@ def _describe_gates(finding: FailedGates) -> str:
         return f"leaves {value:.2g} times the noise floor: in a closed loop, it may fit the controller's answer"
     if name == "frequencies":
         return "not determined: the motion has one frequency, at which it is another inertia and viscous friction"
+    if name == "size":
+        return "its best fit within physical bounds has zero size"
+    if name == "loss_in_motion":
+        return f"predicts free motion worse: {format_p_value(value)}, limit {limit:.2g}"
     if name == "kept_gravity":
         return f"fits only with {value:.2g} times the gravity: both terms cancel and imitate a third law"
     if name == "kept_inertia":

@@ -147,3 +147,16 @@ def test_rows_with_a_bound_of_their_error_have_no_share_in_the_scale_of_the_nois
     found = predict_density(theta, linear(phi, y), without)
     np.testing.assert_allclose(found[clear], np.bincount(where.block, expected)[clear], atol=0.5)
     assert (predict_density(theta, linear(phi, y), where)[clear] < found[clear] - 1.0).all()
+
+
+def test_a_recording_that_is_all_in_contact_does_not_change_the_scale_of_another():
+    where = blocks(2, 10, 30)
+    phi, y = data(4, where)
+    theta = np.array([1.0, 2.0, 3.0])
+    is_bounded = (where.recording == 1) | (where.block % 2 == 1)
+    alone = blocks(1, 10, 30)
+    one = replace(alone, is_bounded=is_bounded[: len(alone.block)])
+    both = predict_density(theta, linear(phi, y), replace(where, is_bounded=is_bounded))
+    first = slice(0, len(alone.block))
+    np.testing.assert_allclose(both[:10], predict_density(theta, linear(phi[first], y[first]), one))
+    assert np.isfinite(both).all()

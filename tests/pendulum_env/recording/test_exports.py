@@ -104,6 +104,7 @@ DRIVEN: dict[str, str] = {
         "timestamp;theta;tau", [f"2026-03-01 {t}" for t in TIMES_OF_DAY], ANGLE, TORQUE, sep=";", comma=True
     ),
     "milliseconds of an Arduino": text("millis,angle,torque", MILLIS, ANGLE, TORQUE),
+    "two clocks": text("time,ms,angle,torque", TIME, MILLIS, ANGLE, TORQUE),
     "a counter of 32 bits": text("micros,angle,torque", (4_293_000_000 + 1000 * MILLIS) % 2**32, ANGLE, TORQUE),
     "rostopic echo -p": text(ROSTOPIC, NANOSECONDS, MILLIS, ["hip"] * 800, ANGLE, SPEED, TORQUE),
     "a serial monitor": "12:00:00.000 -> millis,angle,torque\n" + "\n".join(ARRIVED) + "\n",
