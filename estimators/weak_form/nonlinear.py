@@ -190,10 +190,10 @@ def _has_jumps(term: Term, parameter: NonlinearParameter, x: Samples) -> bool:
 def get_step_unit(parameter: NonlinearParameter, value: float, width: float = 1.0) -> float:
     """Return the step unit of a parameter: its absolute value, at least 0.1 if its lower limit is not positive.
 
-    The unit of a position, about any zero, is a share of the `width` of the motion [rad].
+    The unit of a position, about any zero, is a share of the `width` of the motion [rad], of 1 at rest.
     """
     if parameter.is_position:
-        return NONLINEAR.place * width
+        return NONLINEAR.place * (width or 1.0)
     return abs(value) if parameter.low > 0 else max(abs(value), 0.1)
 
 

@@ -53,7 +53,9 @@ def fit_exactly(terms: tuple[Term, ...]) -> SimpleNamespace:
     return SimpleNamespace(std=np.zeros(sum(len(term.columns) for term in terms)))
 
 
-def compare_gains(after: SimpleNamespace, before: SimpleNamespace, motions: dict, margin: float) -> list[Gate]:
+def compare_gains(
+    after: SimpleNamespace, before: SimpleNamespace, motions: dict, margin: float, *_: bool
+) -> list[Gate]:
     """Make the gates of held-out errors: a model with more gain has a lower error."""
     bounds = Gate("physical_bounds", 0.0, 0.0, True)
     return [bounds, Gate("holdout_torque", -after.gain, -before.gain, after.gain > before.gain)]
@@ -113,7 +115,7 @@ class KnownEvidence(Evidence):
 class KnownShares(ExplainedShares):
     """Shares of what the best model gains."""
 
-    def compute_of_torque(self, after: tuple[Term, ...], before: tuple[Term, ...], above_floor: bool = False) -> float:
+    def compute_of_torque(self, after: tuple[Term, ...], before: tuple[Term, ...], *_: bool, **__: bool) -> float:
         return (self.total(after) - self.total(before)) / max(NOISE - self.total(before), 0.1 * NOISE)
 
 
