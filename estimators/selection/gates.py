@@ -399,8 +399,8 @@ def require_inertia(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that the inertia of `after` is significant, by which its windows are cut; a link has its own inertia."""
     if not has_link(after.terms):
         step = after.fitted or after.evidence.fits.fit_with_std(after.terms)
-        inertia = step.model.estimates["inertia"]
-        yield Gate("inertia", inertia.value, SIGNIFICANT * inertia.std, inertia.is_significant, "kg m^2", inertia.std)
+        inertia, unit = step.model.estimates["inertia"], after.evidence.train.units().unit("kg m^2")
+        yield Gate("inertia", inertia.value, SIGNIFICANT * inertia.std, inertia.is_significant, unit, inertia.std)
 
 
 def require_motion_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
