@@ -89,13 +89,22 @@ def _refit_by_likelihood(evidence: Evidence, last: Step) -> Step:
     return refitted if evidence.decide(refitted, last, REFIT_BY_LIKELIHOOD).passed else last
 
 
+def require_innovations(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
+    """Test that held-out innovations do not grow."""
+    segments = [choose_segments(w, SEGMENT) for w in after.evidence.holdout.data.windows]
+    new, old = (Point.from_model(each.step.model) for each in (after, before))
+    filters = output_error.make_innovations(segments, old)
+    new_rms, old_rms = (output_error.compute_rms(segments, point, filters=filters) for point in (new, old))
+    yield Gate("innovations", new_rms, old_rms, new_rms <= old_rms)
+
+
 def require_smaller_std(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test that standard errors are smaller on average."""
     ratio = _compute_std_ratio(after.step, before.step)
     yield Gate("standard_errors", ratio, 1, ratio < 1)
 
 
-REFIT_BY_LIKELIHOOD = Rule("refit by likelihood", (gates.require_no_loss, require_smaller_std))
+REFIT_BY_LIKELIHOOD = Rule("refit by likelihood", (gates.require_no_loss, require_innovations, require_smaller_std))
 
 
 def _compute_std_ratio(step: Step, reference: Step) -> float:

@@ -161,6 +161,12 @@ def fit_maximum_likelihood(segments: Sequence[Segments], start: Point) -> Model:
     return make_model(segments, fit_segments(segments, start, filters=filters), filters)
 
 
+def compute_rms(segments: Sequence[Segments], point: Point, filters: Filters = ()) -> float:
+    """Return the RMS error of the segments with free initial states [rad]; with filters, of the innovations."""
+    error, _ = compute_errors(segments, [point], filters)
+    return float(np.sqrt(np.mean(error**2)))
+
+
 def compute_noise(segments: Sequence[Segments], point: Point, has_free_states: bool = False) -> Array:
     """Return the mean square change of the positions of each segment by noise of torque and initial velocity (B,).
 

@@ -29,6 +29,16 @@ ALIASES = {
     "tauext",
     "segment": "segment segments episode episodeindex trial",
 }
+TICKS = {
+    "second": "s",
+    "secs": "s",
+    "millis": "ms",
+    "milliseconds": "ms",
+    "micros": "us",
+    "microseconds": "us",
+    "nanoseconds": "ns",
+    "utime": "us",
+}  # of a clock
 NOW = "current"  # before a long alias: measured, `current_torque`, but `torque_current` and `current_q` are currents
 CARRIERS = ("shaft", "pendulum", "arm", "dof")  # before an alias: the moving part
 JOINT_WORDS = frozenset((*CARRIERS, "joint", "joints", "motor", "axis", "j", "id"))  # words that name no one joint
@@ -189,10 +199,7 @@ def _list_stems() -> Iterator[tuple[str, tuple[str, Rank]]]:
 
 STEMS = dict(_list_stems())
 WHOLE = {  # names that are not a stem with a unit
-    **dict.fromkeys(("second", "secs"), ("time", "s")),
-    **dict.fromkeys(("millis", "milliseconds"), ("time", "ms")),
-    **dict.fromkeys(("micros", "microseconds", "utime"), ("time", "us")),
-    "nanoseconds": ("time", "ns"),
+    **{name: ("time", unit) for name, unit in TICKS.items()},
     **ODRIVE,
     "taum": ("torque", None),  # motor torque; `taumnm` is `tau [mNm]`
 }

@@ -53,16 +53,12 @@ def test_an_error_of_the_initial_state_alone_leaves_no_residual():
     prepared = prepared_of({}, counts=1_024_000, torque_noise=0.0)
     (segments,) = prepared.segments
     point = Point(BASE, np.array(list(TRUTH.values())))
-    exact = compute_rms([segments], point)
+    exact = output_error.compute_rms([segments], point)
     shifted = np.array(segments.velocity) + 2e-3
 
     off = replace(segments, velocity=shifted)
-    assert compute_rms([off], point) < 3 * exact
-    assert compute_rms([off], Point(BASE, point.theta * 1.02)) > 10 * exact
-
-
-def compute_rms(segments, point) -> float:
-    return float(np.sqrt(np.mean(output_error.compute_segment_rms(segments, point) ** 2)))
+    assert output_error.compute_rms([off], point) < 3 * exact
+    assert output_error.compute_rms([off], Point(BASE, point.theta * 1.02)) > 10 * exact
 
 
 def test_errors_by_torque_noise_are_as_large_as_their_estimate_on_average():
