@@ -154,6 +154,11 @@ class Alignment:
         """Return whether the torque of a joint is corrected."""
         return self.joint in ("", joint)
 
+    def reduce_delay(self, dead_time: float, std: float) -> Alignment:
+        """Return the law with a shorter delay: a dead time [s] after a correction is the excess of its delay."""
+        channel = replace(self.channel, delay=self.delay - dead_time)
+        return replace(self, channel=channel, delay_std=std, rival=None, is_half_sample=False)
+
     def select_channel(self, period: float) -> Channel:
         """Return the law of a recording with a sample time `period` [s]."""
         return replace(self.channel, delay=0.5 * period) if self.is_half_sample else self.channel
@@ -236,6 +241,11 @@ def require_gain(after: Alignment, before: Alignment, penalty: float = 0.0) -> I
         yield from limit_gain(Gain(total, spread, p_value), penalty, limits.p_value)
 
 
+def require_evidence(after: Alignment, before: Alignment) -> Iterator[Gate]:
+    """Test the same gain with a penalty of log(1 / p_value): a smaller gain without scatter is no evidence."""
+    yield from require_gain(after, before, -float(np.log(after.criterion.p_value)))
+
+
 def require_gain_over_chance(after: Alignment, before: Alignment) -> Iterator[Gate]:
     """Test the same gain with a penalty: the logarithm of the number of tried delays and lags."""
     yield from require_gain(after, before, float(np.log(CHECKS.channel.candidates)))
@@ -267,7 +277,7 @@ def require_long_delay(after: Alignment, before: Alignment) -> Iterator[Gate]:
 # One law of the channel predicts better than another, significantly or not.
 PREDICT = Policy("predict", (require_total,))
 # One law of the channel predicts significantly better than another.
-OVERRULE = Policy("overrule", (require_gain,))
+OVERRULE = Policy("overrule", (require_evidence,))
 # Torque and motion are shifted in time.
 SHIFT = Policy("shift", (require_size, require_gain_over_chance))
 # They are shifted by a delay that is not negligible.

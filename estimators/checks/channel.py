@@ -27,7 +27,7 @@ from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import decide
 from estimators.decisions.score import Blocks, cross_validate_density
 from estimators.regression.balance import Balance
-from estimators.regression.least_squares import IdentificationError, solve_least_squares
+from estimators.regression.least_squares import IdentificationError
 from estimators.signals.channel import LONGEST, REACH, Channel
 from estimators.weak_form.floors import compute_numerical_error
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
@@ -39,18 +39,6 @@ from pendulum_env.recording import Recording
 
 class ChannelFits(ChannelRows):
     """Fits of the recorded torque under any law of the channel."""
-
-    def keeps_inertia(self, law: Alignment) -> bool:
-        """Return whether the inertia of the base model stays above `kept_inertia` of itself under a law.
-
-        The speed of a joint with inertia J and viscous friction b follows torque with the lag J/b. A late action can
-        imitate this inertia.
-        """
-        columns = self.rows.data.equations(BASE).phi * self.rows.data.weights[:, None]
-        logged, corrected = (
-            solve_least_squares(columns, self.compute_torque(channel))[0] for channel in (Channel(), law.channel)
-        )
-        return bool(corrected >= self.criterion.kept_inertia * logged)
 
     @cached_property
     def numerical_error(self) -> float:
@@ -214,7 +202,7 @@ def estimate_alignment(
         fits = min(candidates, key=lambda candidate: candidate.delay_fit.delay_std)
     if not (law := _choose_hold(fits)).is_found:
         return law
-    if not (law.is_late or fits.keeps_inertia(law)):
+    if not fits.keeps_inertia(law.channel):
         return NO_ALIGNMENT
     if not is_model and find_feedback(recordings, criterion):
         finer = fits.with_angle_columns()

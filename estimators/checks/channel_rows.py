@@ -185,11 +185,10 @@ class ChannelRows:
         return fitted_rows
 
     def select_joint(self) -> Self:
-        """Return the rows with a law of the joint whose delay explains most; unchanged if that of all explains more."""
-        joints, most = self.rows.data.joints, (1 - self.criterion.equal_error_share) * self.compute_misfit(self.start)
+        """Return the rows with a law of the joint whose delay explains most; unchanged with one joint."""
+        joints = self.rows.data.joints
         of_joints = [replace(self, joint=joint) for joint in joints if len(joints) > 1]
-        misfits = [rows.compute_misfit(rows.start) for rows in of_joints]
-        return of_joints[int(np.argmin(misfits))] if min(misfits, default=np.inf) <= most else self
+        return min(of_joints, key=lambda rows: rows.compute_misfit(rows.start), default=self)
 
     def with_jump_errors(self) -> Self:
         """Return the rows with weights for jumps of sampled torque: their time within a sample is unknown."""
@@ -221,9 +220,29 @@ class ChannelRows:
 
     @cached_property
     def start(self) -> Channel:
-        """Best of delays from -`REACH` to `latest`, `CHANNEL.starts` per second, without a filter."""
+        """Best of delays from -`REACH` to `latest`, `CHANNEL.starts` per second, without a filter.
+
+        Torque that acts late keeps the inertia of the base model, see `keeps_inertia`.
+        """
         delays = np.linspace(-REACH, self.latest, round(CHANNEL.starts * (REACH + self.latest)))
-        return min(map(self.make_law, delays), key=self.compute_misfit)
+        return min(filter(self.keeps_inertia, map(self.make_law, delays)), key=self.compute_misfit)
+
+    @cached_property
+    def _inertia_weights(self) -> Array:
+        """Weights (R,) whose product with the weighted torque is the inertia of the base model of a single joint."""
+        return np.asarray(np.linalg.pinv(self.rows.data.equations(BASE).phi * self.rows.data.weights[:, None])[0])
+
+    def keeps_inertia(self, law: Channel) -> bool:
+        """Return whether the inertia of the base model stays above `kept_inertia` of itself, if torque acts late.
+
+        The speed of a joint with inertia J and viscous friction b follows torque with the lag J/b. A late action can
+        imitate this inertia. Torque that switches at reversals is constant in windows clear of them if it acts late
+        enough, and friction explains it. Joints with links are not tested.
+        """
+        if law.is_late or self.rows.data.shared_columns:
+            return True
+        logged, corrected = (float(self._inertia_weights @ self.compute_torque(each)) for each in (Channel(), law))
+        return corrected >= self.criterion.kept_inertia * logged
 
     @property
     def period(self) -> float:

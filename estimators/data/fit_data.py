@@ -21,7 +21,7 @@ from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding
 from estimators.free_swings import find_known_values
-from pendulum_env.physics import BASE, Term
+from pendulum_env.physics import BASE, Estimate, Term
 from pendulum_env.physics.joints import find_mechanism
 from pendulum_env.recording import Recording
 
@@ -115,11 +115,20 @@ class FitData:
         """
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
-        logged, count = self.timing.logged or self.all_recordings, len(self.recordings)
+        logged = self.timing.logged or self.all_recordings
         terms = [term for term in self.terms if isinstance(term, Term)]
         timing = Timing.from_recordings(logged, [*terms, *(effects or ())], self.criterion, effects is not None)
-        corrected = timing.recordings
-        corrections = self.timing.corrections
+        return self._correct_torque(timing, effects)
+
+    def with_shorter_delay(self, joint: str, dead_time: Estimate, effects: Sequence[Term]) -> FitData:
+        """Return the data with the delay of late torque at a joint shorter by a dead time, found beside `effects`."""
+        if self.whole is not None:
+            return self.whole.with_shorter_delay(joint, dead_time, effects).without_outliers(self.excluded)
+        return self._correct_torque(self.timing.reduce_delays(joint, dead_time.value, dead_time.std), effects)
+
+    def _correct_torque(self, timing: Timing, effects: Sequence[Term] | None) -> FitData:
+        """Return the data with torque corrected by a timing, under some effects or, for None, beside nearly any law."""
+        corrected, count, corrections = timing.recordings, len(self.recordings), self.timing.corrections
         earlier = [treatment for treatment in self.treatments if treatment not in corrections]
         if effects is not None:
             earlier.append(Treatment(Action.TIMED_BY_MODEL, effects=tuple(term.id for term in effects)))

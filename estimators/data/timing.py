@@ -42,6 +42,13 @@ class Timing:
         alignments = tuple(estimate_alignments(logged, terms, criterion, is_model))
         return cls(alignments, tuple(recording.name for recording in logged), tuple(logged))
 
+    def reduce_delays(self, joint: str, dead_time: float, std: float) -> Timing:
+        """Return the timing with the delay of late torque at a joint shorter by a dead time [s], see `reduce_delay`."""
+        laws = (
+            law.reduce_delay(dead_time, std) if law.is_late and law.joint == joint else law for law in self.alignments
+        )
+        return replace(self, alignments=tuple(laws))
+
     @cached_property
     def recordings(self) -> tuple[Recording, ...]:
         """Return the recordings with corrected torque; none in a result, which lacks the logged ones."""
@@ -75,6 +82,10 @@ class Timing:
         """Return whether the torque of a recording was logged late or filtered, other than by half a sample."""
         return any(alignment.is_late and not alignment.is_half_sample for alignment in self.alignments)
 
+    def is_late_at(self, joint: str) -> bool:
+        """Return whether a delay of the log was corrected at a joint and at no other."""
+        return any(law.delay > 0 and law.is_late and law.joint == joint for law in self.alignments)
+
     def agrees(self, other: Timing) -> bool:
         """Return whether another timing has the same alignments, within their standard errors; unknown ones agree."""
         return all(
@@ -82,6 +93,11 @@ class Timing:
             or (alignment.is_late == counterpart.is_late and alignment.agrees(counterpart))
             for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
         )
+
+    def predicts_as_well(self, other: Timing) -> bool:
+        """Return whether torque was late, and no law of another timing predicts its recording significantly better."""
+        pairs = zip(self.alignments, other.alignments, strict=True)
+        return self.has_moved and not any(counterpart.beats(alignment) for alignment, counterpart in pairs)
 
     @property
     def corrections(self) -> list[TorqueTiming]:

@@ -15,6 +15,7 @@ from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Evidence, Hypothesis
 from estimators.selection.policies import ADD_STOP, FOLLOW, HAVE_INERTIA, SWAP, TIE
 from pendulum_env.physics import BASE, Term, has_link, list_ids
+from pendulum_env.physics.actuation import DeadTime
 
 TIMES = {Action.TIMED_BY_MODEL, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
 PURPOSES: Mapping[str, Policy[Hypothesis]] = {
@@ -145,16 +146,28 @@ def exclude_outliers(trial: Trial) -> FitData | None:
 def align_with_effects(trial: Trial) -> FitData | None:
     """Return data with torque timed under the found model alone, which shows shorter delays than nearly any law does.
 
+    A dead time after the correction of a delay is the excess of this delay, and shortens it. Other effects may have
+    been found because torque is late. Torque is therefore timed under the base model if its laws of the channel predict
+    as well as those of the found model.
+
     None if this was done, if torque is kept as logged, if the timing agrees, or if a corrected delay would be lost: the
     few columns of a wrong model may hide a delay.
     """
-    known = list_ids((*BASE, *(term for term in trial.data.terms if isinstance(term, Term))))
+    data, model = trial.data, trial.result.steps[-1].model
+    known = list_ids((*BASE, *(term for term in data.terms if isinstance(term, Term))))
     effects = [term for term in trial.result.terms if term.id not in known]
-    if any(action in TIMES for action in trial.data.actions):
+    dead_times = [term for term in effects if isinstance(term, DeadTime) and data.timing.is_late_at(term.at)]
+    done = [treatment for treatment in data.treatments if isinstance(treatment, Treatment) and treatment.action in TIMES]
+    for term in dead_times:
+        if all(term.id not in treatment.effects for treatment in done):
+            return data.with_shorter_delay(term.at, model.estimates[term.get_full_name("dead_time")], effects)
+    if done:
         return None
-    timed = trial.data.with_timing(effects)
-    is_lost = trial.data.timing.has_moved and not timed.timing.has_moved
-    return None if is_lost or timed.timing.agrees(trial.data.timing) else timed
+    timed = data.with_timing(effects)
+    if effects and (of_base := data.with_timing([])).timing.predicts_as_well(timed.timing):
+        timed = of_base
+    is_lost = data.timing.has_moved and not timed.timing.has_moved
+    return None if is_lost or timed.timing.agrees(data.timing) else timed
 
 
 def keep_logged_time(trial: Trial) -> FitData | None:
