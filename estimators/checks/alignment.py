@@ -30,7 +30,12 @@ from estimators.decisions.gate import Gate, limit_gain
 from estimators.decisions.score import Gain
 from estimators.findings import Finding, Quantity
 from estimators.signals.channel import LONGEST, REACH, UNMIXED_SAMPLES, Channel
-from estimators.signals.differentiation import estimate_encoder_noise, estimate_log_noise, estimate_noise_slope
+from estimators.signals.differentiation import (
+    estimate_encoder_noise,
+    estimate_log_noise,
+    estimate_noise_slope,
+    has_white_noise,
+)
 from pendulum_env._typing import JSON, Array
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
 
@@ -194,7 +199,11 @@ class Alignment:
             reach = n_omitted + margin + int(np.ceil(5 * max(channel.lag, 0.0) / period)) + feedback
             response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
             is_sampled = self.channel.is_sampled or self.is_half_sample
-            series["moved"] = make_moved_torque(recording, response, is_sampled, self.criterion)
+            moved = make_moved_torque(recording, response, is_sampled, self.criterion)
+            if channel.lag > 0 and has_white_noise(series["torque"], response):
+                noise = estimate_log_noise(series["torque"], series["position"])
+                moved = moved._replace(noise=noise, has_filtered_noise=True)
+            series["moved"] = moved
         starts = tuple(np.cumsum([0, *map(len, kept_rows[:-1])]).tolist())
         return replace(recording, **series, starts=starts, notes=(*recording.notes, self._note))
 

@@ -14,6 +14,7 @@ from pendulum_env.filters import filter_savitzky_golay
 from pendulum_env.recording import Recording
 from pendulum_env.recording.rounding import find_least_change, list_changes
 
+FOURTH = {1: np.array([1.0, -4, 6, -4, 1]), 2: np.array([1.0, 0, -4, 0, 6, 0, -4, 0, 1])}  # differences, by step
 STILL = 1e-9  # [rad], largest change of position from sample to sample at rest
 
 
@@ -82,6 +83,17 @@ def estimate_noise_slope(position: Array, torque: Array) -> float:
     of_position, of_torque = np.diff(position, 4), np.diff(torque, 4)
     is_calm = np.abs(of_torque) <= 4 / 0.6745 * np.median(np.abs(of_torque))
     return float(of_torque[is_calm] @ of_position[is_calm] / max(np.sum(of_position[is_calm] ** 2), 1e-300))
+
+
+def has_white_noise(series: Array, response: Array) -> bool:
+    """Return whether the noise of a filtered signal (N,) is white, instead of white before the filter.
+
+    Fourth differences of every sample and of every second one have the same scatter under white noise. White noise
+    before a filter with an impulse response (L,) has another ratio; the nearer of both decides.
+    """
+    fine, coarse = estimate_scatter(series), estimate_scatter(series[::2])
+    of_fine, of_coarse = (np.linalg.norm(np.convolve(response, FOURTH[step])) for step in (1, 2))
+    return bool(fine**2 * of_coarse < coarse**2 * of_fine)
 
 
 def find_near_reversals(velocity: Array, moving: Mask, distance: int) -> Mask:
