@@ -83,8 +83,7 @@ class Alignment:
             standard error is that of a free delay.
         joint: joint to which the law applies; empty for all joints.
         gain: parameter of the first column, and its standard error.
-        density: log predictive density of each block (2, C) [nat]: with the residual as torque, and with it as
-            noise of the log, which the channel's inverse filter amplifies.
+        density: log predictive density of the logged torque in each block (C,) [nat].
         misfit: norm of the weighted residual, with errors of smoothing and integration.
         period: sample time [s].
         criterion: limits of its comparisons with others.
@@ -97,7 +96,7 @@ class Alignment:
     is_half_sample: bool = False
     joint: str = ""
     gain: tuple[float, float] = field(default=(0.0, 0.0), compare=False, repr=False)
-    density: Array = field(default_factory=lambda: np.zeros((2, 0)), compare=False, repr=False)
+    density: Array = field(default_factory=lambda: np.zeros(0), compare=False, repr=False)
     misfit: float = field(default=0.0, compare=False, repr=False)
     period: float = field(default=0.0, compare=False, repr=False)
     criterion: Criterion = field(default=Criterion(), compare=False, repr=False)
@@ -240,11 +239,11 @@ class Alignment:
 
 
 def require_gain(after: Alignment, before: Alignment, penalty: float = 0.0) -> Iterator[Gate]:
-    """Test the gain in prediction, by its scatter between blocks of time, in torque and in noise of the log."""
-    gains, limits = after.density - before.density, after.criterion
-    least, count = limits.timing.least_blocks, gains.shape[1]
+    """Test the gain in prediction, by its scatter between blocks of time."""
+    gain, limits = after.density - before.density, after.criterion
+    least, count = limits.timing.least_blocks, len(gain)
     yield Gate("blocks", count, least, count >= least)
-    for gain in gains if count >= least else ():
+    if count >= least:
         total, spread = float(gain.sum()), float(np.sqrt(count) * gain.std())
         p_value = float(ndtr(-(total - penalty) / max(spread, 1e-300)))
         yield from limit_gain(Gain(total, spread, p_value), penalty, limits.p_value)
@@ -269,8 +268,8 @@ def require_size(after: Alignment, before: Alignment) -> Iterator[Gate]:
 
 def require_total(after: Alignment, before: Alignment) -> Iterator[Gate]:
     """Test the gain in prediction without its scatter."""
-    for gain in (after.density - before.density).sum(axis=1).tolist():
-        yield Gate("gain", gain, 0.0, gain > 0, "nat")
+    gain = float((after.density - before.density).sum())
+    yield Gate("gain", gain, 0.0, gain > 0, "nat")
 
 
 def require_long_delay(after: Alignment, before: Alignment) -> Iterator[Gate]:

@@ -29,9 +29,9 @@ from estimators.decisions.score import Blocks, cross_validate_density
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import IdentificationError
 from estimators.signals.channel import LONGEST, REACH, Channel
+from estimators.signals.differentiation import estimate_log_noise, has_white_noise
 from estimators.weak_form.floors import compute_numerical_error
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
-from estimators.weak_form.windows import Windows
 from pendulum_env._typing import Array
 from pendulum_env.physics import BASE, Samples, Term
 from pendulum_env.recording import Recording
@@ -83,16 +83,16 @@ class ChannelFits(ChannelRows):
         delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
         density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
         density += np.bincount(block, np.log(self.rows.data.weights))  # of the torque, not of the weighted residual
-        of_log = density + np.log(self.compute_noise_gain(law)) * np.bincount(block)
+        amplification = self.compute_row_noise(law) / self.compute_row_noise(Channel())
+        density += np.bincount(block, np.log(amplification))  # of the log
         gain = float(fits[0].theta[0]), errors[0]
-        densities = np.stack([density, of_log])
         return Alignment(
             law,
             delay_std,
             lag_std,
             joint=self.joint,
             gain=gain,
-            density=densities,
+            density=density,
             misfit=float(np.hypot(self.compute_misfit(law), self.numerical_error)),
             period=self.period,
             criterion=self.criterion,
@@ -131,16 +131,24 @@ class ChannelFits(ChannelRows):
         )
         return is_consistent(recordings, self.rows.data, residual, untimed, self.span.shape[1], self.criterion)
 
-    def compute_noise_gain(self, law: Channel) -> float:
-        """Compute the largest ratio of white noise in the windows with and without the inverse filter."""
-        reach = int(np.ceil(5 * REACH / self.period))
+    def compute_row_noise(self, law: Channel) -> Array:
+        """Compute the noise of each row (R,) [N m] if the law corrects the torque: that of the encoder and of the log.
+
+        A filter of the log filters its noise, too, if the noise without the filter is white.
+        """
+        reach, data, noises = int(np.ceil(5 * REACH / self.period)), self.rows.data, list[Array]()
         impulse, undelayed = np.eye(1, 2 * reach + 1, reach)[0], replace(law, delay=0.0)
-
-        def compute_norm(w: Windows, own: Channel) -> float:
-            response = own.trace(w.samples, impulse, 1.0 / w.recording.rate)[0]
-            return float(np.linalg.norm(np.convolve(response, w.kernel)))
-
-        return max(compute_norm(w, undelayed) / compute_norm(w, Channel()) for w in self.rows.data.windows)
+        for w in data.windows:
+            own = undelayed if self.joint in ("", w.at) else Channel()
+            log, position, period = w.recording.torque, w.recording.position, 1.0 / w.recording.rate
+            acting = own.remove_filter(log, period)
+            if has_white_noise(acting, own.remove_filter(impulse, period)):
+                log, own = acting, replace(own, lag=min(own.lag, 0.0))
+            response = np.convolve(own.trace(w.samples, impulse, period)[0], w.kernel)
+            of_log = estimate_log_noise(log, position) * float(np.linalg.norm(response))
+            std = np.hypot(of_log, (data.base_inertia + w.noise.load_inertia) * w.noise.acceleration)
+            noises.append(np.full(len(w.centers), max(std, self.numerical_error / len(data.weights) ** 0.5, 1e-300)))
+        return np.concatenate(noises)
 
 
 def estimate_alignment(

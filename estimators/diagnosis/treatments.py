@@ -157,7 +157,9 @@ def align_with_effects(trial: Trial) -> FitData | None:
     known = list_ids((*BASE, *(term for term in data.terms if isinstance(term, Term))))
     effects = [term for term in trial.result.terms if term.id not in known]
     dead_times = [term for term in effects if isinstance(term, DeadTime) and data.timing.is_late_at(term.at)]
-    done = [treatment for treatment in data.treatments if isinstance(treatment, Treatment) and treatment.action in TIMES]
+    done = [
+        treatment for treatment in data.treatments if isinstance(treatment, Treatment) and treatment.action in TIMES
+    ]
     for term in dead_times:
         if all(term.id not in treatment.effects for treatment in done):
             return data.with_shorter_delay(term.at, model.estimates[term.get_full_name("dead_time")], effects)
