@@ -198,11 +198,11 @@ class Alignment:
             reach = n_omitted + margin + int(np.ceil(5 * max(channel.lag, 0.0) / period)) + feedback
             response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
             is_sampled = self.channel.is_sampled or self.is_half_sample
-            moved = make_moved_torque(recording, response, is_sampled, self.criterion)
+            noise = make_moved_torque(recording, response, is_sampled, self.criterion)
             if channel.lag > 0 and has_white_noise(series["torque"], response):
-                noise = estimate_log_noise(series["torque"], series["position"])
-                moved = moved._replace(noise=noise, has_filtered_noise=True)
-            series["moved"] = moved
+                white = estimate_log_noise(series["torque"], series["position"])
+                noise = noise._replace(noise=white, has_filtered_noise=True)
+            series["moved"] = noise
         starts = tuple(np.cumsum([0, *map(len, kept_rows[:-1])]).tolist())
         return replace(recording, **series, starts=starts, notes=(*recording.notes, self._note))
 

@@ -33,7 +33,7 @@ from estimators.signals.differentiation import estimate_log_noise, has_white_noi
 from estimators.weak_form.floors import compute_numerical_error
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
 from pendulum_env._typing import Array
-from pendulum_env.physics import BASE, Samples, Term
+from pendulum_env.physics import Samples, Term
 from pendulum_env.recording import Recording
 
 
@@ -120,7 +120,7 @@ class ChannelFits(ChannelRows):
             )
             if is_both and delay_and_lag.beats(delay) and delay_and_lag.beats(lag):
                 return delay_and_lag
-        is_filter = lag.predicts_better(delay) and lag.is_supported(in_time) and abs(lag.lag) >= self.period
+        is_filter = lag.beats(delay) and lag.is_supported(in_time) and abs(lag.lag) >= self.period
         law, other = (lag, delay) if is_filter else (delay, lag)
         return law if law.beats(other) or not other.is_supported(in_time) else replace(law, rival=other.channel)
 

@@ -35,7 +35,7 @@ class MovedTorque(NamedTuple):
     """Noise of a torque that was moved in time.
 
     Attributes:
-        noise: standard deviation of the white noise before the move [N m]; after it, if the log filtered the noise, too.
+        noise: standard deviation of the white noise before the move, or after it with `has_filtered_noise` [N m].
         response: impulse response of the filter that moved the torque (L,), with an answer of odd length about zero.
         is_sampled: whether torque was sampled while changing, so that a jump may be anywhere between samples.
         answer: slope of this noise over the noise of the position [N m/rad]: a controller answers its encoder.

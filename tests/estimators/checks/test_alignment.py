@@ -78,12 +78,60 @@ def test_torque_that_is_logged_through_a_filter_is_found_where_it_steps(time_con
     assert found.finding.delay is None and found.finding.lag is not None
 
 
+def add_noise(recording: Recording, std: float) -> Recording:
+    noise = std * np.random.default_rng(0).standard_normal(len(recording))
+    return replace(recording, torque=recording.torque + noise)
+
+
 def test_slow_torque_does_not_tell_a_filter_from_a_delay_and_both_are_said():
-    finding = estimate_alignment([logged_filtered(run("two_tone", 1000.0), 0.003)]).finding
+    experiment = Experiment(rate=1000.0, seconds=12.0, seed=3, counts=65_536, torque_noise=0.0)
+    filtered = add_noise(logged_filtered(recorded(Plant(), experiment)[0], 0.003), 0.02)
+    finding = estimate_alignment([filtered]).finding
     assert (finding.rival_lag is None) != (finding.rival_delay is None)
     lag, delay = finding.lag or finding.rival_lag, finding.delay or finding.rival_delay
     assert lag.value == pytest.approx(0.003, abs=2e-4)
     assert delay.value == pytest.approx(0.0025, abs=2e-4)  # of the filter, from sample to sample
+
+
+def test_the_noise_of_slow_torque_tells_that_a_filter_has_passed_it():
+    filtered = logged_filtered(run("two_tone", 1000.0), 0.003)  # with its noise
+    found = estimate_alignment([filtered])
+    assert found.lag == pytest.approx(0.003, abs=1e-4)
+    assert found.rival is None
+    data = RegressionData.from_recordings([found.apply(filtered)])
+    residual = fit_terms(data, BASE)[1].residual
+    floor = data.data.windows[0].noise.compute_std(TRUTH[0])
+    assert float(np.sqrt(np.mean(residual**2))) == pytest.approx(floor, rel=0.1)
+
+
+def run_relay(rate: float = 200.0, substeps: int = 50) -> Recording:
+    """8 s of a joint without gravity under a constant torque that changes its sign, by implicit steps of friction."""
+    inertia, viscous, coulomb, step = 0.016, 0.08, 0.26, 1.0 / (rate * substeps)
+    torque = 0.42 * (-1.0) ** np.floor(np.arange(8 * rate) / (0.1 * rate))
+    position, velocity, positions = 0.0, 0.0, []
+    for command in torque:
+        positions.append(position)
+        for _ in range(substeps):
+            free = velocity + step / inertia * (command - viscous * velocity)
+            velocity = np.sign(free) * max(abs(free) - step * coulomb / inertia, 0.0)
+            position += step * velocity
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(torque))
+    return read_recording({"time": np.arange(len(torque)) / rate, "position": positions, "torque": torque + noise})
+
+
+def test_square_torque_that_switches_at_reversals_is_found_late():
+    late = logged_late(run_relay(), 1)
+    found = estimate_alignment([late], is_model=True)  # friction would explain torque of half a period earlier
+    assert found.delay == pytest.approx(5e-3, abs=5e-4)
+
+
+def test_a_delay_of_one_joint_is_not_that_of_all():
+    recording = arm_recorded(seconds=6.0, rate=250.0)
+    torque = recording.torque.copy()
+    torque[3:, 0] = recording.torque[:-3, 0]
+    found = estimate_alignment([replace(recording, torque=torque)], list(arm_base(body())))
+    assert found.joint == recording.names[0]
+    assert found.delay == pytest.approx(3 / 250.0, abs=1e-3)
 
 
 def test_a_delay_and_a_filter_are_found_together():
