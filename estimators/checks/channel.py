@@ -83,8 +83,7 @@ class ChannelFits(ChannelRows):
         delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
         density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
         density += np.bincount(block, np.log(self.rows.data.weights))  # of the torque, not of the weighted residual
-        amplification = self.compute_row_noise(law) / self.compute_row_noise(Channel())
-        density += np.bincount(block, np.log(amplification))  # of the log
+        density += np.bincount(block, np.log(self.compute_amplification(law, fits[0].residual)))  # of the log
         gain = float(fits[0].theta[0]), errors[0]
         return Alignment(
             law,
@@ -131,24 +130,33 @@ class ChannelFits(ChannelRows):
         )
         return is_consistent(recordings, self.rows.data, residual, untimed, self.span.shape[1], self.criterion)
 
-    def compute_row_noise(self, law: Channel) -> Array:
-        """Compute the noise of each row (R,) [N m] if the law corrects the torque: that of the encoder and of the log.
+    def compute_amplification(self, law: Channel, residual: Array) -> Array:
+        """Compute the noise of each row (R,) by that of the log, relative to a law that leaves the log as it is.
+
+        The part of the weighted `residual` (R,) that exceeds the noise of the log has other causes under both laws.
+        """
+        entry, squares = self.rows.data.recording_of_window, (residual / self.rows.data.weights) ** 2
+        power = np.bincount(entry, squares, len(self.rows.data.windows)) / np.maximum(np.bincount(entry), 1)
+        after, before = (self._compute_log_power(each) for each in (law, Channel()))
+        rest = np.maximum(power - after, 0.0) + self.numerical_error**2 / len(residual)
+        return np.asarray(np.sqrt((rest + after) / (rest + before))[entry])
+
+    def _compute_log_power(self, law: Channel) -> Array:
+        """Compute the variance of the torque in the windows of each entry by noise of the log, under a law [(N m)^2].
 
         A filter of the log filters its noise, too, if the noise without the filter is white.
         """
-        reach, data, noises = int(np.ceil(5 * REACH / self.period)), self.rows.data, list[Array]()
+        reach, powers = int(np.ceil(5 * REACH / self.period)), list[float]()
         impulse, undelayed = np.eye(1, 2 * reach + 1, reach)[0], replace(law, delay=0.0)
-        for w in data.windows:
+        for w in self.rows.data.windows:
             own = undelayed if self.joint in ("", w.at) else Channel()
-            log, position, period = w.recording.torque, w.recording.position, 1.0 / w.recording.rate
+            log, period = w.recording.torque, 1.0 / w.recording.rate
             acting = own.remove_filter(log, period)
             if has_white_noise(acting, own.remove_filter(impulse, period)):
                 log, own = acting, replace(own, lag=min(own.lag, 0.0))
             response = np.convolve(own.trace(w.samples, impulse, period)[0], w.kernel)
-            of_log = estimate_log_noise(log, position) * float(np.linalg.norm(response))
-            std = np.hypot(of_log, (data.base_inertia + w.noise.load_inertia) * w.noise.acceleration)
-            noises.append(np.full(len(w.centers), max(std, self.numerical_error / len(data.weights) ** 0.5, 1e-300)))
-        return np.concatenate(noises)
+            powers.append(float(response @ response) * estimate_log_noise(log, w.recording.position) ** 2)
+        return np.array(powers)
 
 
 def estimate_alignment(
