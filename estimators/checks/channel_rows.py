@@ -215,7 +215,9 @@ class ChannelRows:
     @cached_property
     def span(self) -> Array:
         """Orthonormal basis of the columns (R, P)."""
-        basis, singular, _ = np.linalg.svd(self.phi / np.maximum(np.linalg.norm(self.phi, axis=0), 1e-300), False)
+        sizes = np.linalg.norm(self.phi, axis=0)
+        sizes[sizes == 0] = np.inf  # squares of a column below 1e-160 are zero
+        basis, singular, _ = np.linalg.svd(self.phi / sizes, False)
         return np.asarray(basis[:, singular > 1e-9 * singular[0]])
 
     @cached_property
