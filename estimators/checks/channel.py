@@ -130,11 +130,19 @@ class ChannelFits(ChannelRows):
         )
         return is_consistent(recordings, self.rows.data, residual, untimed, self.span.shape[1], self.criterion)
 
+    @cached_property
+    def has_feedback(self) -> bool:
+        """Return whether the torque of a row reacts to its position."""
+        return bool(find_feedback([w.recording for w in self.rows.data.windows], self.criterion))
+
     def compute_amplification(self, law: Channel, residual: Array) -> Array:
         """Compute the noise of each row (R,) by that of the log, relative to a law that leaves the log as it is.
 
         The part of the weighted `residual` (R,) that exceeds the noise of the log has other causes under both laws.
+        The answer of a controller to its encoder looks like noise of the log, and acts: the ratio is then 1.
         """
+        if self.has_feedback:
+            return np.ones(len(residual))
         entry, squares = self.rows.data.recording_of_window, (residual / self.rows.data.weights) ** 2
         power = np.bincount(entry, squares, len(self.rows.data.windows)) / np.maximum(np.bincount(entry), 1)
         after, before = (self._compute_log_power(each) for each in (law, Channel()))
@@ -261,8 +269,7 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
         return law
     is_within_sample = shift < 0.5 + law.criterion.timing.z_score * shift_std
     # the log is not that of an earlier row
-    answers_row = bool(find_feedback([w.recording for w in fits.rows.data.windows], fits.criterion))
-    is_sampled = answers_row or not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
+    is_sampled = fits.has_feedback or not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
     if not (is_sampled and sampled_law.is_late):
         return law
     sampled_law = with_jumps.select_law()
