@@ -74,14 +74,14 @@ class ChannelFits(ChannelRows):
         if self.by_torque is not None:
             by_torque[:, : self.by_torque.shape[1]] = self.by_torque
         balance = Balance(design, self.compute_torque(law), by_torque, -limits, limits, np.ones(len(design)))
-        block, _, of_block = self.rows.data.blocks(self.rows.data.block)
+        block, entry, of_block = self.rows.data.blocks(self.rows.data.block)
         moved, recording = np.unique(of_block[block], return_inverse=True)
         clusters = [self.rows.data.clusters] + [recording] * (len(moved) >= CHANNEL.min_recordings)
         fits = [balance.fit(labels) for labels in clusters]
         errors = np.max([fit.std for fit in fits], axis=0).tolist()
         stds = dict(zip(slopes, errors[self.phi.shape[1] :], strict=True))
         delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
-        density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
+        density = cross_validate_density(balance, Blocks(block, entry, of_block, block))
         density += np.bincount(block, np.log(self.rows.data.weights))  # of the torque, not of the weighted residual
         density += np.bincount(block, np.log(self.compute_amplification(law, fits[0].residual)))  # of the log
         gain = float(fits[0].theta[0]), errors[0]
@@ -138,7 +138,8 @@ class ChannelFits(ChannelRows):
     def compute_amplification(self, law: Channel, residual: Array) -> Array:
         """Compute the noise of each row (R,) by that of the log, relative to a law that leaves the log as it is.
 
-        The part of the weighted `residual` (R,) that exceeds the noise of the log has other causes under both laws.
+        The part of the weighted `residual` (R,) that exceeds the noise of the log has other causes under both laws. An
+        inverse filter amplifies the error of this noise as well: its floor may differ by `equal_error_share`.
         The answer of a controller to its encoder looks like noise of the log, and acts: the ratio is then 1.
         """
         if self.has_feedback:
@@ -146,7 +147,8 @@ class ChannelFits(ChannelRows):
         entry, squares = self.rows.data.recording_of_window, (residual / self.rows.data.weights) ** 2
         power = np.bincount(entry, squares, len(self.rows.data.windows)) / np.maximum(np.bincount(entry), 1)
         after, before = (self._compute_log_power(each) for each in (law, Channel()))
-        rest = np.maximum(power - after, 0.0) + self.numerical_error**2 / len(residual)
+        least = (1 - self.criterion.equal_error_share) ** 2 * after
+        rest = np.maximum(power - least, 0.0) + self.numerical_error**2 / len(residual)
         return np.asarray(np.sqrt((rest + after) / (rest + before))[entry])
 
     def _compute_log_power(self, law: Channel) -> Array:
