@@ -41,6 +41,7 @@ from pendulum_env.physics.model import NO_INERTIA
 from pendulum_env.reading import quote_value
 from pendulum_env.recording import Recording, Source
 from pendulum_env.recording.formats import Readable, is_data, is_readable
+from pendulum_env.recording.lerobot import list_recordings
 from pendulum_env.recording.logged import read_logged
 from pendulum_env.recording.study import parse_log_format
 from pendulum_env.settings import format_setting
@@ -117,9 +118,12 @@ def _read_once(given: Recordings) -> Recordings:
 
 
 def _list_sources(given: Recordings) -> tuple[Any, ...]:
-    """List one or several recordings, as given."""
+    """List one or several recordings as given, with the episodes of datasets."""
     is_single = isinstance(given, Recording | np.ndarray) or is_readable(given)
-    return (given,) if is_single else convert_to_tuple(given)
+    items = (given,) if is_single else convert_to_tuple(given)
+    return tuple(
+        part for item in items for part in (list_recordings(item) if isinstance(item, str | os.PathLike) else [item])
+    )
 
 
 def _identify_sources(sources: Sequence[Any]) -> set[int | str]:

@@ -19,6 +19,7 @@ from pendulum_env.physics.joints import list_base_terms
 from pendulum_env.physics.limits import collect_limits
 from pendulum_env.physics.model import complete_model, load_model
 from pendulum_env.recording import Recording, Source
+from pendulum_env.recording.formats import is_there
 from pendulum_env.recording.study import apply_log_format, find_duplicate, read_sources
 from pendulum_env.robot_file import RobotOptions
 from workbench.errors import InputError
@@ -44,7 +45,7 @@ def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = 
     if (duplicate := find_duplicate(sources)) is not None:
         raise InputError(f"{duplicate.file}: is named twice: name each recording once, to fit or to hold out")
     for source in sources:  # held-out sources, too
-        if not source.file.exists():
+        if not is_there(source.file):
             raise InputError(f"{source.file}: there is no such file: check the path")
     if getattr(arguments, "fixed", {}).get("gravity") == 0.0:
         sources = [replace(source, has_gravity=False) for source in sources]
@@ -57,13 +58,13 @@ def list_sources(arguments: argparse.Namespace, outputs: Sequence[str | None] = 
 
 
 def read_source_names(name: str, arguments: argparse.Namespace) -> tuple[Source, ...]:
-    """Return the sources of a study, or of a single file with the columns of the arguments.
+    """Return the sources of a study or dataset, or of a single file, with the columns of the arguments.
 
     Raises InputError if the arguments set columns, unwrap or drive for a study, and StudyError if it is invalid.
     """
     drive = getattr(arguments, "drive", None)  # not an option of every command
     if not name.lower().endswith(".toml"):
-        return (Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive),)
+        return Source(Path(name), columns=arguments.columns or {}, unwrap=arguments.unwrap, drive=drive).expand()
     if arguments.columns or arguments.unwrap or drive:
         raise InputError(f"{name}: is a study with reading options of its own: write columns, unwrap and drive there")
     return read_sources(name)

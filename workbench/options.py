@@ -22,7 +22,7 @@ from workbench.terminal import parse_json_output
 T = TypeVar("T")
 COUPLING = "coupling"  # effect between two joints
 ARM_EFFECTS = (COUPLING, "rotor")  # only arms have them
-FORMATS = "CSV, Parquet, NPZ, JSON, MATLAB, HDF5, Excel, MCAP or ROS bag"
+FORMATS = "CSV, Parquet, NPZ, JSON, MATLAB, HDF5, Excel, MCAP, ROS bag or LeRobot dataset"
 KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
 OF_ARMS = ("rotors", "joints", "no_gravity")  # options that need --robot
 OF_PENDULUMS = ("drive", "theta", "fixed", "bounds")  # options that exclude --robot

@@ -19,6 +19,7 @@ from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import NO_TORQUE, Recording, complete_torque
 from pendulum_env.recording.rounding import count_significant_digits, find_least_change
 from pendulum_env.recording.table import RawTable
+from pendulum_env.settings import format_setting
 
 
 @dataclass
@@ -103,6 +104,15 @@ def _open_log(
         named_columns = {**others, "torque": named_columns.get("load_torque", columns["torque"].header)}
     if columns["position"].is_integral:
         values["position"] = _integrate_velocity(values, columns)
+    if "torque" in values and checks.is_without_sign(columns["torque"], values["torque"], values["position"]):
+        header = columns.pop("torque").header
+        if not actuator.is_controller:
+            raise ColumnError(
+                f"column {header!r} is never negative while the motion reverses: a current without sign is no torque, "
+                f"so leave it out with {format_setting('columns', {**named_columns, 'torque': NONE})}"
+            )
+        del values["torque"]
+        notes.append(Note(NoteKind.UNSIGNED, ("torque",), headers=(header,)))
     digits, step = count_significant_digits(values["position"]), find_least_change(values["position"])
     columns["position"] = replace(columns["position"], digits=digits, step=step)
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))

@@ -14,6 +14,7 @@ from pendulum_env.errors import ColumnError, RecordingError
 from pendulum_env.recording.angle_unit import suspect_radians, suspect_unit
 from pendulum_env.recording.cleaning import WRAPPED_RANGE
 from pendulum_env.recording.clock import STEPS, list_plausible_units
+from pendulum_env.recording.columns import FileColumn
 from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
@@ -35,6 +36,9 @@ class Bounds:
     least_constant: float = 0.01  # [N m/A], least torque constant at a joint
     counter_values: int = 50  # different torques, from which whole numbers alone are those of a counter
     reference_distance: float = 6 * np.pi  # [rad] by which a position may stay away from its reference
+    zero_current: float = 0.02  # of the largest: a current below it counts as zero
+    zero_share: float = 0.01  # least share of zeros of a current without sign
+    reversed_share: float = 0.1  # least ratio of the rows with one direction of motion to those with the other
     equal_correlation: float = 0.95  # correlation of two torques beyond which they may be one
 
 
@@ -84,6 +88,19 @@ def refuse_torque_counts(values: Array, origin: Origin) -> None:
             f"torque has whole numbers alone, as a drive counts it: read column {column.header!r} with {options[0]} "
             f"or {options[1]}, or {options[2]} with the torque of a count [N m]"
         )
+
+
+def is_without_sign(column: FileColumn, current: Array, position: Array) -> bool:
+    """Return whether a current (N,) lacks its sign: it falls to zero, never below, while the joint moves to and fro."""
+    if not column.is_raw:
+        return False
+    is_known = np.isfinite(current) & np.isfinite(position)
+    current, travel = current[is_known], np.diff(position[is_known], prepend=position[is_known][:1])
+    is_zero = current <= BOUNDS.zero_current * current.max(initial=0.0)
+    if current.min(initial=0.0) < 0 or np.count_nonzero(is_zero) <= BOUNDS.zero_share * len(current):
+        return False
+    counts = sorted((np.count_nonzero(travel > 0), np.count_nonzero(travel < 0)))
+    return bool(counts[0] > BOUNDS.reversed_share * counts[1])
 
 
 def refuse_torque_of_motor_off(torque: Array, enabled: Array, origin: Origin) -> None:

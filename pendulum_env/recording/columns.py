@@ -107,6 +107,11 @@ class FileColumn:
         return self.unit is not None or bool(self.expression.factors)
 
     @property
+    def is_raw(self) -> bool:
+        """Return whether the column is a current, a duty, a voltage or counts, which a gain converts."""
+        return self.unit in RAW.get(self.quantity, {}) or (self.unit is None and _is_raw(self.quantity, self.header))
+
+    @property
     def is_current_by_guess(self) -> bool:
         """Return whether the column is a current with the guessed unit A."""
         if self.quantity != "torque" or self.unit not in (None, "a") or find_trailing_unit(RAW["torque"], self.header):

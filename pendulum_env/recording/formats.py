@@ -1,7 +1,7 @@
 """Read columns of a file by its suffix, or of a table in memory by its type."""
 
 import os
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -9,14 +9,18 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pendulum_env._typing import Array
 from pendulum_env.errors import FileError, RecordingError, shorten_error
 from pendulum_env.reading import check_size, quote_value
-from pendulum_env.recording.arrays import read_arrays, read_frame, read_json, read_npz, read_parquet
+from pendulum_env.recording.arrays import build_table, read_arrays, read_frame, read_json, read_npz, read_parquet
 from pendulum_env.recording.bags import is_bag, read_bag
+from pendulum_env.recording.columns import FileColumn, guess_columns
+from pendulum_env.recording.lerobot import find_dataset, read_episode
 from pendulum_env.recording.matlab import read_hdf5, read_mat
 from pendulum_env.recording.table import ColumnFinder, RawTable
 from pendulum_env.recording.text import read_csv, read_excel
 
+DATASET = "meta/info.json"  # of a dataset of LeRobot
 READERS: dict[str, Callable[[Path, ColumnFinder], RawTable]] = {
     ".csv": read_csv,
     ".csv.gz": read_csv,
@@ -38,6 +42,7 @@ READERS: dict[str, Callable[[Path, ColumnFinder], RawTable]] = {
     ".log": read_csv,
     ".json": read_json,
     ".jsonl": read_json,
+    DATASET: read_episode,
 }
 RECIPES = {  # remedies for unsupported formats
     ".npy": "name its columns: numpy.savez('run.npz', time=..., position=..., torque=...)",
@@ -80,9 +85,11 @@ def get_label(source: Readable, name: str | None = None) -> str:
 
 
 def find_format(path: Path, suffixes: Collection[str]) -> str:
-    """Return the suffix in `suffixes` of a file's format, `.db3` for a folder with a bag."""
+    """Return the suffix in `suffixes` of a file's format; of a folder, the file that tells it."""
     if ".db3" in suffixes and is_bag(path):
         return ".db3"
+    if DATASET in suffixes and find_dataset(path):
+        return DATASET
     name = path.name.lower()
     for suffix in suffixes:
         if name.endswith(suffix) and len(name) > len(suffix):
@@ -93,9 +100,51 @@ def find_format(path: Path, suffixes: Collection[str]) -> str:
     raise RecordingError(f"the name does not end in {', '.join(suffixes)}: {recipe}")
 
 
+def is_there(path: Path) -> bool:
+    """Return whether the files or the folder of a recording exist."""
+    return find_dataset(path) is not None or all(map(os.path.exists, _list_parts(path)))
+
+
+def _list_parts(path: Path) -> list[Path]:
+    """List the files of a path: `states.csv+goals.csv` are two files of one folder."""
+    names = path.name.split("+")
+    return [path] if len(names) != 2 or os.path.exists(path) else [path.with_name(name) for name in names]
+
+
+def _join_goals(states: Path, goals: Path) -> dict[str, Array]:
+    """Join the rows of two files with equal times; names of columns of the second one begin with `goal_`."""
+    (time, columns), (goal_time, others) = map(_read_all, (states, goals))
+    _, rows, goal_rows = np.intersect1d(time, goal_time, return_indices=True)
+    if 2 * len(rows) < min(len(time), len(goal_time)):
+        raise RecordingError(
+            f"only {len(rows)} of {len(time)} times are those of a row of {goals.name}: write both in the same rows"
+        )
+    goal_columns = {name if name.startswith("goal") else f"goal_{name}": x[goal_rows] for name, x in others.items()}
+    return {"time": time[rows]} | {name: x[rows] for name, x in columns.items()} | goal_columns
+
+
+def _read_all(path: Path) -> tuple[Array, dict[str, Array]]:
+    """Read the time (N,) [s], since 1970 if the file has dates, and the other columns of numbers of a file."""
+
+    def select(
+        headers: Sequence[str], *, text_columns: Collection[int] = (), date_columns: Collection[int] = ()
+    ) -> dict[str, FileColumn]:
+        clock = guess_columns(headers).get("time", headers[0])
+        kept = [k for k, header in enumerate(headers) if k not in text_columns or header.strip() == clock.strip()]
+        kept.sort(key=lambda k: headers[k].strip() != clock.strip())
+        names = ["time", "position", *map(str, kept)]  # readers treat time and position in a special way
+        return {name: FileColumn(name, headers[k].strip(), k, None) for name, k in zip(names, kept, strict=False)}
+
+    table = read_table(path, select)
+    start = table.date.timestamp() if table.date else 0.0
+    others = {table.columns[name].header: x for name, x in table.values.items() if name != "time"}
+    return np.round(table.values["time"] + start, 6), others
+
+
 def find_stem(path: Path) -> str:
     """Return the name of a file without the suffix of its format."""
-    return path.name if is_bag(path) else path.name[: -len(find_format(path, READERS))]
+    is_folder = is_bag(path) or find_dataset(path)
+    return path.name if is_folder else path.name[: -len(find_format(path, READERS))]
 
 
 def read_table(source: Readable, find: ColumnFinder) -> RawTable:
@@ -115,11 +164,13 @@ def read_table(source: Readable, find: ColumnFinder) -> RawTable:
         except Exception as error:
             raise RecordingError(f"not a readable table ({shorten_error(error)}): give arrays of numbers") from error
     path = Path(source)
+    if len(parts := _list_parts(path)) > 1:
+        return build_table(_join_goals(*parts), find)
     ending = find_format(path, READERS)
-    if not os.path.exists(path):
+    if not is_there(path):
         raise RecordingError("there is no such file: check the path")
     try:
-        for file in path.iterdir() if is_bag(path) else [path]:
+        for file in path.iterdir() if is_bag(path) else [path] if path.is_file() else []:
             check_size(file)
         return READERS[ending](path, find)
     except RecordingError:

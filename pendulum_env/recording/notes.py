@@ -28,8 +28,10 @@ class NoteKind(StrEnum):
     NO_TORQUE = "no_torque"
     NO_TORQUE_COLUMN = "no_torque_column"
     TORQUE_OF_DRIVE = "torque_of_drive"
+    UNSIGNED = "unsigned"  # headers
     TORQUE_BY_OUTPUT = "torque_by_output"  # text: the output; headers: its unit
     OTHER_TOPIC = "other_topic"  # headers: the topic, then the topic of position
+    DATASET_UNIT = "dataset_unit"  # headers: joints; text: degrees, radians, percent, or percent without range
     SPARSE = "sparse"  # count, rows, empty or infinite
 
     # rows of the file

@@ -40,7 +40,8 @@ def read_recording(
     Without a column that may be torque, the recording is a free swing with zero torque.
 
     Formats are CSV (also .csv.gz, .tsv, .txt), Parquet, NPZ and MATLAB, and with the extra `formats` HDF5, MATLAB 7.3,
-    Excel, MCAP and ROS bags.
+    Excel, MCAP and ROS bags, and an episode of a LeRobot dataset, `FOLDER#12`. `STATES.csv+GOALS.csv` are two files in
+    one folder, with the same times; names of columns of the second one then begin with `goal_`.
 
     Columns are found by common names, units are converted to s, rad, N m and rad/s, and slightly uneven time is made
     uniform. All changes are listed in the recording's `notes`. Rows and columns that are left out, and units that are

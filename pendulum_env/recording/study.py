@@ -36,6 +36,7 @@ from pendulum_env.reading import NonNegative, Number, Text, convert, format_toml
 from pendulum_env.recording.actuator import Actuator, list_conventions, parse_actuator
 from pendulum_env.recording.channel import Load
 from pendulum_env.recording.columns import refuse_unknown_quantity, strip_joint
+from pendulum_env.recording.lerobot import list_recordings
 from pendulum_env.recording.notes import warn_of_notes
 from pendulum_env.recording.record import Recording
 from pendulum_env.recording.storage import describe_reading, read_rows
@@ -118,6 +119,10 @@ class Source:
                 f"{self.file}: its study names joints of an arm: give its links, {format_setting('robot', 'ARM.urdf')}"
             )
         return replace(self.select_range(_read_pendulum(self)), load=self.load)
+
+    def expand(self) -> tuple["Source", ...]:
+        """Return a source for each episode of a dataset, and the source itself for another file."""
+        return tuple(replace(self, file=Path(file)) for file in list_recordings(self.file))
 
     @property
     def reading_options(self) -> dict[str, Any]:
@@ -237,7 +242,7 @@ def read_study(path: str | os.PathLike[str]) -> Study:
 
 def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
     """Read the sources of a study without reading the recordings."""
-    path, location, sources = Path(path), "", []
+    path, location, sources = Path(path), "", list[Source]()
     try:
         content = read_toml(path)
     except FileError as error:
@@ -252,7 +257,7 @@ def read_sources(path: str | os.PathLike[str]) -> tuple[Source, ...]:
         for k, data in enumerate(study.recording):
             location = f"'recording[{k}]': "
             source = _build_source(path.parent, data, study)
-            sources.append(replace(source, joints=study.joints, is_of_study=True))
+            sources += replace(source, joints=study.joints, is_of_study=True).expand()
     except ValueError as error:
         raise StudyError(f"{path}: {location}{error}") from None
     if (duplicate := find_duplicate(sources)) is not None:

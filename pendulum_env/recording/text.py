@@ -32,6 +32,7 @@ TRUE, FALSE = (  # cells for 1 and 0
     for words in (("true", "on", "yes"), ("false", "off", "no"))
 )
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
+LIST = re.compile(rb"""["']?\[([-+.,;\seE\d]*\d[-+.,;\seE\d]*)\]["']?""")  # cell with a list of numbers
 DAY = 86400.0  # [s]
 TextOpener = Callable[[], pa.NativeFile]  # the text, from its beginning
 
@@ -42,7 +43,7 @@ def read_csv(path: Path, find: ColumnFinder) -> RawTable:
     Comment lines (#) and lines with fewer cells above the header are ignored. Without a header, the last comment may be
     the header, as by `numpy.savetxt`. A row of units may follow the header. Delimiters are comma, semicolon, tab or a
     single space; with a delimiter other than comma, numbers may have a decimal comma. Time may be ISO 8601 and is then
-    counted from the first row.
+    counted from the first row. Elements of cells with lists are columns, `x[0]`.
     """
     compression = "gzip" if path.name.lower().endswith(".gz") else None
     return read_text_table(lambda: pa.input_stream(str(path), compression=compression), find)
@@ -53,6 +54,10 @@ def read_text_table(open_text: TextOpener, find: ColumnFinder) -> RawTable:
     open_text = _clean_text(open_text)
     with open_text() as stream:
         layout = find_layout(stream.read(HEAD))
+    if any(LIST.match(cell.encode()) for cell in layout.first_cells):
+        open_text = _split_lists(open_text, layout)
+        with open_text() as stream:
+            layout = find_layout(stream.read(HEAD))
     headers, cells = layout.headers, layout.first_cells
     text_columns = [k for k, cell in enumerate(cells) if not NUMBER.fullmatch(cell.replace(",", ".")) or not cell]
     date_columns = [k for k, cell in enumerate(cells) if is_stamp(cell)]
@@ -96,6 +101,21 @@ def _clean_text(open_text: TextOpener) -> TextOpener:
         data = re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[start:]))
         content = b"\n".join(top) + data
     return lambda: pa.BufferReader(pa.py_buffer(content))
+
+
+def _split_lists(open_text: TextOpener, layout: Layout) -> TextOpener:
+    """Separate the elements of cells with lists, `"[0.1, 0.2]"`, which become columns `x[0]` and `x[1]`."""
+    with open_text() as stream:
+        content = stream.read()[layout.offset :]
+    lists = LIST.finditer(content)
+    headers, delimiter = list[str](), layout.delimiter.encode()
+    for name, cell in zip(layout.headers, layout.first_cells, strict=True):
+        width = len(re.split(rb"[,;\s]+", next(lists)[1].strip())) if LIST.match(cell.encode()) else 0
+        headers += [f"{name}[{k}]" for k in range(width)] or [name]
+    head = io.StringIO()
+    csv.writer(head, delimiter=layout.delimiter, lineterminator="\n").writerow(headers)
+    rows = LIST.sub(lambda cell: delimiter.join(re.split(rb"[,;\s]+", cell[1].strip())), content)
+    return lambda: pa.BufferReader(pa.py_buffer(head.getvalue().encode() + rows))
 
 
 def _is_aligned(line: bytes) -> bool:

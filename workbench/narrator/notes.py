@@ -53,10 +53,19 @@ def _choose_by_count(singular: str, plural: str) -> Callable[[Note], str]:
     )
 
 
+DATASET_UNITS = {
+    "degrees": "degrees, as the steps show,",
+    "percent": "percent of the calibrated range",
+    "percent without range": "percent of the range",
+}
 ROWS = (NoteKind.SPOILT, NoteKind.TIME_REPEATED, NoteKind.GLITCHES, NoteKind.STALE)
 PLACES = dict.fromkeys(ROWS, _name_rows) | dict.fromkeys((NoteKind.GAPS, NoteKind.FILLED), _name_times)
 VARIANTS: Mapping[NoteKind, Callable[[Note], str]] = {
     NoteKind.OTHER_ROWS: lambda note: {"held": "as it was last"}.get(note.text, "by interpolation"),
+    NoteKind.DATASET_UNIT: lambda note: (
+        f"{_name_headers(note.headers)} in {DATASET_UNITS.get(note.text, note.text)} in the dataset"
+        + (": left out, as LeRobot's calibration file is missing" if note.text == "percent without range" else "")
+    ),
     NoteKind.PASSED_OVER: lambda note: _name_headers(note.headers[1:]),
     NoteKind.SPOILT: lambda note: "is" if len(note.quantities) == 1 else "are",
     NoteKind.UNWRAPPED: lambda note: (
@@ -94,8 +103,10 @@ TEXTS: Mapping[NoteKind, str] = {
     NoteKind.NO_TORQUE: "torque is taken as none: the recording is a free swing (torque 0)",
     NoteKind.NO_TORQUE_COLUMN: "no torque column: the recording is a free swing (torque 0)",
     NoteKind.TORQUE_OF_DRIVE: "torque is not taken from the log: it is computed from the drive",
+    NoteKind.UNSIGNED: "column {header!r} is left out: it is never negative while the motion reverses, without a sign",
     NoteKind.TORQUE_BY_OUTPUT: "torque is the {text} that was logged, in {header} by the drive",
     NoteKind.OTHER_TOPIC: "{quantity} is taken from {header} at the times of {header1}",
+    NoteKind.DATASET_UNIT: "{variant}",
     NoteKind.SPARSE: "{quantity} is left out: it is {text} in {count:g} of {rows:.0f} rows",
     NoteKind.FIRST_DATE: "time is counted from {text}",
     NoteKind.LAST_ROW_CUT: "the last row is cut off: left out",

@@ -15,6 +15,7 @@ import numpy as np
 
 from pendulum_env.recording import Source
 from pendulum_env.recording.formats import READERS
+from pendulum_env.recording.lerobot import find_dataset
 from workbench.errors import InputError, escape_controls
 from workbench.inputs import read_source_names
 
@@ -60,6 +61,10 @@ def _find_sources(folder: Path, reading: Namespace) -> Iterator[Source]:
     files: list[Path] = []
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
+        if find_dataset(place) is not None:
+            folders.clear()
+            yield from read_source_names(place, reading)
+            continue
         if STUDY in names:
             sources = read_source_names(str(Path(place, STUDY)), reading)
             named |= {os.path.realpath(source.file) for source in sources}

@@ -1,0 +1,206 @@
+"""Datasets of LeRobot, written as its versions 2.1 and 3.0 do, and other logs of arms of servos."""
+
+import json
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from estimators.arguments import select_recordings
+from pendulum_env.errors import ColumnError
+from pendulum_env.recording import Recording, RecordingError, read_recording
+from pendulum_env.recording.lerobot import list_recordings
+from pendulum_env.recording.preview import read_preview
+from pendulum_env.recording.study import read_sources, read_study
+from tests.notes import list_notes
+from workbench.inputs import read_source_names
+from workbench.survey.recordings import find_recordings
+
+JOINTS = ("shoulder_pan", "elbow_flex", "gripper")
+FPS, FRAMES = 30, 240
+COUNT = 2 * np.pi / 4096  # [rad]
+RANGES = {"shoulder_pan": (725, 3449), "elbow_flex": (842, 3047), "gripper": (2032, 3288)}  # [counts]
+READ = {"position": "position_elbow_flex", "reference": "goal_elbow_flex", "torque": "none"}
+
+
+def make_counts(episode: int) -> np.ndarray:
+    """Encoder counts of each joint (FRAMES, 3), within their ranges, from the middle of the range."""
+    t = np.arange(FRAMES) / FPS + episode
+    middles = np.array([sum(ends) / 2 for ends in RANGES.values()])
+    waves = np.stack([900 * np.sin(1.3 * t), 700 * np.sin(1.7 * t), 400 * np.sin(0.9 * t)], axis=1)
+    return np.round(middles + waves)
+
+
+def normalise(counts: np.ndarray, unit: str) -> np.ndarray:
+    """Values that LeRobot writes: degrees from the middle, or -100 to 100, and 0 to 100 of a gripper."""
+    low, high = (np.array(ends, dtype=float) for ends in zip(*RANGES.values(), strict=True))
+    percent = 200 * (counts - low) / (high - low) - 100
+    values = (counts - (low + high) / 2) * 360 / 4095 if unit == "degrees" else percent
+    values[:, 2] = (percent[:, 2] + 100) / 2
+    return values
+
+
+def write_dataset(
+    folder: Path, version: str = "v2.1", unit: str = "degrees", names: Any = None, calibration: Any = None
+) -> Path:
+    """Write a dataset of three episodes; version 3.0 has two of them in one file."""
+    names = [f"{joint}.pos" for joint in JOINTS] if names is None else names
+    vector = {"dtype": "float32", "shape": [3], "names": names}
+    scalar = {"dtype": "int64", "shape": [1], "names": None}
+    video = {"dtype": "video", "shape": [480, 640, 3], "names": ["height", "width", "channels"]}
+    features = {"action": vector, "observation.state": vector, "observation.images.top": video}
+    features |= {"timestamp": {**scalar, "dtype": "float32"}, "frame_index": scalar, "episode_index": scalar}
+    episode_path = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+    shared_path = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+    info = {"codebase_version": version, "fps": FPS, "total_episodes": 3, "chunks_size": 1000, "features": features}
+    info["data_path"] = episode_path if version == "v2.1" else shared_path
+    tables = []
+    for episode in range(3):
+        state = normalise(make_counts(episode), unit)
+        frames = np.arange(FRAMES)
+        columns = {
+            name: pa.FixedSizeListArray.from_arrays(pa.array(x.ravel(), pa.float32()), 3)
+            for name, x in {"action": state + 1.0, "observation.state": state}.items()
+        }
+        columns |= {"timestamp": pa.array(frames / FPS, pa.float32()), "frame_index": pa.array(frames)}
+        tables.append(pa.table({**columns, "episode_index": pa.array(np.full(FRAMES, episode))}))
+    (folder / "meta").mkdir(parents=True)
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    (folder / "data" / "chunk-000").mkdir(parents=True)
+    if version == "v2.1":
+        for episode, table in enumerate(tables):
+            pq.write_table(table, folder / episode_path.format(episode_chunk=0, episode_index=episode))
+    else:
+        files = [0, 0, 1]
+        pq.write_table(pa.concat_tables(tables[:2]), folder / shared_path.format(chunk_index=0, file_index=0))
+        pq.write_table(tables[2], folder / shared_path.format(chunk_index=0, file_index=1))
+        episodes = {"episode_index": [0, 1, 2], "data/chunk_index": [0, 0, 0], "data/file_index": files}
+        (folder / "meta" / "episodes" / "chunk-000").mkdir(parents=True)
+        pq.write_table(pa.table(episodes), folder / "meta/episodes/chunk-000/file-000.parquet")
+    if calibration is not None:
+        (folder / "calibration.json").write_text(json.dumps(calibration))
+    return folder
+
+
+def calibrate(**changed: Any) -> dict[str, Any]:
+    """Calibration as LeRobot saves it."""
+    common = {"drive_mode": 0, "homing_offset": -1196, **changed}
+    return {j: {"id": k, **common, "range_min": a, "range_max": b} for k, (j, (a, b)) in enumerate(RANGES.items(), 1)}
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+@pytest.mark.parametrize(
+    "names", [None, {"motors": list(JOINTS)}, list(JOINTS), {joint: k for k, joint in enumerate(JOINTS)}]
+)
+def test_an_episode_has_positions_and_goals_in_radians_by_joint(tmp_path: Path, version: str, names: Any) -> None:
+    folder = write_dataset(tmp_path / "pick", version, names=names)
+    for episode in range(3):
+        preview = read_preview(f"{folder}#{episode}")
+        columns = dict(zip(preview.headers, preview.values, strict=True))
+        expected = (make_counts(episode)[:, 1] - sum(RANGES["elbow_flex"]) / 2) * COUNT
+        np.testing.assert_allclose(columns["position_elbow_flex"], expected, rtol=3e-4, atol=1e-6)
+        np.testing.assert_allclose(
+            columns["goal_elbow_flex"], columns["position_elbow_flex"] + np.radians(1.0), atol=1e-6
+        )
+        np.testing.assert_allclose(columns["time"], np.arange(FRAMES) / FPS, atol=1e-12)
+    recording = read_recording(f"{folder}#2", columns=READ)
+    assert recording.reference is not None and (recording.rate, len(recording)) == (FPS, FRAMES)
+    assert any("'gripper' is in percent" in note for note in list_notes(recording))  # no radians without its range
+
+
+@pytest.mark.parametrize("inverted", [0, 1])
+def test_percent_of_the_range_becomes_radians_by_the_calibration(tmp_path: Path, inverted: int) -> None:
+    folder = write_dataset(tmp_path / "pick", unit="percent", calibration=calibrate(drive_mode=inverted))
+    preview = read_preview(f"{folder}#0")
+    columns = dict(zip(preview.headers, preview.values, strict=True))
+    for joint, counts in zip(JOINTS, make_counts(0).T, strict=True):
+        low, high = RANGES[joint]
+        zero = low if joint == "gripper" else (low + high) / 2
+        seen = low + high - counts if inverted else counts  # LeRobot mirrors an inverted joint within its range
+        np.testing.assert_allclose(columns[f"position_{joint}"], (seen - zero) * COUNT, atol=1e-5)
+
+
+def test_percent_without_a_calibration_needs_the_ranges(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "pick", unit="percent")
+    with pytest.raises(ColumnError, match=r"percent of the range .*calibration.json"):
+        read_recording(f"{folder}#0", columns={"torque": None})
+    half = 0.5 * (RANGES["elbow_flex"][1] - RANGES["elbow_flex"][0]) * 360 / 4096 / 100
+    columns = {name: f"{column}:deg*{half!r}" for name, column in READ.items() if column != "none"}
+    recording = read_recording(f"{folder}#0", columns={**columns, "torque": None})
+    np.testing.assert_allclose(recording.position, (make_counts(0)[:, 1] - 1944.5) * COUNT, atol=1e-5)
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_each_episode_is_a_recording(tmp_path: Path, version: str) -> None:
+    folder = write_dataset(tmp_path / "pick", version)
+    assert [Path(path).name for path in list_recordings(folder)] == ["pick#0", "pick#1", "pick#2"]
+    study = tmp_path / "study.toml"
+    columns = "\n".join(f'{name} = "{column}"' for name, column in READ.items())
+    study.write_text(
+        f'[columns]\n{columns}\n[[recording]]\nfile = "pick#0-1"\n[[recording]]\nfile = "pick#2"\nrole = "holdout"\n'
+    )
+    assert [len(part) for part in (read_study(study).fitted, read_study(study).held_out)] == [2, 1]
+    reading = Namespace(columns=READ, unwrap=False)
+    assert [source.read().name for source in read_source_names(str(folder), reading)] == ["pick#0", "pick#1", "pick#2"]
+    assert len(find_recordings(tmp_path / "pick", reading)) == 3
+    recordings = select_recordings(folder, log_format={"columns": READ})
+    assert [recording.name for recording in recordings] == ["pick#0", "pick#1", "pick#2"]
+
+
+def test_an_unusable_dataset_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "pick")
+    for path, text in ((folder, "3 episodes"), (f"{folder}#7", "no such episode"), (f"{folder}#x", "no such episode")):
+        with pytest.raises(RecordingError, match=text):
+            read_recording(path, columns=READ)
+    (tmp_path / "study.toml").write_text('[[recording]]\nfile = "pick#5"\n')
+    with pytest.raises(RecordingError, match=r"recording\[0\].*no such episode"):
+        read_sources(tmp_path / "study.toml")
+    for file, content in (("calibration.json", "[1]"), ("meta/info.json", "{}"), ("meta/info.json", "{")):
+        (folder / file).write_text(content)
+        with pytest.raises(RecordingError, match=Path(file).name.split(".")[0] + "|fps|JSON"):
+            read_recording(f"{folder}#0", columns=READ)
+
+
+def test_lists_in_cells_are_columns(tmp_path: Path, swing: Recording) -> None:
+    """As pandas writes lists, and as NumPy prints arrays."""
+    for separator in (", ", " "):
+        rows = [
+            f'{t},"[{separator.join([str(q), str(tau)])}]",{k}'
+            for k, (t, q, tau) in enumerate(zip(swing.time, swing.position, swing.torque, strict=True))
+        ]
+        (tmp_path / "run.csv").write_text("\n".join(["timestamp,states,row", *rows]) + "\n")
+        recording = read_recording(tmp_path / "run.csv", columns={"position": "states[0]", "torque": "states[1]"})
+        np.testing.assert_allclose(recording.position, swing.position, atol=1e-12)
+        np.testing.assert_allclose(recording.torque, swing.torque, atol=1e-12)
+
+
+def test_goals_of_a_second_file_are_joined_by_their_stamps(tmp_path: Path, swing: Recording) -> None:
+    goals, start = np.round(swing.position, 1), 1.7e9
+    states = np.column_stack([start + swing.time, swing.position])
+    controls = np.column_stack([start + swing.time, goals])[3:]  # the log of the goals begins later
+    for name, table in (("states.csv", states), ("goals.csv", controls)):
+        np.savetxt(tmp_path / name, table, delimiter=",", header="timestamp,elbow", comments="", fmt="%.6f")
+    columns = {"position": "elbow", "reference": "goal_elbow", "torque": None}
+    recording = read_recording(tmp_path / "states.csv+goals.csv", columns=columns)
+    np.testing.assert_allclose(recording.position, swing.position[3:], atol=1e-6)
+    np.testing.assert_allclose(recording.reference, goals[3:], atol=1e-6)
+    np.savetxt(tmp_path / "goals.csv", controls + 0.005, delimiter=",", header="timestamp,elbow", comments="")
+    with pytest.raises(RecordingError, match=r"only 0 of \d+ times"):
+        read_recording(tmp_path / "states.csv+goals.csv", columns=columns)
+
+
+def test_a_current_without_sign_is_no_torque(tmp_path: Path, swing: Recording) -> None:
+    current = np.round(1000 * np.abs(swing.torque))
+    table = {"time": swing.time, "position": swing.position, "current": current, "goal": np.round(swing.position, 1)}
+    with pytest.raises(ColumnError, match="never negative while the motion reverses"):
+        read_recording(table, columns={"torque": "current:mA*0.1"})
+    drive = {"output": "current", "kp": 5.0, "gain": 0.1}
+    left_out = read_recording(table, drive=drive)
+    assert any("'current' is left out" in note for note in list_notes(left_out))
+    assert left_out.torque.min() < 0  # computed from the goals
+    signed = read_recording({**table, "current": 1000 * swing.torque}, columns={"torque": "current:mA*0.1"})
+    np.testing.assert_allclose(signed.torque, 0.1 * swing.torque)
