@@ -22,8 +22,8 @@ from workbench.terminal import parse_json_output
 T = TypeVar("T")
 COUPLING = "coupling"  # effect between two joints
 ARM_EFFECTS = (COUPLING, "rotor")  # only arms have them
-FORMATS = "CSV, Parquet, NPZ, JSON, MATLAB, HDF5, Excel, MCAP, ROS bag or LeRobot dataset"
-KINDS = f"{FORMATS}, or a study.toml (several recordings, known loads)"
+FORMATS = "CSV, Parquet, NPZ, JSON, MATLAB, HDF5, Excel, MCAP or ROS bag"
+KINDS = f"{FORMATS}, LeRobot dataset (FOLDER, FOLDER#12), or a study.toml (several recordings, known loads)"
 OF_ARMS = ("rotors", "joints", "no_gravity")  # options that need --robot
 OF_PENDULUMS = ("drive", "theta", "fixed", "bounds")  # options that exclude --robot
 

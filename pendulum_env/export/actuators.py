@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pendulum_env.export.dynamics import StepBuilder
 from pendulum_env.physics import Model, Term
@@ -13,8 +13,22 @@ from pendulum_env.physics.terms import is_pure_delay
 OFFSETS = ("torque_offset", "coulomb_asymmetry")  # effects of constant torque
 
 
+class Gains(NamedTuple):
+    """Gains of a servo at its joint."""
+
+    stiffness: float  # torque per error of the angle [N m/rad]
+    damping: float  # torque per speed, of a speed controller per its error [N m s/rad]
+    limit: float  # largest torque [N m], perhaps infinite
+    per_volt: float | None  # torque per voltage of the motor at rest [N m/V]; None if the output is another
+
+
 class JointActuator(ABC):
     """Actuator of an exported joint."""
+
+    @property
+    def gains(self) -> Gains | None:
+        """Return the gains of a servo; None for another actuator."""
+        return None
 
     @property
     def missing(self) -> tuple[str, ...]:

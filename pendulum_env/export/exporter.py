@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from pendulum_env.export import mjcf, program
+from pendulum_env.export import feedforward, mjcf, program, snippet
 from pendulum_env.export.actuators import JointActuator
 from pendulum_env.export.request import Exported, ExportError, Request
 from pendulum_env.physics import Model
@@ -40,9 +40,13 @@ class Exporter(ABC):
 
 
 def export_joint(model: Model, format: str, request: Request, actuator: JointActuator) -> Exported:
-    """Write a joint with an actuator in a format, `mjcf`, `python` or `c`."""
+    """Write a joint with an actuator in a format, `mjcf`, `python`, `c`, `snippet` or `feedforward`."""
     if format == "mjcf":
         return mjcf.export(model, request, actuator)
+    if format == "snippet":
+        return snippet.write_joints([snippet.JointParameters.from_model(model, request, actuator)])
+    if format == "feedforward":
+        return feedforward.export([("", model)], request.language)
     return program.export(model, request.step, actuator, "c" if format == "c" else "python")
 
 

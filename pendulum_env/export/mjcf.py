@@ -20,6 +20,7 @@ import scipy
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
 from pendulum_env.export.actuators import JointActuator
 from pendulum_env.export.request import Exported, ExportError, Request, escape_comment, note_missing, write_title
+from pendulum_env.export.sizes import SPEEDS, describe_size
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.effect_texts import find_description
 from pendulum_env.physics.potential import HardStop
@@ -33,7 +34,6 @@ BODILY = ("quadratic_drag", "spring", "hard_stop")  # effects of a single joint 
 SOFT = (1e-4, 1e-4, 0.001, 0.5, 2.0)
 G = 9.81  # [m/s^2]
 FAR = 1e4  # position of an inactive stop [rad]
-SPEEDS = np.linspace(0.0, 5.0, 101)[1:]  # grid for the approximation of friction laws [rad/s]
 EVERY = ("inertia", "gravity", "gravity_tilt", "viscous", "coulomb", "back_emf")  # terms that MuJoCo represents exactly
 
 
@@ -106,7 +106,10 @@ class Friction:
         approximated_terms = [term for term in remaining if find_description(term.id).fits_friction]
         omissions = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
         omitted_terms = [term for term in remaining if term not in approximated_terms]
-        omissions += [f"{term.id} ({term.law}): {find_description(term.id).omission}" for term in omitted_terms]
+        omissions += [
+            f"{term.id} ({term.law}; {describe_size(model, term)}): {find_description(term.id).omission}"
+            for term in omitted_terms
+        ]
         viscous, dry = get_value(model, "viscous") + get_value(model, "back_emf"), get_value(model, "coulomb")
         if not approximated_terms and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(omissions))
@@ -117,7 +120,11 @@ class Friction:
             law = law + 0.5 * model.estimates[column.name].value * (ways[0] - ways[1])
         (viscous, dry), _ = scipy.optimize.nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
         kinds = [f"{term.id} ({term.law})" for term in approximated_terms] or ["friction below zero"]
-        close = f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} rad/s"
+        error = float(np.abs(viscous * SPEEDS + dry - law).max())
+        close = (
+            f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} rad/s, within {error:.2g} "
+            f"{model.units().unit('N m')}"
+        )
         return cls(float(viscous), float(dry), (*omissions, *(f"{kind}: {close}" for kind in kinds)))
 
 

@@ -61,7 +61,7 @@ def export(model: Model, step: float, actuator: JointActuator, language: Languag
     start, after = (ProgramText.write(results, language) for results in (dynamics.start, dynamics.after))
     call = ", ".join(("state", *(quantity.name for quantity in dynamics.given)))
     return Exported(
-        _load_environment()
+        load_environment()
         .get_template("step.py.txt" if language == "python" else "step.c.txt")
         .render(
             number=partial(write_number, language),
@@ -94,7 +94,8 @@ def note_state(name: str, units: JointUnits) -> str:
 
 
 @cache
-def _load_environment() -> Environment:
+def load_environment() -> Environment:
+    """Load the templates."""
     environment = Environment(
         loader=PackageLoader("pendulum_env.export"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

@@ -26,6 +26,7 @@ class Request:
         step: simulation step [s].
         mass: of the pendulum [kg], if known; it sets the centre of mass, not the motion.
         armature: known part of the inertia that is the rotor's [kg m^2].
+        language: of a feedforward.
         drive: controller and motor to export with the joint, with a goal input; None: torque input.
     """
 
@@ -33,6 +34,7 @@ class Request:
     step: float = LONGEST_STEP
     mass: float | None = None
     armature: float = 0.0
+    language: Language = "c"
     drive: Actuator | None = None
 
 

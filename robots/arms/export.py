@@ -7,6 +7,7 @@ the robot file. Shapes and meshes are left out.
 import numpy as np
 
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
+from pendulum_env.export import feedforward, snippet
 from pendulum_env.export.exporter import Exporter
 from pendulum_env.export.mjcf import Friction, get_value, is_spring_linear
 from pendulum_env.export.request import Exported, ExportError, Request, escape_comment, escape_text, note_missing
@@ -17,6 +18,8 @@ from robots.arms.standard import nearest_body
 from robots.arms.texts import describe_nearest_body
 from robots.arms.world import build_specification
 
+LINKS = "the links: --to mjcf has those that belong to the armatures"  # missing in snippets
+
 
 def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     """Return the terms at one joint as a pendulum model, and the tables at it, which are left out."""
@@ -26,7 +29,9 @@ def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     terms = [find_term(term.id.partition("@")[0])(**term.nonlinear_values) for term in effects]
     names = [column.name for term in terms for column in term.columns]
     theta = np.array([get_value(model, f"{name}@{joint}") for name in names])
-    return Model.build(terms, theta), tables
+    known = [model.estimates.get(f"{name}@{joint}") for name in names]
+    std = np.array([0.0 if estimate is None else estimate.std for estimate in known])
+    return Model.build(terms, theta, std), tables
 
 
 def export_arm(model: ArmModel, request: Request) -> Exported:
@@ -73,6 +78,25 @@ def export_arm(model: ArmModel, request: Request) -> Exported:
     return Exported(f'<?xml version="1.0"?>\n<!-- {head} -->\n{spec.to_xml()}', notes)
 
 
+def export_joints(model: ArmModel, format: str, request: Request) -> Exported:
+    """Write the joints of an arm as snippets or feedforwards, without the links."""
+    joints = {joint: select_joint(model, joint) for joint in model.mechanism.joints}
+    if format == "feedforward":
+        return feedforward.export([(joint, part) for joint, (part, _) in joints.items()], request.language)
+    rotors = {name: estimate.value for name, estimate in nearest_body(model).parameters.items()}
+    added = [term.id for term in model.terms if isinstance(term, Rotor)]  # to those of the body
+    armatures = [
+        rotors.get(name, 0.0) + (name in added) * get_value(model, name) for name in map("rotor@{}".format, joints)
+    ]
+    parts = zip(joints.items(), armatures, strict=True)
+    return snippet.write_joints(
+        [
+            snippet.JointParameters(joint, part, armature, None, (*tables, LINKS))
+            for (joint, (part, tables)), armature in parts
+        ]
+    )
+
+
 class ArmExporter(Exporter):
     """Export of an arm."""
 
@@ -81,10 +105,12 @@ class ArmExporter(Exporter):
         return isinstance(model, ArmModel)
 
     def export(self, model: Model, format: str, request: Request) -> Exported:
-        """Write an arm for MuJoCo; raises ExportError for other formats, and as `export_arm`."""
+        """Write an arm for MuJoCo, or the friction of its joints; raises ExportError for other formats."""
         assert isinstance(model, ArmModel)
+        if format in ("snippet", "feedforward"):
+            return export_joints(model, format, request)
         if format != "mjcf":
-            raise ExportError(f"an arm is exported to mjcf, not to {format}")
+            raise ExportError(f"an arm is exported to mjcf, snippet or feedforward, not to {format}")
         return export_arm(model, request)
 
 

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from pendulum_env.export.actuators import OFFSETS, JointActuator
+from pendulum_env.export.actuators import OFFSETS, Gains, JointActuator
 from pendulum_env.export.dynamics import NamedParameter, StepBuilder, StepQuantity
 from pendulum_env.export.request import ExportError
 from pendulum_env.physics import Model, has_link
@@ -51,18 +51,22 @@ class Servo(JointActuator):
             missing.append(f"a delay of {drive.delay:g} s from measuring to acting: it is left out")
         return tuple(missing)
 
-    def actuate(self, mujoco: Any, actuator: Any, model: Model, offset: float) -> None:
-        """Configure a MuJoCo actuator as the servo; its limit includes the torque offset [N m].
-
-        Raises ExportError if the supply is needed but unknown.
-        """
+    @property
+    def gains(self) -> Gains:
+        """Return the gains at the joint; raises ExportError if the supply is needed but unknown."""
         drive = self.controller
         scale = float(drive.scale(np.array(get_supply(drive))))
-        if drive.acts_on_speed:
-            actuator.set_to_velocity(kv=drive.kp * scale)
+        stiffness, damping = (0.0, drive.kp) if drive.acts_on_speed else (drive.kp, drive.kd)
+        per_volt = drive.gain if drive.output in ("duty", "voltage") else None
+        return Gains(stiffness * scale, damping * scale, drive.max_output * scale, per_volt)
+
+    def actuate(self, mujoco: Any, actuator: Any, model: Model, offset: float) -> None:
+        """Configure a MuJoCo actuator as the servo; its limit includes the torque offset [N m]."""
+        stiffness, damping, limit, _ = self.gains
+        if self.controller.acts_on_speed:
+            actuator.set_to_velocity(kv=damping)
         else:
-            actuator.set_to_position(kp=drive.kp * scale, kv=drive.kd * scale)
-        limit = drive.max_output * scale  # largest torque [N m]
+            actuator.set_to_position(kp=stiffness, kv=damping)
         if math.isfinite(limit):
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = -limit - offset, limit - offset

@@ -1,4 +1,4 @@
-"""`export`: write a model for MuJoCo, or as Python or C."""
+"""`export`: write a model for MuJoCo, as Python or C, as text for other programs, or as a feedforward."""
 
 import argparse
 import sys
@@ -35,13 +35,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         default=Request.step,
         help=f"of python, c and mjcf [s] (default {Request.step:g})",
     )
+    parser.add_argument(
+        "--language", choices=("c", "python"), default=Request.language, help="of feedforward (default c)"
+    )
     options.declare(
         parser,
         "--drive",
         help=f"the controller exported with the joint, {options.describe_drives()}; the input is then a goal, not a "
         "torque",
     )
-    group = parser.add_argument_group("mjcf")
+    group = parser.add_argument_group("mjcf; --armature also for snippet")
     group.add_argument(
         "--mass",
         metavar="KG",
@@ -69,9 +72,9 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     sources = _find_checks(arguments)
     files = [arguments.model, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)]
     check_outputs([arguments.output], files)
-    for option in ("check", "mass", "armature"):
-        if getattr(arguments, option) and arguments.to != "mjcf":
-            raise InputError(f"--{option} goes with mjcf, not with {arguments.to}")
+    for option, formats in {"check": ["mjcf"], "mass": ["mjcf"], "armature": ["mjcf", "snippet"]}.items():
+        if getattr(arguments, option) and arguments.to not in formats:
+            raise InputError(f"--{option} goes with {' or '.join(formats)}, not with {arguments.to}")
     model = read_model(arguments.model, make_body(arguments))
     request = Request(**{field.name: getattr(arguments, field.name) for field in fields(Request)})
     if request.drive is not None:

@@ -1,7 +1,8 @@
 """Export of a model to other programs.
 
 `python` and `c` contain the simulator's step with all effects. `mjcf` describes a joint, a servo or an arm for MuJoCo,
-and lists the parts of the model that it lacks.
+and lists the parts of the model that it lacks. `snippet` has the parameters of each joint as text for other programs,
+`feedforward` the torque that compensates friction and weight.
 """
 
 from pendulum_env.export.actuators import Motor
@@ -10,7 +11,13 @@ from pendulum_env.export.request import Exported, ExportError, Request
 from pendulum_env.lookup import find
 from pendulum_env.physics import Model
 
-FORMATS = {"mjcf": "a model for MuJoCo", "python": "a module without dependencies", "c": "a file of C99"}
+FORMATS = {
+    "mjcf": "a model for MuJoCo",
+    "python": "a module without dependencies",
+    "c": "a file of C99",
+    "snippet": "text for URDF, MJCF, mjlab, Isaac Lab and BAM",
+    "feedforward": "the torque that compensates friction, cogging and weight, as a function and tables",
+}
 
 
 def export(model: Model, format: str, request: Request | None = None) -> Exported:

@@ -1,5 +1,7 @@
 """An arm's model in other programs: MuJoCo feels the torques that the model says."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,9 @@ from pendulum_env.physics.joints import choose_coupling
 from pendulum_env.physics.potential import Spring
 from robots.arms import ArmModel, arm_base, place_effect, read_body
 from tests import robot_files
+from tests.workbench.exported import load_module
 from workbench.cli import main
+from workbench.export import Request, export
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -99,7 +103,9 @@ def test_what_mujoco_does_not_have_is_named_with_its_joint(tmp_path, files, run_
     assert "mjcf cannot hold stribeck" in (said := run_refused(*asked)) and "(at elbow)" in said
     assert main([*asked, "--approximate"]) == 0
     assert "cannot hold stribeck" in (tmp_path / "new.xml").read_text()
-    assert "an arm is exported to mjcf, not to c" in run_refused("export", saved, "--robot", path, "--to", "c")
+    assert "an arm is exported to mjcf, snippet or feedforward, not to c" in run_refused(
+        "export", saved, "--robot", path, "--to", "c"
+    )
     assert "--robot" in run_refused("export", saved, "--to", "mjcf")
 
 
@@ -114,3 +120,23 @@ def test_links_that_no_body_has_are_exported_only_as_the_nearest(tmp_path, files
     assert "no body has these parameters: the nearest is" in said and said.count("\n") == 1
     assert main([*asked, "--approximate"]) == 0
     assert "no body has these parameters" in (tmp_path / "new.xml").read_text()
+
+
+def test_joints_of_an_arm_have_their_friction_and_rotors_as_text(tmp_path):
+    model = model_of(tmp_path / "arm.urdf", six_joint.urdf(), lambda body: place_effect(Stribeck, "elbow"), rotors=True)
+    value = {name: estimate.value for name, estimate in model.estimates.items()}
+    text = export(model, "snippet").content
+    world = mujoco.MjModel.from_xml_string(export(model, "mjcf", Request(approximate=True)).content)
+    for joint in model.body.joints:
+        part = text.split(f'<default class="{joint}">')[1].split("</default>")[0]
+        joint_text = ElementTree.fromstring(part.split("<!--")[0]).attrib
+        armature = world.dof_armature[world.joint(joint).dofadr[0]]  # MuJoCo writes six digits
+        assert float(joint_text["armature"]) == pytest.approx(armature, rel=1e-5)
+        if joint != "elbow":
+            friction = (value[f"viscous@{joint}"], value[f"coulomb@{joint}"])
+            assert (float(joint_text["damping"]), float(joint_text["frictionloss"])) == pytest.approx(friction)
+    program = load_module(export(model, "feedforward", Request(language="python")).content)
+    v = np.array([-2.0, -0.1, 0.1, 0.5])
+    stribeck = value["stribeck@elbow"] * np.exp(-((v / model.terms[-1].stribeck_velocity) ** 2))
+    expected = value["viscous@elbow"] * v + (value["coulomb@elbow"] + stribeck) * np.sign(v)
+    np.testing.assert_allclose(program.elbow_feedforward(0.3, v, np.sign(v)), expected)
