@@ -16,11 +16,13 @@ EXPORTERS = "pendulum_ident.exporters"
 
 @dataclass(frozen=True)
 class CheckResult:
-    """Deviations of simulations from recordings [rad]."""
+    """Deviations of simulated motion or of torque from recordings."""
 
     title: str  # definition of the deviations
     errors: Mapping[str, float]  # by pair of compared motions
-    motion: float  # the same measure of the recorded position about its mean
+    motion: float  # the same measure of the recorded position about its mean, or of the torque
+    unit: str = "rad"
+    of: str = "of the motion"  # what the deviations are compared with
 
 
 class Exporter(ABC):

@@ -96,7 +96,7 @@ WORDS = [  # with files of `folder`
     ("compare none.json run.csv", "lacks the term inertia"),
     ("identify run.csv", "run.csv: no column for"),
     ("export model.json --to mjcf", "cannot hold cogging"),
-    ("export model.json --to c --check run.csv", "--check goes with mjcf, not with c"),
+    ("export model.json --to c --check run.csv", "--check goes with mjcf or feedforward, not with c"),
     ("export model.json --to feedforward --armature 0.1", "--armature goes with mjcf or snippet, not with feedforward"),
     ("export model.json --to snippet --drive output=duty,kp=0.5,gain=1", "is a share of the bus: say its voltage"),
     ("export model.json --to python --drive output=duty,kp=0.5,gain=1", "is a share of the bus: say its voltage"),

@@ -13,9 +13,11 @@ import pytest
 from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.plant import hide, paper_plant
+from pendulum_env.recording import read_recording
 from robots.servos import ServoDrive
 from tests.workbench.exported import compile_library, load_module, needs_compiler
 from workbench.export import Request, export
+from workbench.export.check import check_feedforward
 
 PLANT = {"inertia": 0.012, "gravity": 0.9, "viscous": 0.05, "coulomb": 0.08}
 LOADED = "load_dependent_friction:load_dependent_friction=0.3,output=0.2,weight=0.9"
@@ -164,3 +166,14 @@ def test_losses_tell_their_size():
     assert "load_dependent_friction" in text and "cogging" in text.split("Lost in BAM")[1]
     error = re.search(r"stribeck .*within ([\d.]+) N m", export(joint(STRIBECK), "snippet").content)
     assert 0 < float(error[1]) < 0.04
+
+
+def test_the_check_tells_the_torque_that_the_feedforward_leaves(tmp_path, run_command):
+    run_command("record", "--effect", "cogging:order=12,sin=0.3,cos=0.4", "--seconds", "10", "-o", tmp_path / "run.csv")
+    recordings = [read_recording(tmp_path / "run.csv")]
+    for model, low, high in (
+        (paper_plant(), 0.3, 0.5),
+        (hide(paper_plant(), "cogging:order=12,sin=0.3,cos=0.4"), 0, 0.02),
+    ):
+        before, after = check_feedforward(model, recordings).errors.values()
+        assert low <= after <= high < before  # cogging has 0.35 N m RMS

@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help=f"the controller exported with the joint, {options.describe_drives()}; the input is then a goal, not a "
         "torque",
     )
-    group = parser.add_argument_group("mjcf; --armature also for snippet")
+    group = parser.add_argument_group("mjcf, --armature also for snippet, --check also for feedforward")
     group.add_argument(
         "--mass",
         metavar="KG",
@@ -61,7 +61,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--check",
         metavar="RECORDING",
-        help="run it in MuJoCo against a recording or a study, with --drive from its goals",
+        help="run it in MuJoCo against a recording or a study, with --drive from its goals; a feedforward: the torque "
+        "that it leaves",
     )
     options.declare(parser, *options.READING)
     options.add_robot(parser, pendulums=["mass", "armature", "check"], about="with mjcf: the arm")
@@ -72,7 +73,11 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     sources = _find_checks(arguments)
     files = [arguments.model, *filter(None, [arguments.robot]), *(str(source.file) for source in sources)]
     check_outputs([arguments.output], files)
-    for option, formats in {"check": ["mjcf"], "mass": ["mjcf"], "armature": ["mjcf", "snippet"]}.items():
+    for option, formats in {
+        "check": ["mjcf", "feedforward"],
+        "mass": ["mjcf"],
+        "armature": ["mjcf", "snippet"],
+    }.items():
         if getattr(arguments, option) and arguments.to not in formats:
             raise InputError(f"--{option} goes with {' or '.join(formats)}, not with {arguments.to}")
     model = read_model(arguments.model, make_body(arguments))
@@ -84,7 +89,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     if sources:
         sources = tuple(apply_log_format(source, model.log_format, arguments.model) for source in sources)
         recordings = convert_to_model_unit(model, read_all(sources, terminal, Source.read))
-        _check(model, exported, request, recordings, terminal)
+        _check(model, exported, request, recordings, terminal, arguments.to)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
         for note in exported.notes:
@@ -106,13 +111,23 @@ def _find_checks(arguments: argparse.Namespace) -> tuple[Source, ...]:
 
 
 def _check(
-    model: Model, exported: Exported, request: Request, recordings: tuple[Recording, ...], terminal: Terminal
+    model: Model,
+    exported: Exported,
+    request: Request,
+    recordings: tuple[Recording, ...],
+    terminal: Terminal,
+    format: str,
 ) -> None:
-    """Print the deviation of the exported model from recordings [rad] and relative to the motion."""
-    from workbench.export.check import check  # slow to import
+    """Print the deviation of the exported model from recordings, also relative to the recordings."""
+    from workbench.export.check import check, check_feedforward  # slow to import
 
-    with terminal.progress("running in MuJoCo"):
-        result = check(model, exported, request, recordings)
+    is_torque = format == "feedforward"
+    with terminal.progress("comparing" if is_torque else "running in MuJoCo"):
+        result = check_feedforward(model, recordings) if is_torque else check(model, exported, request, recordings)
     terminal.print_heading(result.title)
-    rows = [(name, f"{error:.3g} rad", f"{100 * error / result.motion:.2g} %") for name, error in result.errors.items()]
-    terminal.print_table(("", "error", "of the motion"), rows)
+    shares = [100 * error / result.motion for error in result.errors.values()]
+    rows = [
+        (name, f"{error:.3g} {result.unit}", f"{share:.0f} %" if share > 99 else f"{share:.2g} %")
+        for (name, error), share in zip(result.errors.items(), shares, strict=True)
+    ]
+    terminal.print_table(("", "error", result.of), rows)
