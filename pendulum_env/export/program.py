@@ -99,7 +99,7 @@ def load_environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("pendulum_env.export"), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"note": describe_quantity, "note_state": note_state}
+    environment.filters |= {"note": describe_quantity, "note_state": note_state, "short": "{:.9g}".format}
     return environment
 
 
