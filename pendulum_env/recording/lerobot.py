@@ -10,9 +10,9 @@ calibration file, `calibration.json` in the folder or in `meta`. Its homing offs
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
@@ -35,7 +35,8 @@ LARGEST_PERCENT, LARGEST_RADIANS = 100.5, 7.0  # magnitudes above which values h
 STAMP_ERROR = 1e-3  # [s], largest rounding error of stamps in single precision
 OF_STATE = {"pos": "position", "vel": "velocity"}  # quantities by the ending of a name, `elbow_flex.pos`
 CONVERTED = ("position", "velocity", "goal")
-Unit = Literal["degrees", "radians", "percent"]
+UNITS = ("degrees", "radians", "percent", "percent without range")
+MOST_FILES = 5  # files whose positions decide the units, so that all episodes have the same
 
 
 class _Feature(Struct):
@@ -63,9 +64,9 @@ class _Range(Struct):
 
 @dataclass(frozen=True)
 class JointUnit:
-    """Conversion of the values of a joint to radians; the gain of percent is None without a calibration."""
+    """Conversion of the values of a joint to radians; without a range, percent have no gain."""
 
-    unit: Unit
+    unit: str  # of `UNITS`
     gain: float | None
     offset: float = 0.0
 
@@ -106,13 +107,13 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
     if len(paths := list_recordings(path)) > 1:
         raise FileError(f"is a dataset of {len(paths)} episodes: name one, as {os.path.basename(paths[0])}")
     episode = int(str(paths[0]).rpartition("#")[2])
-    info = _read_info(folder)
-    series = _read_series(_find_files(folder)[episode], info, episode)
+    info, files = _read_info(folder), _find_files(folder)
+    series = _read_series(files[episode], info, episode)
     vectors = {name: values for name, values in series.items() if values.ndim == 2}
     if "observation.state" not in vectors:
         raise RecordingError("the dataset has no positions, `observation.state`: name another one")
-    names = _list_names(info, "observation.state", vectors)
-    states = zip(map(_split_name, names), vectors["observation.state"].T, strict=True)
+    names = map(_split_name, _list_names(info, "observation.state", vectors))
+    states = zip(names, _read_states([*files.values()]).T, strict=True)
     units = find_units({joint: x for (joint, kind), x in states if kind == "pos"}, _read_calibration(folder))
     columns = {"time": _find_time(series, info.fps)}
     for feature, values in vectors.items():
@@ -136,8 +137,9 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
             f"positions are in percent of the range of each joint: copy the arm's calibration file of LeRobot to "
             f"{Blank(folder / CALIBRATION)}, or give half of its range in degrees over 100, as in {option}"
         ) from None
-    notes = [Note(NoteKind.DATASET_UNIT, headers=tuple(names), text=kind) for kind, names in _group(units).items()]
-    return RawTable(table.columns, table.values, (*table.notes, *notes), table.date)
+    by_unit = ((unit, tuple(joint for joint in units if units[joint].unit == unit)) for unit in UNITS)
+    notes = (Note(NoteKind.DATASET_UNIT, headers=joints, text=unit) for unit, joints in by_unit if joints)
+    return replace(table, notes=(*table.notes, *notes))
 
 
 def find_units(positions: Mapping[str, Array], calibration: Mapping[str, _Range]) -> dict[str, JointUnit]:
@@ -160,7 +162,7 @@ def find_units(positions: Mapping[str, Array], calibration: Mapping[str, _Range]
         if has_degrees and not (is_gripper and joint not in counting):
             units[joint] = JointUnit("degrees", np.pi / 180.0)
         elif (ends_in_counts := calibration.get(joint)) is None:
-            units[joint] = JointUnit("percent", None)
+            units[joint] = JointUnit("percent without range", None)
         else:
             turn = (ends_in_counts.range_max - ends_in_counts.range_min) / COUNTS * 2.0 * np.pi  # [rad]
             gain = turn / (100.0 if is_gripper else 200.0) * (-1.0 if ends_in_counts.drive_mode else 1.0)
@@ -172,12 +174,6 @@ def _are_counts(step: float) -> bool:
     """Return whether the least step of a joint [counts] is a small whole number of counts."""
     count = round(step)
     return 1 <= count <= MOST_COUNTS and abs(step - count) <= COUNT_TOLERANCE * count
-
-
-def _group(units: Mapping[str, JointUnit]) -> dict[str, list[str]]:
-    """Group joints by the name of their unit."""
-    kinds = {joint: f"{u.unit} without range" if u.gain is None else u.unit for joint, u in units.items()}
-    return {kind: [joint for joint in units if kinds[joint] == kind] for kind in dict.fromkeys(kinds.values())}
 
 
 def _read_info(folder: Path) -> _Info:
@@ -213,6 +209,13 @@ def _read_series(file: Path, info: _Info, episode: int) -> dict[str, NDArray[Any
     series = _read_columns(file, [name for name in names if info.features[name].dtype not in ("image", "video")])
     rows = series.get("episode_index", np.full(1, episode)) == episode
     return {name: values if len(rows) == 1 else values[rows] for name, values in series.items()}
+
+
+def _read_states(files: Sequence[Path]) -> Array:
+    """Read the positions (N, n) of up to `MOST_FILES` of the files, spread over the dataset."""
+    unique = sorted(set(files))
+    chosen = np.unique(np.linspace(0, len(unique) - 1, MOST_FILES).round().astype(int))
+    return np.concatenate([_read_columns(unique[k], ["observation.state"])["observation.state"] for k in chosen])
 
 
 def _read_columns(file: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:

@@ -61,19 +61,18 @@ def _find_sources(folder: Path, reading: Namespace) -> Iterator[Source]:
     files: list[Path] = []
     for place, folders, names in os.walk(folder):
         folders[:] = [name for name in folders if not name.startswith(".")]
-        if find_dataset(place) is not None:
-            folders.clear()
-            yield from read_source_names(place, reading)
-            continue
         if STUDY in names:
             sources = read_source_names(str(Path(place, STUDY)), reading)
             named |= {os.path.realpath(source.file) for source in sources}
             yield from sources
+        if find_dataset(place) is not None:
+            folders.clear()
+            files.append(Path(place))
+            continue
         visible = [name for name in names if not (name.startswith(".") or name in TABLES)]
         files += [Path(place, name) for name in visible if name.lower().endswith(ENDINGS)]
-    for file in files:
-        if os.path.realpath(file) not in named:
-            yield from read_source_names(str(file), reading)
+    others = (source for file in files for source in read_source_names(str(file), reading))
+    yield from (source for source in others if os.path.realpath(source.file) not in named)
 
 
 def _label_source(source: Source, folder: Path) -> SurveyedRecording:
@@ -84,7 +83,8 @@ def _label_source(source: Source, folder: Path) -> SurveyedRecording:
     machine = "/".join(name for name in folders if parse_date(name) is None) or folder.name
     texts = [match[0] for name in (path.name, *reversed(folders)) for match in DATE.finditer(name)]
     dates = [date for text in texts if (date := parse_date(text)) is not None and not is_future(date)]
-    date = dates[0] if dates else _read_change_time(source.file)
+    dataset = find_dataset(source.file)
+    date = dates[0] if dates else _read_change_time(dataset[0] if dataset else source.file)
     return SurveyedRecording(f"{path}{part}", machine, date, "name" if dates else "file", source)
 
 

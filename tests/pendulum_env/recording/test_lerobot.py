@@ -45,9 +45,14 @@ def normalise(counts: np.ndarray, unit: str) -> np.ndarray:
 
 
 def write_dataset(
-    folder: Path, version: str = "v2.1", unit: str = "degrees", names: Any = None, calibration: Any = None
+    folder: Path,
+    version: str = "v2.1",
+    unit: str = "degrees",
+    names: Any = None,
+    calibration: Any = None,
+    still: int | None = None,
 ) -> Path:
-    """Write a dataset of three episodes; version 3.0 has two of them in one file."""
+    """Write a dataset of three episodes, in one of which only the gripper may move; version 3.0 has two in a file."""
     names = [f"{joint}.pos" for joint in JOINTS] if names is None else names
     vector = {"dtype": "float32", "shape": [3], "names": names}
     scalar = {"dtype": "int64", "shape": [1], "names": None}
@@ -60,7 +65,10 @@ def write_dataset(
     info["data_path"] = episode_path if version == "v2.1" else shared_path
     tables = []
     for episode in range(3):
-        state = normalise(make_counts(episode), unit)
+        counts = make_counts(episode)
+        if episode == still:
+            counts[:, :2] = counts[0, :2]
+        state = normalise(counts, unit)
         frames = np.arange(FRAMES)
         columns = {
             name: pa.FixedSizeListArray.from_arrays(pa.array(x.ravel(), pa.float32()), 3)
@@ -112,6 +120,12 @@ def test_an_episode_has_positions_and_goals_in_radians_by_joint(tmp_path: Path, 
     assert any("'gripper' is in percent" in note for note in list_notes(recording))  # no radians without its range
 
 
+def test_all_episodes_have_the_unit_of_the_dataset(tmp_path: Path) -> None:
+    headers = [read_preview(f"{write_dataset(tmp_path / 'pick', still=1)}#1").headers]
+    headers += [read_preview(f"{tmp_path / 'pick'}#{k}").headers for k in (0, 2)]
+    assert headers[0] == headers[1] == headers[2] and "position_elbow_flex" in headers[0]
+
+
 @pytest.mark.parametrize("inverted", [0, 1])
 def test_percent_of_the_range_becomes_radians_by_the_calibration(tmp_path: Path, inverted: int) -> None:
     folder = write_dataset(tmp_path / "pick", unit="percent", calibration=calibrate(drive_mode=inverted))
@@ -146,7 +160,8 @@ def test_each_episode_is_a_recording(tmp_path: Path, version: str) -> None:
     assert [len(part) for part in (read_study(study).fitted, read_study(study).held_out)] == [2, 1]
     reading = Namespace(columns=READ, unwrap=False)
     assert [source.read().name for source in read_source_names(str(folder), reading)] == ["pick#0", "pick#1", "pick#2"]
-    assert len(find_recordings(tmp_path / "pick", reading)) == 3
+    surveyed = find_recordings(folder, reading)
+    assert [(one.name, one.machine) for one in surveyed][2:] == [("../pick#2", "pick")] and surveyed[0].date.year > 2000
     recordings = select_recordings(folder, log_format={"columns": READ})
     assert [recording.name for recording in recordings] == ["pick#0", "pick#1", "pick#2"]
 
