@@ -146,7 +146,7 @@ def find_units(positions: Mapping[str, Array], calibration: Mapping[str, _Range]
     """Find the unit of each joint from its positions (N,), by joint.
 
     Values up to 2 pi are radians. A dataset has degrees if values exceed 100, or most moving joints change by counts of
-    an encoder. A gripper then may have percent, from 0 to 100.
+    an encoder. A gripper from 0 to 100 has percent also then.
     """
     ends = {joint: (float(np.nanmin(x)), float(np.nanmax(x))) for joint, x in positions.items()}
     largest = max(abs(end) for pair in ends.values() for end in pair)
@@ -154,12 +154,12 @@ def find_units(positions: Mapping[str, Array], calibration: Mapping[str, _Range]
         return dict.fromkeys(positions, JointUnit("radians", 1.0))
     steps = {joint: find_least_change(x[np.isfinite(x)]) * COUNTS / 360.0 for joint, x in positions.items()}
     moving = [joint for joint, step in steps.items() if step > 0]
-    counting = {joint for joint in moving if _are_counts(steps[joint])}
-    has_degrees = largest > LARGEST_PERCENT or 2 * len(counting) > len(moving)
+    n_counting = sum(_are_counts(steps[joint]) for joint in moving)
+    has_degrees = largest > LARGEST_PERCENT or 2 * n_counting > len(moving)
     units = dict[str, JointUnit]()
     for joint, (low, high) in ends.items():
         is_gripper = "gripper" in joint.lower() and low >= 0.0 and high <= LARGEST_PERCENT
-        if has_degrees and not (is_gripper and joint not in counting):
+        if has_degrees and not is_gripper:
             units[joint] = JointUnit("degrees", np.pi / 180.0)
         elif (ends_in_counts := calibration.get(joint)) is None:
             units[joint] = JointUnit("percent without range", None)
