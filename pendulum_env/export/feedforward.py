@@ -90,20 +90,22 @@ def _describe_joint(name: str, model: Model, language: Language) -> dict[str, An
     weight_by_angle = compute_torque(weights, selected, Samples(zeros, angles, zeros, zeros))
     by_angle = [compute_feedforward(selected, angles, zeros, zeros + way) - weight_by_angle for way in ways]
     by_speed = [compute_feedforward(selected, rest, way * speeds, rest + way) for way in ways]
+    unit = model.units().unit
     tables = [
         ("angle", "angle [rad] at speed 0, without weight", np.column_stack([angles, *by_angle])),
-        ("speed", "speed [rad/s] at angle 0", np.column_stack([speeds, *by_speed])),
+        ("speed", f"speed [{unit('rad/s')}] at position 0", np.column_stack([speeds, *by_speed])),
     ]
     names = programs[0].names | programs[1].names
     return {
         "name": make_identifier(f"{name}_feedforward") if name else "feedforward",
         "title": escape_text(f"{name}: {write_title(model)}" if name else write_title(model)),
-        "unit": model.units().unit("N m"),
+        "unit": unit("N m"),
+        "motion": f"a position [{unit('rad')}], a speed [{unit('rad/s')}]",
         "parameters": [parameter for parameter in parts.parameters if parameter.name in names],
         "torque": programs[0],
         "weight": programs[1],
         "rounds": ROUNDS if "torque" in programs[0].names else 1,
-        "tables": tables if np.ptp(by_angle, axis=1).max() > 0 else tables[1:],
+        "tables": tables if np.ptp(by_angle, axis=1).max() > 0 and not model.is_prismatic else tables[1:],
         "losses": [escape_text(text) for text in losses],
         "error": estimate_error(selected, model),
     }
