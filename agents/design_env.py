@@ -21,6 +21,7 @@ from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.plant import PAPER, Effects, make_plant
 from pendulum_env.rendering import MODES, Renderer
 from pendulum_env.vector_env import DirectDrivePendulumVector
+from pendulum_env.wrappers.drawing import replace_drawn
 from pendulum_env.wrappers.randomize_plant import Spread
 
 RATE = 1000.0  # [Hz] of measurement and physics
@@ -86,8 +87,8 @@ class ExcitationDesignVector(TaskVector):
         self._spread = Spread(self.pendulums.model, spread)
 
     def _begin_episodes(self, options: dict[str, Any]) -> TaskState:
-        theta = self._spread.draw(self.np_random, self.num_envs, options)
-        _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options={"theta": theta})
+        options = replace_drawn(self._spread.draw(self.np_random, self.num_envs), options)
+        _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options=options)
         self._steps_left, self._plant = self.observer.ticks, info["plant"]
         self.observer.start(info["position"], info["velocity"])
         none = np.zeros((self.observer.samples_per_tick, self.num_envs))

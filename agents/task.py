@@ -53,7 +53,7 @@ class TaskVector(VectorEnv[Batch, Batch, Array]):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Batch, dict[str, Any]]:
         """Begin episodes; one generator, seeded by all seeds, draws them. Raises ValueError for an unknown option."""
-        super().reset(seed=merge_seeds(seed))
+        super().reset(seed=merge_seeds(seed, self.num_envs))
         for name in options or {}:
             find("option of reset", name, dict.fromkeys(self.options))
         return self._unpack_state(self._begin_episodes(options or {}))
@@ -109,13 +109,14 @@ class Task(gym.Env[Batch, Batch]):
 
     def _unbatch_info(self, info: dict[str, Any]) -> dict[str, Any]:
         """Return the info without the axis of the batch; render in mode human."""
-        self._last_info = _select_first(info)
+        self._last_info = select_index(info, 0)
         if self.render_mode == "human":
             self.render()
         return self._last_info
 
 
-def _select_first(info: dict[str, Any]) -> dict[str, Any]:
-    """Return the info of the first environment, without masks."""
-    values = {name: value for name, value in info.items() if not name.startswith("_")}
-    return {name: _select_first(value) if isinstance(value, dict) else value[0] for name, value in values.items()}
+def select_index(value: Any, k: int) -> Any:
+    """Return the value of environment k in an entry of a batch's `info`, without masks."""
+    if isinstance(value, dict):
+        return {name: select_index(entry, k) for name, entry in value.items() if not name.startswith("_")}
+    return value[k]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -98,11 +99,8 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         self._renderer = Renderer(render_mode)
         sensor = Sensor(counts, torque_noise, find("velocity", velocity, spaces.VELOCITIES))
         files = [None if file is None else str(file) for file in (recording, config)]
-        self._setup = Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files)
-        self.plant = PlantParameters(self._setup.model)
-        self._parameters = self.plant.info  # parameters of the backend
-        self.backend = find("backend", backend, BACKENDS)(self._setup)
-        self.backend.open()
+        self._make_backend = find("backend", backend, BACKENDS)
+        self._open_plant(Setup(make_plant(theta, effects, model), float(rate), int(substeps), sensor, *files))
         self.render_mode = render_mode
         self.overlay: Callable[[], Sequence[str]] = tuple  # returns the text lines that a wrapper adds to the picture
         self.traits = self.backend.traits
@@ -110,12 +108,30 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         self.max_torque = min(float(max_torque), self.traits.max_torque)
         self.metadata = {**self.metadata, "render_fps": self.rate}
         self.observation_space, self.action_space = spaces.make_spaces(self.max_torque)
-        self._is_running = False
+
+    def _open_plant(self, setup: Setup) -> None:
+        """Open the backend with a plant, which waits for a reset."""
+        self._setup, self.plant, self._is_running = setup, PlantParameters(setup.model), False
+        self._parameters = self.plant.info  # parameters of the backend
+        self.backend = self._make_backend(setup)
+        self.backend.open()
 
     @property
     def simulated(self) -> bool:
         """Return whether the plant is simulated, with initial state and parameters that can be set."""
         return self.traits.simulated
+
+    def add_effects(self, effects: Effects) -> None:
+        """Hide further effects in the simulated plant, in the form of the argument `effects`; a reset must follow.
+
+        Raises:
+            ValueError: if an effect is unknown, impossible or already in the plant, or the backend simulates no plant.
+        """
+        if not self.simulated:
+            raise ValueError(f"the {type(self.backend).__name__} backend simulates no plant to hide an effect in")
+        model = make_plant(effects=effects, model=self._setup.model)
+        self.backend.close()
+        self._open_plant(replace(self._setup, model=model))
 
     def set_parameters(self, parameters: Values) -> None:
         """Change parameters of the simulated plant by name, until the next reset.

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pendulum_env._typing import Array
 from pendulum_env.lookup import find
 from pendulum_env.physics import BASE, Model, NonlinearParameter, Term, effect
 from pendulum_env.physics.library import MEASURED
@@ -59,18 +60,35 @@ def get_typical_values(term: Term) -> dict[str, float]:
     return linear | term.nonlinear_values | (read_parameters(size) if (size := term.typical_size) else {})
 
 
-def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
-    """Draw parameters of an effect around typical values: linear, then free nonlinear parameters."""
+def list_typical_ranges(kind: type[Term]) -> dict[str, tuple[float, float]]:
+    """Return ranges (low, high) around typical parameters of an effect by name: free nonlinear, then linear."""
     values = get_typical_values(kind())
-    nonlinear = {
-        parameter.name: float(rng.integers(5, 25))
+    ranges = {
+        parameter.name: (5.0, 24.0)
         if parameter.integer
-        else values[parameter.name] * float(rng.uniform(0.7, 1.4))
+        else (0.7 * values[parameter.name], 1.4 * values[parameter.name])
         for parameter in kind.nonlinear_parameters
         if parameter.nominal is None
     }
-    linear = list(values)[: len(kind().columns)]
-    return {name: values[name] * float(rng.uniform(0.8, 1.5)) for name in linear} | nonlinear
+    return ranges | {name: (0.8 * values[name], 1.5 * values[name]) for name in list(values)[: len(kind().columns)]}
+
+
+def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
+    """Draw parameters of an effect around typical values: linear, then free nonlinear parameters."""
+    ranges = list_typical_ranges(kind)
+    drawn = {name: float(draw_parameter(kind, name, *bounds, rng)) for name, bounds in ranges.items()}
+    n_linear = len(kind().columns)
+    names = list(drawn)
+    return {name: drawn[name] for name in names[len(names) - n_linear :] + names[: len(names) - n_linear]}
+
+
+def draw_parameter(
+    kind: type[Term], name: str, low: float, high: float, rng: np.random.Generator, count: int | None = None
+) -> Array:
+    """Draw a parameter of an effect within a range, or `count` of them (count,); integers include both bounds."""
+    if any(parameter.integer for parameter in kind.nonlinear_parameters if parameter.name == name):
+        return np.asarray(rng.integers(round(low), round(high) + 1, count), dtype=float)
+    return np.asarray(rng.uniform(low, high, count))
 
 
 def hide(plant: Model, text: str) -> Model:

@@ -38,8 +38,10 @@ def check_positive(owner: str, **values: float) -> None:
             raise ValueError(f"{argument} of {owner} cannot be {value_text}: give a positive number")
 
 
-def merge_seeds(seed: int | list[int | None] | None) -> int | None:
-    """Return the seed of the one generator of a batch, which depends on all seeds of a list."""
+def merge_seeds(seed: int | list[int | None] | None, count: int) -> int | None:
+    """Return the seed of the one generator of a batch, which depends on all seeds of a list, one per environment."""
+    if isinstance(seed, list) and len(seed) != count:
+        raise ValueError(f"{len(seed)} seeds do not fit {count} environments: give one number, or one seed for each")
     if not isinstance(seed, list) or len(seed) == 1:
         return seed[0] if isinstance(seed, list) else seed
     entropy = [0 if value is None else value + 1 for value in seed]

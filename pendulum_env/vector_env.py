@@ -75,9 +75,21 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._all_plants, self._no_plants = np.ones(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
-        self.plant = PlantParameters(make_plant(theta, effects, model), (num_envs,))
+        self._set_plant(make_plant(theta, effects, model))
+
+    def _set_plant(self, model: Model) -> None:
+        """Set the plant of all pendulums, which wait for a reset."""
+        self.plant = PlantParameters(model, (self.num_envs,))
         self._x: Samples | None = None
         self._update_plant()
+
+    def add_effects(self, effects: Effects) -> None:
+        """Hide further effects in all plants, in the form of the argument `effects`; a reset must follow.
+
+        Raises:
+            ValueError: if an effect is unknown, impossible or already in the plants.
+        """
+        self._set_plant(make_plant(effects=effects, model=self.model))
 
     def set_parameters(self, parameters: Values, which: Mask | None = None) -> None:
         """Change parameters by name, scalars or (B,), of all pendulums or of the mask `which`, until their next reset.
@@ -108,7 +120,7 @@ class DirectDrivePendulumVector(PlantProperties, VectorEnv[Batch, Batch, Array])
         Raises:
             ValueError: if an option is unknown or impossible.
         """
-        super().reset(seed=spaces.merge_seeds(seed))
+        super().reset(seed=spaces.merge_seeds(seed, self.num_envs))
         options = options or {}
         for name in options:
             find("option of reset", name, spaces.RESET_OPTIONS)

@@ -1,6 +1,7 @@
-"""Gymnasium wrappers that randomise the plant and record measurements."""
+"""Gymnasium wrappers that draw plants and hidden effects, and record measurements."""
 
+from pendulum_env.wrappers.hide_effects import HideEffects, HideEffectsVector
 from pendulum_env.wrappers.randomize_plant import RandomizePlant, RandomizePlantVector
 from pendulum_env.wrappers.record_measurements import RecordMeasurements
 
-__all__ = ["RandomizePlant", "RandomizePlantVector", "RecordMeasurements"]
+__all__ = ["HideEffects", "HideEffectsVector", "RandomizePlant", "RandomizePlantVector", "RecordMeasurements"]

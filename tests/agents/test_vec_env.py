@@ -14,6 +14,7 @@ from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 from agents.vec_env import BatchedVecEnv
 from estimators.wrappers import EstimateParameters, EstimateParametersVector, InformationReward, InformationRewardVector
 from pendulum_env.registration import PENDULUM
+from pendulum_env.wrappers import RandomizePlantVector
 
 
 def test_stable_baselines_checker_has_nothing_to_say():
@@ -71,3 +72,18 @@ def test_actions_may_be_rescaled():
         own.reset()
         paths.append([own.step(np.full((2, 1), action, dtype=np.float32))[0] for _ in range(20)])
     np.testing.assert_allclose(*paths, rtol=1e-5)
+
+
+def test_entries_of_info_that_are_asked_for_belong_to_the_episode_of_their_step():
+    env = gym.make_vec(PENDULUM, num_envs=2, max_episode_steps=2, autoreset_mode="SameStep")
+    env = BatchedVecEnv(RandomizePlantVector(env), info=["plant", "time"])
+    env.seed(1)
+    env.reset()
+    first = [info["plant"]["gravity"] for info in env.reset_infos]
+    steps = [env.step(np.zeros((2, 1), dtype=np.float32))[-1] for _ in range(3)]
+    assert [info["time"] for info in (steps[k][1] for k in range(3))] == pytest.approx([0.001, 0.002, 0.001])
+    gravities = [[info["plant"]["gravity"] for info in infos] for infos in steps]
+    assert gravities[0] == gravities[1] == first and not set(gravities[2]) & set(first)
+    assert set(steps[0][0]) == {"plant", "time"}
+    with pytest.raises(ValueError, match="entry of info"):
+        BatchedVecEnv(env.env, info="plants").reset()
