@@ -14,9 +14,10 @@ import numpy as np
 from agents.baselines import BASELINE, RANDOM
 from agents.contenders import make_baselines as make_baselines
 from agents.contenders import make_contender
-from agents.evaluation import ACCURACIES, REPORT_TIMES, SEED_OFFSET, Outcome, evaluate_policy
+from agents.evaluation import ACCURACIES, LIMITS, REPORT_TIMES, SEED_OFFSET, Outcome, evaluate_policy
 from agents.observer import N_PARAMETERS
 from estimators.progress import Progress, no_progress
+from estimators.schemes.six import SCHEMES
 from pendulum_env._typing import JSON, Array
 from pendulum_env.errors import UserError
 from pendulum_env.formatting import TextTable
@@ -32,7 +33,11 @@ Statistic = Callable[[Array, Array], float]
 
 @dataclass(frozen=True)
 class PolicyComparison:
-    """Outcomes of policies on the same plants; `print` shows a table.
+    """Outcomes of policies on the same plants; `print` shows their tables.
+
+    `bound` and `error` are RMS values over the plants, and ratios have bootstrap intervals of 95 % over the plants.
+    `violations` is the share of ticks beyond an angle, a speed or a torque of the constraint. The second table has the
+    ratio for each of the six schemes on the same measurements.
 
     Attributes:
         outcomes: by name of the policy, baselines first. `outcomes["mine"].parameter_errors` are the relative errors
@@ -61,22 +66,34 @@ class PolicyComparison:
         return tuple(notes)
 
     def json(self) -> JSON:
-        """Return quartiles of all figures, and gains over the baseline with intervals; infinite figures are null."""
+        """Return quartiles and RMS values of all figures, and ratios with intervals; infinite figures are null."""
         base = self.outcomes[self.baseline]
         policies = {name: _make_policy_json(outcome, base) for name, outcome in self.outcomes.items()}
         results = {"baseline": self.baseline, "policies": policies, "notes": [*self.notes]}
         return {"schema": SCHEMA, **self.settings, **results}
 
     def __str__(self) -> str:
-        header = [f"error at {moment:g} s [%]" for moment in REPORT_TIMES]
-        header += ["1 % after [s]", f"gain over {self.baseline}"]
-        base = self.outcomes[self.baseline]
-        rows = []
+        return "\n".join((self.tables, *self.notes))
+
+    @property
+    def tables(self) -> str:
+        """Return the tables of errors by policy and time, and by scheme."""
+        header = ["policy", "time [s]", "bound [%]", "error [%]", "error / bound", f"gain over {self.baseline}"]
+        base, rows, by_scheme = self.outcomes[self.baseline], [], []
         for name, outcome in self.outcomes.items():
-            errors = [f"{100 * _median(error):.3f}" for error in outcome.errors]
-            gain = compute_gain(outcome.errors[-1], base.errors[-1])
-            rows.append([name, *errors, f"{_median(outcome.close[0]):.2f}", f"{gain:.2f}"])
-        return "\n".join((str(TextTable(["policy", *header], rows)), *self.notes))
+            violations = f"{100 * outcome.violated.any(axis=2).mean():.1f}"
+            for k, moment in enumerate(REPORT_TIMES):
+                error, bound = outcome.errors[k], outcome.bound[k]
+                sizes = [f"{100 * compute_rms(values):.4f}" for values in (bound, error)]
+                ratios = [_print_ratio(bound, error), _print_ratio(error, base.errors[k])]
+                rows.append([name if k == 0 else "", f"{moment:g}", *sizes, *ratios, violations if k == 0 else ""])
+            of_schemes = [compute_rms_ratio(outcome.bound[-1], errors) for errors in outcome.scheme_errors[-1]]
+            by_scheme.append([name, *(f"{ratio:.2f}" for ratio in of_schemes)])
+        tables = [str(TextTable([*header, "violations [%]"], rows))]
+        if np.isfinite(base.bound).any():
+            title = f"error / bound at {REPORT_TIMES[-1]:g} s"
+            tables += ["", str(TextTable([title, *(scheme.id for scheme in SCHEMES)], by_scheme))]
+        return "\n".join(tables)
 
 
 def compare_policies(
@@ -165,6 +182,17 @@ def compute_information_ratio(policy: Array, base: Array) -> float:
         return float(np.median(np.exp((policy - base) / N_PARAMETERS)))
 
 
+def compute_rms(values: Array) -> float:
+    """Compute the root mean square over the plants."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def compute_rms_ratio(policy: Array, base: Array) -> float:
+    """Divide the RMS of the base over the plants by that of the policy; NaN where one of them is infinite."""
+    numbers = compute_rms(base), compute_rms(policy)
+    return numbers[0] / numbers[1] if np.isfinite(numbers).all() else float("nan")
+
+
 def compute_gain(policy: Array, base: Array) -> float:
     """Divide the median of the baseline by that of the policy; NaN where one of them is infinite."""
     numbers = float(np.median(base)), float(np.median(policy))
@@ -180,8 +208,10 @@ def compute_bootstrap_interval(statistic: Statistic, policy: Array, base: Array,
     return float(low), float(high)
 
 
-def _median(values: Array) -> float:
-    return float(np.median(values))
+def _print_ratio(policy: Array, base: Array) -> str:
+    """Print the ratio of RMS values with its interval; "-" where it is unknown."""
+    ratio, interval = compute_rms_ratio(policy, base), compute_bootstrap_interval(compute_rms_ratio, policy, base)
+    return f"{ratio:.2f} ({interval[0]:.2f} to {interval[1]:.2f})" if np.isfinite(ratio) else "-"
 
 
 def _make_policy_json(outcome: Outcome, base: Outcome) -> JSON:
@@ -190,7 +220,25 @@ def _make_policy_json(outcome: Outcome, base: Outcome) -> JSON:
     series = zip(names, [*outcome.errors, *outcome.close], [*base.errors, *base.close], strict=True)
     gains = {name: _make_ratio_json(compute_gain, errors, baseline_errors) for name, errors, baseline_errors in series}
     gains["information"] = _make_ratio_json(compute_information_ratio, outcome.log_det[-1], base.log_det[-1])
+    rms = [
+        {
+            "bound": _replace_infinite(compute_rms(bound)),
+            "error": _replace_infinite(compute_rms(error)),
+            "error_over_bound": _make_ratio_json(compute_rms_ratio, bound, error),
+            "gain": _make_ratio_json(compute_rms_ratio, error, baseline_error),
+            "schemes": {
+                scheme.id: _replace_infinite(compute_rms_ratio(bound, errors))
+                for scheme, errors in zip(SCHEMES, scheme_errors, strict=True)
+            },
+        }
+        for bound, error, baseline_error, scheme_errors in zip(
+            outcome.bound, outcome.errors, base.errors, outcome.scheme_errors, strict=True
+        )
+    ]
+    violations = dict(zip(LIMITS, outcome.violated.mean(axis=(0, 1)).tolist(), strict=True))
     return {
+        "rms": dict(zip(moments, rms, strict=True)),
+        "violations": {**violations, "any": float(outcome.violated.any(axis=2).mean())},
         "error": dict(zip(moments, map(_compute_quartiles, outcome.errors), strict=True)),
         "cramer_rao": dict(zip(moments, map(_compute_quartiles, outcome.bound), strict=True)),
         "time_to": dict(zip(bounds, map(_compute_quartiles, outcome.close), strict=True)),

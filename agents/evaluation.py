@@ -18,8 +18,8 @@ from agents.contenders import Contender
 from agents.design_env import RATE, ExcitationDesignVector
 from agents.observer import N_PARAMETERS, NOMINAL, TICK, compute_log_det
 from estimators.online import OnlineEstimator
-from estimators.schemes.six import scheme
-from pendulum_env._typing import Array
+from estimators.schemes.six import SCHEMES, scheme
+from pendulum_env._typing import Array, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.backends.simulated import TORQUE_NOISE
 from pendulum_env.physics import BASE, simulate
@@ -27,7 +27,9 @@ from pendulum_env.plant import PAPER
 from pendulum_env.policy import State
 
 REPORT_TIMES = (2.0, 5.0, 10.0)  # [s] at which errors are compared
+LIMITS = ("angle", "speed", "torque")  # of the task, whose excesses are counted
 ACCURACIES = (0.01, 0.003)  # bounds of the relative errors of all parameters
+TICKS_REPORTED = [round(moment / TICK) - 1 for moment in REPORT_TIMES]
 SEED_OFFSET = 2**20  # added to seeds, so that no training has drawn the plants
 
 
@@ -46,6 +48,8 @@ class Outcome:
     position: Array  # (T, N), at the end of each tick [rad]
     speed: Array  # (N,), largest |q'| [rad/s]
     action: Array  # (N,), largest |action| of the policy [share of the peak torque], before it is clipped to 1
+    scheme_errors: Array  # (M, S, N), RMS error at `REPORT_TIMES` by each of the six schemes
+    violated: Mask  # (T, N, 3), ticks beyond the `LIMITS` of the constraint; a requested torque beyond its limit counts
     seconds_per_action: float  # computing time of the policy for all plants [s]
 
     @cached_property
@@ -56,7 +60,7 @@ class Outcome:
     @cached_property
     def errors(self) -> Array:
         """Return the RMS error at `REPORT_TIMES` (M, N)."""
-        return self.error[[round(moment / TICK) - 1 for moment in REPORT_TIMES]]
+        return self.error[TICKS_REPORTED]
 
     @cached_property
     def close(self) -> Array:
@@ -68,7 +72,7 @@ class Outcome:
     def join(parts: Sequence[Outcome]) -> Outcome:
         """Join the outcomes of one policy on several groups of plants."""
         arrays = [field.name for field in fields(Outcome) if field.name != "seconds_per_action"]
-        axes = {"parameter_errors": 1}  # axis of the plants; the last one of other arrays
+        axes = {"parameter_errors": 1, "violated": 1}  # axis of the plants; the last one of other arrays
         joint = {name: np.concatenate([getattr(p, name) for p in parts], axis=axes.get(name, -1)) for name in arrays}
         return Outcome(**joint, seconds_per_action=sum(part.seconds_per_action for part in parts))
 
@@ -89,12 +93,16 @@ def evaluate_policy(
     """
     policy = contender(seed)
     env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, spread=spread)
-    estimator = OnlineEstimator(RATE, BASE, [scheme(scheme_id)], batch=plants, counts=COUNTS)
+    estimator = OnlineEstimator(RATE, BASE, SCHEMES, batch=plants, counts=COUNTS)
+    chosen, limits = SCHEMES.index(scheme(scheme_id)), env.constraint
     observation, info = env.reset(seed=SEED_OFFSET + seed)
     truth = np.stack([info["plant"][name] for name in PAPER], axis=1)
     estimator.take(np.zeros(plants), info["positions"][:, 0], np.zeros(plants))
     steps, n_samples = env.observer.ticks, env.observer.samples_per_tick
-    errors = np.empty((steps, plants, N_PARAMETERS))
+    errors, violated = (
+        np.empty((steps, plants, len(SCHEMES), N_PARAMETERS)),
+        np.empty((steps, plants, len(LIMITS)), bool),
+    )
     torque, position, log_dets = np.empty((3, steps, plants))
     speed, action_peak, information = np.zeros(plants), np.zeros(plants), np.zeros((plants, N_PARAMETERS, N_PARAMETERS))
     state: State = None
@@ -110,13 +118,33 @@ def evaluate_policy(
             estimates = estimator.take(time_now, info["positions"][:, j], info["torques"][:, j])
             row = estimates.regressor * NOMINAL
             information += row[:, :, None] * row[:, None, :]
-        errors[k] = estimates.theta[:, 0] / truth - 1.0
+        errors[k] = estimates.theta / truth[:, None] - 1.0
         torque[k], position[k], log_dets[k] = info["torque"], info["positions"][:, -1], compute_log_det(information)
-        speed = np.maximum(speed, np.abs(np.diff(info["positions"])).max(axis=1) * RATE)
+        fastest = np.abs(np.diff(info["positions"])).max(axis=1) * RATE
+        speed = np.maximum(speed, fastest)
+        requested = limits.peak * action[:, 0]
+        excesses = (
+            np.abs(info["positions"]).max(axis=1) - limits.angle,
+            fastest - limits.speed,
+            np.abs(requested - torque[k]) - 1e-6 * limits.peak,
+        )
+        violated[k] = np.array(excesses).T > 0
     bound = np.full((len(REPORT_TIMES), plants), np.nan)
     if not effects:
         bound = compute_cramer_rao_bound(truth, np.repeat(torque, n_samples, axis=0))
-    return Outcome(errors, log_dets, bound, torque, position, speed, action_peak, seconds / steps)
+    by_scheme = np.sqrt((errors[TICKS_REPORTED] ** 2).mean(axis=-1)).transpose(0, 2, 1)
+    return Outcome(
+        errors[:, :, chosen],
+        log_dets,
+        bound,
+        torque,
+        position,
+        speed,
+        action_peak,
+        by_scheme,
+        violated,
+        seconds / steps,
+    )
 
 
 def compute_cramer_rao_bound(truth: Array, torque: Array) -> Array:

@@ -52,10 +52,14 @@ class Constraint:
     Attributes:
         peak: bound of |torque| [N m].
         rms: bound of its root mean square over the episode [N m], enforced as a budget of energy.
+        angle: bound of |q| [rad], a turn of the cable; not enforced, excesses are counted.
+        speed: bound of |q'| [rad/s], from which the rig reduces the torque; not enforced, excesses are counted.
     """
 
     peak: float
     rms: float | None = None
+    angle: float = 2 * np.pi
+    speed: float = 25.0
 
 
 ARM = "arm"  # constraint of policies that choose the motion of links

@@ -8,7 +8,7 @@ import numpy as np
 from estimators.online.settings import ONLINE
 from estimators.online.stream import Clock, Stream, StreamEquations
 from estimators.schemes.balance import adapt_to_arms, apply_scheme, compute_balances
-from estimators.schemes.six import GUARD_TIME, Scheme
+from estimators.schemes.six import Scheme
 from estimators.signals.measurements import Smoothing, measure
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Term
@@ -37,7 +37,7 @@ class ArmStream:
         self.joints = find_linked_mechanism(terms).joints
         self._clock = Clock(1.0 / period)
         # samples after the current one that decide whether it is clear of stick
-        self._lookahead = smoothing.reach + max(smoothing.reach + 1, round(GUARD_TIME / period)) + 2
+        self._lookahead = 2 * smoothing.reach + 3
         self._chunk = max(1, round(ONLINE.stream.arm_chunk / period))
         self._transient = round(ONLINE.stream.arm_transient / period)
         self._capacity = self._chunk + 2 * self._lookahead + self._transient

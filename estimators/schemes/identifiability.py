@@ -12,7 +12,7 @@ from estimators.findings import Finding, Quantity, collect_withheld
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.balance import Segments, make_regressions, stack_equations, stack_series
 from estimators.schemes.fitting import Identified, join_names
-from estimators.schemes.six import GUARD_TIME, scheme
+from estimators.schemes.six import scheme
 from estimators.signals.measurements import Measurements, measure_segments
 from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import BASE, SIGNIFICANT, Estimate, Model, Term
@@ -110,7 +110,7 @@ def find_undetermined(
         measurements: of all segments; their directions and angles count, also those that are held out.
         terms: terms of the model.
         units: units of the joint.
-        rows: rows of a fit; by default the samples farther than `GUARD_TIME` from stick and reversals.
+        rows: rows of a fit; by default the samples of which no filter reaches stick or a reversal.
     """
     columns = [column for term in terms for column in term.columns]
     is_unknown = np.array([not column.is_known for column in columns], dtype=bool)
@@ -158,7 +158,7 @@ def _list_columns(measurements: Sequence[Measurements], terms: Sequence[Term]) -
 
 def _select_clear(measurements: Sequence[Measurements], columns: Sequence[Array]) -> ClearRows:
     """Select the samples clear of stick and reversals."""
-    clear = [m.find_clear(GUARD_TIME) for m in measurements]
+    clear = [m.find_clear(0.0) for m in measurements]
     torques = [m.held + np.asarray(m.load.torque) for m in measurements]
     groups = zip(measurements, torques, columns, clear, strict=True)
     parts = [(m.velocity[k], torque[k], phi[k]) for m, torque, phi, k in groups]

@@ -36,7 +36,6 @@ from pendulum_env.physics import LOAD, Column, Term
 from pendulum_env.reading import quote_value
 
 CUTOFF = 200.0  # lambda [rad/s], the paper's 31.83 Hz
-GUARD_TIME = 0.02  # [s] on either side of stick and reversals
 
 View = Callable[[Measurements, Column], Array]
 
@@ -220,8 +219,9 @@ class Scheme:
         balance: its equation.
         view: key of `VIEWS`.
         operator: filter or integral of both sides, or None.
-        guard: distance to stick and reversals within which samples are left out [s]. None includes stick, as in the
-            paper; the balance of energy leaves out rest, where no work is done.
+        guard: distance to stick and reversals within which samples are left out [s], at least the reach of the
+            smoothing. The gate stands before the filter, so that more than this reach only costs samples. None
+            includes stick, as in the paper; the balance of energy leaves out rest, where no work is done.
         borrows: id of the scheme that determines the inertia, as in the paper's Hamiltonian pair; None estimates it.
     """
 
@@ -229,7 +229,7 @@ class Scheme:
     balance: str
     view: str
     operator: LowPass | Integral | None = None
-    guard: float | None = GUARD_TIME
+    guard: float | None = 0.0
     borrows: str | None = None
 
     @property

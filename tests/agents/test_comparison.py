@@ -65,6 +65,11 @@ def test_a_policy_that_moves_no_joint_or_asks_for_more_than_the_peak_is_noted():
     found = compare_policies(policies, [], plants=2)
     assert np.all(found.outcomes["still"].speed == 0) and np.all(found.outcomes["strong"].action == 6.0)
     still, strong = found.notes
+    counted = {name: own["violations"] for name, own in found.json()["policies"].items()}
+    assert counted["still"]["any"] == 0.0 and counted["strong"]["torque"] == 1.0
+    # 6 N m turn the joint by about 10 rad/s: a turn is complete within a second, 25 rad/s are not reached
+    assert 0.9 < counted["full"]["angle"] == counted["full"]["any"] < 1.0
+    assert counted["full"]["speed"] == counted["full"]["torque"] == 0.0
     assert still.startswith("still never moves the joint") and "strong asks for up to 6.0 times" in strong
 
 
@@ -129,3 +134,19 @@ def test_where_it_is_worked_out_changes_nothing(monkeypatch):
         assert outcome.errors.shape == (3, 3)
         np.testing.assert_array_equal(outcome.error, there.outcomes[name].error)
         assert not np.allclose(outcome.torque[:, 0], outcome.torque[:, 2])  # signals differ between parts
+
+
+def test_the_table_has_bound_error_and_their_ratio_with_its_interval():
+    """The RMS of the errors over the plants, whose ratio to the bound is near 1 for the linear schemes only."""
+    found = compare_policies({}, ["two-tone"], plants=60, seed=3)
+    for name, outcome in found.outcomes.items():
+        told = found.json()["policies"][name]
+        for k, rms in enumerate(told["rms"].values()):
+            assert rms["error"] == pytest.approx(np.sqrt(np.mean(outcome.errors[k] ** 2)))
+            assert rms["bound"] == pytest.approx(np.sqrt(np.mean(outcome.bound[k] ** 2)))
+            ratio = rms["error_over_bound"]
+            assert ratio["ratio"] == pytest.approx(rms["error"] / rms["bound"]) and ratio["low"] < 1.25
+            assert ratio["low"] < ratio["ratio"] < ratio["high"] < 1.6
+            assert rms["schemes"]["filtered_dynamic"] == pytest.approx(ratio["ratio"])
+            assert rms["schemes"]["energy"] > 1.5
+        assert f"{100 * told['rms']['10 s']['bound']:.4f}" in str(found)

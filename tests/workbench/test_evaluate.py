@@ -57,7 +57,8 @@ def test_a_file_an_own_class_and_a_model_of_stable_baselines_are_printed_beside_
     assert [own["torque_peak"] > 0 for own in told["policies"].values()] == [True, True, False, False]
     assert told["policies"]["two-tone"]["gain"]["information"]["ratio"] == pytest.approx(1.0)
     for own in (told["policies"][name] for name in ("two-tone", policy)):
-        assert all(f"{100 * middle:.3f} (" in out for _, middle, _ in own["error"].values())
+        assert all(f"{100 * rms['error']:.4f}" in out for rms in own["rms"].values())
+        assert all(f"{100 * rms['bound']:.4f}" in out for rms in own["rms"].values())
         assert f"{own['gain']['information']['ratio']:.2f} (" in out
 
 
@@ -70,15 +71,24 @@ def test_what_a_policy_never_reaches_is_told_without_a_number(capsys):
     def outcome(log_det: float, error: float) -> Outcome:
         none = np.zeros((500, 4))
         return Outcome(
-            np.full((500, 4, 4), error), none + log_det, np.full((3, 4), 1e-4), none, none, np.ones(4), np.ones(4), 1e-3
+            np.full((500, 4, 4), error),
+            none + log_det,
+            np.full((3, 4), 1e-4),
+            none,
+            none,
+            np.ones(4),
+            np.ones(4),
+            np.full((3, 6, 4), error),
+            np.zeros((500, 4, 3), dtype=bool),
+            1e-3,
         )
 
     outcomes = {"two-tone": outcome(0, 2e-3), "a": outcome(4, 1e-3), "b": outcome(2, 2e-2)}
     setting = {"plants": 4, "constraint": "peak", "scheme": "energy", "effects": (), "spread": 0.3}
-    figures = PolicyComparison(outcomes, setting).json()
+    comparison = PolicyComparison(outcomes, setting)
+    figures = print_figures(comparison, Terminal())
     sooner, never = (figures["policies"][name]["gain"] for name in ("a", "b"))
     assert sooner["information"]["ratio"] == pytest.approx(np.exp(4 / 4))
     assert (sooner["error 2 s"]["ratio"], never["error 2 s"]["ratio"]) == pytest.approx((2.0, 0.1))
     assert never["time to 1 %"]["ratio"] is None
-    print_figures(figures, Terminal())
     assert "nan" not in capsys.readouterr().out

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from agents.baselines import BASELINE, BASELINES
-from agents.comparison import compare_policies
+from agents.comparison import PolicyComparison, compare_policies
 from agents.contenders import load_class
 from agents.network import load
 from agents.observer import CONSTRAINTS
@@ -66,36 +66,44 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
             )
     except BrokenExecutor:
         raise InputError("a worker process was killed: memory may be too small, give fewer --workers") from None
-    figures = comparison.json()
-    print_figures(figures, terminal)
+    figures = print_figures(comparison, terminal)
     write_json(arguments.json, figures)
     report_files([arguments.json], terminal)
 
 
-def print_figures(report: JSON, terminal: Terminal) -> None:
-    """Print the figures of a `PolicyComparison`."""
+def print_figures(comparison: PolicyComparison, terminal: Terminal) -> JSON:
+    """Print the figures of a comparison, and return them."""
+    report = comparison.json()
     policies = report["policies"]
     first = policies[report["baseline"]]
-    errors, gains, use = list[list[str]](), list[list[str]](), list[list[str]]()
+    gains, use = list[list[str]](), list[list[str]]()
     for name, policy in policies.items():
-        bounds = ["" if bound[1] is None else f" ({100 * bound[1]:.3f})" for bound in policy["cramer_rao"].values()]
-        sizes = [f"{100 * error[1]:.3f}{bound}" for error, bound in zip(policy["error"].values(), bounds, strict=True)]
-        errors.append([name, *sizes, *(_format_number(quartiles[1]) for quartiles in policy["time_to"].values())])
         parts = ([_format_number(gain[part]) for part in ("ratio", "low", "high")] for gain in policy["gain"].values())
         gains.append([name, *(f"{ratio} ({low} to {high})" for ratio, low, high in parts)])
+        times = [_format_number(quartiles[1]) for quartiles in policy["time_to"].values()]
         medians = [_format_number(policy[kind][1]) for kind in ("torque_rms", "speed", "turns")]
-        use.append([name, f"{policy['torque_peak']:.2f}", *medians, f"{1e3 * policy['seconds_per_action']:.3g}"])
+        use.append(
+            [name, *times, f"{policy['torque_peak']:.2f}", *medians, f"{1e3 * policy['seconds_per_action']:.3g}"]
+        )
     plants = f"{report['plants']} plants within {100 * report['spread']:g} %"
-    terminal.print(f"{plants}, 10 s, constraint {report['constraint']}; medians over plants")
-    terminal.print_heading("RMS error of the parameters [%] (Cramer-Rao bound), and time until all stay within [s]")
-    terminal.print_table(("policy", *(f"at {moment}" for moment in first["error"]), *first["time_to"]), errors)
-    terminal.print_heading(f"Gain over {report['baseline']}, above 1 is better, with bootstrap intervals of 95 %")
+    terminal.print(f"{plants}, 10 s, constraint {report['constraint']}")
+    terminal.print_heading("RMS error of the parameters over the plants, Cramer-Rao bound, bootstrap intervals of 95 %")
+    terminal.print(comparison.tables)
+    terminal.print_heading(f"Ratios of medians to {report['baseline']}, above 1 is better")
     terminal.print_table(("policy", *first["gain"]), gains)
-    terminal.print_heading("What it takes")
-    headers = ("peak [N m]", "RMS [N m]", "speed [rad/s]", "turns", "computing a decision for all [ms]")
+    terminal.print_heading("Time until all parameters stay within [s], and cost; medians over plants")
+    headers = (
+        *first["time_to"],
+        "peak [N m]",
+        "RMS [N m]",
+        "speed [rad/s]",
+        "turns",
+        "computing a decision for all [ms]",
+    )
     terminal.print_table(("policy", *headers), use)
     for note in report["notes"]:
         terminal.print(note)
+    return report
 
 
 def _format_number(value: float | None) -> str:

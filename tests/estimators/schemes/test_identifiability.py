@@ -8,7 +8,6 @@ from estimators import diagnose
 from estimators.identification import identify
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.identifiability import Gap, Undetermined, find_undetermined
-from estimators.schemes.six import GUARD_TIME
 from estimators.signals.measurements import measure
 from pendulum_env.physics import BASE, effects
 from pendulum_env.physics.limits import limit_term
@@ -40,7 +39,7 @@ def test_a_coarse_swing_that_oscillates_has_both_directions():
     swing = Recording(
         time=time, position=2.6 * np.exp(-0.5 * time) * np.cos(6 * time) + noise, torque=np.zeros(len(time))
     )
-    clear = measure(swing).find_clear(GUARD_TIME)
+    clear = measure(swing).find_clear(0.0)
     assert len(set(np.sign(measure(swing).velocity[clear]))) == 1
     assert Gap.ONE_DIRECTION not in gaps(swing)
     with pytest.raises(
