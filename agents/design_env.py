@@ -25,6 +25,7 @@ from pendulum_env.wrappers.drawing import replace_drawn
 from pendulum_env.wrappers.randomize_plant import Spread
 
 RATE = 1000.0  # [Hz] of measurement and physics
+STARTS = {"swing": np.deg2rad([60.0, 120.0]), "rest": np.zeros(2)}  # range of the initial angle, to either side [rad]
 
 
 class ExcitationDesignVector(TaskVector):
@@ -54,6 +55,7 @@ class ExcitationDesignVector(TaskVector):
         effects: Effects = (),
         counts: int = COUNTS,
         torque_noise: float = TORQUE_NOISE,
+        start: str = "swing",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         """Make the environments.
@@ -67,6 +69,8 @@ class ExcitationDesignVector(TaskVector):
                 model them.
             counts: encoder counts per turn; 0 measures the angle exactly.
             torque_noise: standard deviation of the measured torque [N m].
+            start: "swing", released at 60 to 120 degrees to either side, where gravity exceeds dry friction; or "rest",
+                hanging down, as the rig. From rest, a policy of small torques learns nothing: the joint is stuck.
             autoreset_mode: when the next episodes begin, as in `DirectDrivePendulumVector`.
 
         Raises:
@@ -84,10 +88,13 @@ class ExcitationDesignVector(TaskVector):
             torque_noise=torque_noise,
             autoreset_mode=autoreset_mode,
         )
-        self._spread = Spread(self.pendulums.model, spread)
+        self._spread, self._start = Spread(self.pendulums.model, spread), find("start", start, STARTS)
 
     def _begin_episodes(self, options: dict[str, Any]) -> TaskState:
         options = replace_drawn(self._spread.draw(self.np_random, self.num_envs), options)
+        if self._start.any():
+            side = self.np_random.choice([-1.0, 1.0], self.num_envs)
+            options["position"] = side * self.np_random.uniform(*self._start, self.num_envs)
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options=options)
         self._steps_left, self._plant = self.observer.ticks, info["plant"]
         self.observer.start(info["position"], info["velocity"])

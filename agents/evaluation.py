@@ -92,7 +92,7 @@ def evaluate_policy(
     The same seed gives the same plants and noise to every policy. `spread` is that of `ExcitationDesignVector`.
     """
     policy = contender(seed)
-    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, spread=spread)
+    env = ExcitationDesignVector(plants, constraint=constraint, effects=effects, spread=spread, start="rest")
     estimator = OnlineEstimator(RATE, BASE, SCHEMES, batch=plants, counts=COUNTS)
     chosen, limits = SCHEMES.index(scheme(scheme_id)), env.constraint
     observation, info = env.reset(seed=SEED_OFFSET + seed)

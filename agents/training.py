@@ -139,7 +139,7 @@ def make_task(config: Config) -> DiscreteActions:
         mode = gym.VectorizeMode.VECTOR_ENTRY_POINT
         task = gym.make_vec(ARM_DESIGN, vectorization_mode=mode, robot=config.robot or None, draw=True, **options)
         return DiscreteActions(task, config)
-    return TrainingTask(ExcitationDesignVector(constraint=config.constraint, **options), config)
+    return TrainingTask(ExcitationDesignVector(constraint=config.constraint, start="rest", **options), config)
 
 
 def export_network(model: PPO, config: Config) -> Network:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import html
 import importlib
 import inspect
@@ -30,6 +31,8 @@ from workbench.commands.effects import list_parameters
 ROOT = Path(__file__).parents[1]
 WIDTH = "84"  # characters of a line of help
 NOTEBOOK = re.compile(r"\]\((?:\.\./)?((?:\.\./)*)examples/(\w+)\.ipynb")
+CONTRIBUTING = re.compile(r"\]\((?:\.\./)((?:\.\./)*)CONTRIBUTING\.md")
+MODULE = re.compile(r"\]\((?:\.\./)((?:\.\./)*)((?:pendulum_env|estimators|agents|robots|workbench)/[\w/]+)\.py")
 ARITHMATEX = re.compile(r'<(?P<tag>span|div) class="arithmatex">(?P<latex>.*?)</(?P=tag)>', re.S)
 
 
@@ -42,14 +45,16 @@ class Reference:
     packages: tuple[str, ...]
     further: tuple[str, ...] = ()
 
-    def markdown(self) -> str:
-        """Return the page with directives, which mkdocstrings replaces by docstrings."""
+    def list_names(self) -> list[str]:
+        """Return the full names of the classes and functions."""
         modules = [importlib.import_module(package) for package in self.packages]
         offered = [getattr(module, name) for module in modules for name in module.__all__]
         names = [f"{o.__module__}.{o.__name__}" for o in offered if inspect.isclass(o) or inspect.isroutine(o)]
-        return "\n".join(
-            [f"# {self.title}", "", self.text, "", *(f"::: {name}" for name in dict.fromkeys([*names, *self.further]))]
-        )
+        return list(dict.fromkeys([*names, *self.further]))
+
+    def markdown(self) -> str:
+        """Return the page with directives, which mkdocstrings replaces by docstrings."""
+        return "\n".join([f"# {self.title}", "", self.text, "", *(f"::: {name}" for name in self.list_names())])
 
 
 REFERENCES = {
@@ -159,8 +164,20 @@ def on_files(files: Files, config: MkDocsConfig) -> None:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Replace links to notebooks by links to their pages."""
-    return NOTEBOOK.sub(r"](\1\2.md", markdown)
+    """Replace links to notebooks, modules and CONTRIBUTING.md, which a checkout shows, by links to their pages."""
+    markdown = NOTEBOOK.sub(r"](\1\2.md", markdown)
+    markdown = CONTRIBUTING.sub(r"](\1contributing.md", markdown)
+    return MODULE.sub(lambda found: f"]({found[1]}reference/{find_reference(found[2])}.md", markdown)
+
+
+@functools.cache
+def find_reference(path: str) -> str:
+    """Find the page of a module or package, by its path without suffix; raises ValueError if no page has it."""
+    module = path.replace("/", ".").removesuffix(".__init__")
+    for name, page in REFERENCES.items():
+        if module in page.packages or any(full.startswith(f"{module}.") for full in page.list_names()):
+            return name
+    raise ValueError(f"no page of the reference has the module {module}: link another one")
 
 
 def on_page_content(content: str, **_: Any) -> str:

@@ -50,7 +50,7 @@ def test_signals_spend_the_whole_budget_and_differ_between_pendulums():
 
 def test_looking_ahead_foresees_what_will_be_learnt():
     """The rows that it simulates with the true parameters are those that the environment then measures."""
-    env = ExcitationDesignVector(4, torque_noise=0.0, spread=0.0)
+    env = ExcitationDesignVector(4, torque_noise=0.0, spread=0.0, start="rest")
     env.reset(seed=0)
     torque = np.concatenate([np.full((10, 4, 1), 6.0), np.full((10, 4, 1), -6.0)])
     theta = env.pendulums.theta.T

@@ -138,3 +138,11 @@ def test_the_peak_and_the_budget_hold():
 def test_what_makes_no_sense_is_refused(arguments, why):
     with pytest.raises(ValueError, match=why):
         ExcitationDesignVector(1, **arguments)
+
+
+def test_episodes_start_outside_of_stick_unless_they_start_at_rest():
+    for start, gains in (("swing", True), ("rest", False)):
+        env = ExcitationDesignVector(50, start=start)
+        env.reset(seed=1)
+        rewards = np.sum([env.step(np.zeros((50, 1), dtype=np.float32))[1] for _ in range(30)], axis=0)
+        assert (rewards.min() > 1.0) if gains else (rewards == 0.0).all()
