@@ -46,7 +46,7 @@ def main() -> None:
                 seen.append(found)
                 live.update(table(info["time"], found), refresh=True)
                 best = found.ranking[0] if found.ranking else None
-                # each of two missing effects leaves an error, so that the verdict is `unexplained`
+                # also where each of two missing effects explains little, so that the verdict is `unexplained`
                 if best and best.evidence >= found.threshold and best.probability >= ADDED_FROM:
                     env.add(best.effect)
 

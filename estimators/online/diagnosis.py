@@ -35,6 +35,8 @@ from pendulum_env.physics import BASE, Term, effects, list_loads
 from pendulum_env.physics.joints import Links
 from pendulum_env.physics.terms import is_pure_delay
 
+TIME_VARYING = "time-varying"  # kind of terms
+
 
 @dataclass(frozen=True)
 class RankingEntry:
@@ -69,8 +71,8 @@ class OnlineDiagnosis:
 
     Attributes:
         kind: "calibrating"; "missing" for an effect; "changed" for parameters; "unexplained" for an error above
-            `Criterion.misfit_ratio` floors that no effect explains, `diagnose` on the recording is then the next step;
-            or "nothing".
+            `Criterion.misfit_ratio` floors of which no effect explains a third, `diagnose` on the recording is then the
+            next step; or "nothing".
         evidence: log of the mean wealth of the e-process over effects and forgetting [nat].
         threshold: evidence of an alarm [nat].
         terms: terms of the running model.
@@ -78,6 +80,8 @@ class OnlineDiagnosis:
         ranking: scores of effects, the most probable first.
         decision: tests of the most probable effect.
         group: ids of the most probable effect and its competitors; empty unless an effect is missing.
+        remains: True if the missing effect leaves an error above `Criterion.misfit_ratio` floors: something else is
+            missing, too.
         none: probability that no effect predicts better than the running model.
         motion: time of motion since the model began to run [s].
         error: root mean square a-priori error of the running model over the last seconds of motion [N m].
@@ -95,6 +99,7 @@ class OnlineDiagnosis:
     ranking: tuple[RankingEntry, ...] = ()
     decision: Decision = NOTHING_TESTED
     group: tuple[str, ...] = ()
+    remains: bool = False
     none: float = 1.0
     evidence: float = -np.inf
     threshold: float = np.inf
@@ -109,7 +114,7 @@ class OnlineDiagnosis:
     def __repr__(self) -> str:
         """Return one line."""
         return (
-            f"OnlineDiagnosis(kind={self.kind!r}, group={self.group}, changed={(*self.changed,)}, "
+            f"OnlineDiagnosis(kind={self.kind!r}, group={self.group}, remains={self.remains}, changed={(*self.changed,)}, "
             f"evidence={self.evidence:.3g}, threshold={self.threshold:.3g}, motion={self.motion:.3g}, "
             f"error={self.error:.3g}, floor={self.floor:.3g})"
         )
@@ -382,7 +387,8 @@ class EffectMonitor:
         no_effect, *probabilities = bootstrap.probabilities(list(blocks.T)).tolist()
         penalty = float(np.log(max(1, len(probabilities))))
         ranking = []
-        numbers_of_effects = probabilities, e_process.log_wealth[:-1].tolist(), comparison.typical_errors.tolist()
+        error_alone, *errors = comparison.typical_errors.tolist()
+        numbers_of_effects = probabilities, e_process.log_wealth[:-1].tolist(), errors
         effects = zip(leaders, blocks.T[1:], *numbers_of_effects, strict=True)
         for ((term,), theta), densities, probability, log_wealth, residual in effects:
             gain = bootstrap.gain(densities, blocks[:, 0], penalty)
@@ -391,12 +397,15 @@ class EffectMonitor:
         ranking.sort(key=lambda entry: (-round(entry.probability, 3), -entry.gain))
         is_changing = bool(e_process.log_wealth[-1] >= ONLINE.limits.change_evidence)
         decision = self._decide(ranking, is_changing)
-        is_missing, is_unexplained = bool(ranking) and decision.passed, False
+        is_missing, is_unexplained, remains = bool(ranking) and decision.passed, False, False
         if is_missing:
-            ratio = ranking[0].residual / max(verdict.floor, 1e-300)
-            is_unexplained = ranking[0].residual > criterion.misfit_ratio * verdict.floor
-            left = Gate("residual_over_noise", ratio, criterion.misfit_ratio, not is_unexplained)
-            decision = decision.join(Decision((left,)))
+            left, floor = ranking[0].residual, verdict.floor
+            if remains := bool(left > criterion.misfit_ratio * floor):
+                excess = error_alone**2 - floor**2
+                share, least = (error_alone**2 - left**2) / max(excess, 1e-300), ONLINE.limits.least_explained
+                decision = decision.join(Decision((Gate("explained_share", share, least, share >= least),)))
+                # a law in time alone imitates any error of a periodic motion
+                is_unexplained = share < least or ranking[0].term.kind == TIME_VARYING
         else:  # a suspected change, which raises the error, is accepted or rejected within this time
             n_since_rise = ONLINE.bins.chunk * comparison.gains.n_since_rise
             n_bins = n_since_rise if is_changing else comparison.n_predicted
@@ -414,6 +423,7 @@ class EffectMonitor:
             ranking=tuple(ranking),
             decision=decision,
             group=tuple(dict.fromkeys(group)),
+            remains=remains and is_missing,
             none=no_effect,
             evidence=e_process.log_mean_wealth,
             changed=changed,

@@ -111,8 +111,8 @@ class ModelComparison:
 
     @property
     def typical_errors(self) -> Array:
-        """Return the scaled median error with each effect over the last seconds of motion [N m]."""
-        return np.asarray(np.sqrt(np.median(self._squares, axis=0)[1:-1]) / 0.6745)
+        """Return the scaled median error over the last seconds of motion, alone and with each effect (F,) [N m]."""
+        return np.asarray(np.sqrt(np.median(self._squares, axis=0)[:-1]) / 0.6745)
 
     def compute_floor(self, accuracy: float) -> float:
         """Return the RMS error by noise and discretisation [N m]; NaN while it is unknown, and with links.

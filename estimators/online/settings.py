@@ -99,6 +99,7 @@ class OnlineLimits:
     change_evidence: float = 3.0  # [nat] of forgetting, above which an alarm may be a change
     change_z_score: float = 4.0  # least change of a parameter in standard errors, for many chunks
     share_after_change: float = 0.5  # share of the threshold that an effect must reach after a change
+    least_explained: float = 1 / 3  # share of the error's square above its floor, for an effect that leaves an error
     blocks: int = 5  # before parameters are compared with given ones, an error is unexplained, or blocks are compared
     report_time: float = 2.0  # [s] of motion between a change and its report
 

@@ -32,6 +32,8 @@ TYPICAL_ACCELERATION = 20.0  # [rad/s^2], RMS under the paper's excitation
 MAX_NOISE = 0.005  # largest noise over RMS acceleration; it biases inertia by 2.5e-5
 WIDTHS = (*HALF_WIDTHS, 0.11)  # candidates of half widths [s]
 MAX_NOISE_ONLINE = 0.01  # the same online, where a longer window delays the estimates
+SHORT_WINDOW = 0.01  # [s], largest half width of a short window online
+MAX_NOISE_SHORT = 0.03  # the same for an estimator with a short window, which keeps more samples near reversals
 MAX_NOISE_SWING = 0.03  # the same for a free swing with known inertia
 SIDES = 3  # samples on either side in the kernels below
 # Convolution kernels over samples k + 3 to k - 3, of fourth order: values at instant k, each times period^-derivative.
@@ -164,18 +166,18 @@ class Smoothing:
         return cls.from_noise(compute_encoder_noise(counts), rate)
 
     @classmethod
-    def from_noise(cls, noise: float, rate: float) -> Smoothing:
+    def from_noise(cls, noise: float, rate: float, limit_short: float = MAX_NOISE_ONLINE) -> Smoothing:
         """Choose the smallest half width of at least two samples that keeps noise of the acceleration below a limit.
 
-        The limit is `MAX_NOISE_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. If no width
-        satisfies this, the largest is chosen. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
+        The limit is `MAX_NOISE_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. Windows up to
+        `SHORT_WINDOW` have the share `limit_short` in its place. If no width satisfies this, the largest is chosen.
+        `noise` is that of the position [rad], `rate` the sampling rate [Hz].
         """
         widths = [m for m in range(2, max(3, round(WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
-            if (
-                noise * rate**2 * _compute_noise_gain(np.convolve(make_window(m), CURVATURE))
-                <= MAX_NOISE_ONLINE * TYPICAL_ACCELERATION
-            ):
+            limit = limit_short if m <= SHORT_WINDOW * rate else MAX_NOISE_ONLINE
+            acceleration_noise = noise * rate**2 * _compute_noise_gain(np.convolve(make_window(m), CURVATURE))
+            if acceleration_noise <= limit * TYPICAL_ACCELERATION:
                 break
         return cls(m, max(SLOWEST, 5 * noise * rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE))))
 

@@ -88,6 +88,7 @@ class Plant:
         batch: number of environments.
         mechanism: joint of a pendulum, or several joints with links.
         torque_unit: unit of the recording that the environment plays, or N m.
+        is_replay: True if the environment plays a recording.
     """
 
     rate: float
@@ -96,6 +97,7 @@ class Plant:
     batch: int
     mechanism: Mechanism
     torque_unit: str
+    is_replay: bool = False
 
     @classmethod
     def from_env(cls, env: AnyEnv, rate: float | None = None, robot: str | None = None) -> Plant:
@@ -116,7 +118,7 @@ class Plant:
         batch = getattr(env, "num_envs", 1)
         if isinstance(recording, Recording):
             known_noise, smoothing = estimate_encoder_noise(recording), choose_smoothing(recording)
-            return cls(rate, known_noise, smoothing, batch, mechanism, recording.torque_unit)
+            return cls(rate, known_noise, smoothing, batch, mechanism, recording.torque_unit, True)
         noise = None if counts is None else compute_encoder_noise(counts)
         smoothing = Smoothing.from_noise(compute_encoder_noise(COUNTS) if noise is None else noise, rate)
         return cls(rate, noise, smoothing, batch, mechanism, NEWTON_METRE)
@@ -161,6 +163,8 @@ def make_estimator(
     plant = Plant.from_env(env, rate, robot)
     arguments: dict[str, Any] = {"batch": plant.batch}
     if plant.position_noise is not None and options.get("counts") is None:
-        arguments |= {"smoothing": plant.smoothing, "position_noise": plant.position_noise}
+        arguments["position_noise"] = plant.position_noise
+        if plant.is_replay:
+            arguments["smoothing"] = plant.smoothing
     arguments |= {name: value for name, value in options.items() if value is not None}
     return OnlineEstimator(plant.rate, plant.terms(terms), choose_online_schemes(schemes), **arguments)

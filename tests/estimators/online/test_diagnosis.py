@@ -108,6 +108,20 @@ def test_an_error_that_no_effect_explains_is_unexplained(hidden):
     assert said.error > 5 * said.floor > 0
 
 
+def test_one_of_two_effects_is_named_and_something_remains_until_it_is_added():
+    experiment = Experiment(rate=RATE, seconds=SECONDS, counts=COUNTS, torque_noise=0.02, seed=3)
+    recording = cases.recorded(Plant(effects={id: HIDDEN[id][0] for id in ("quadratic_drag", "cogging")}), experiment)[
+        0
+    ]
+    one = diagnoser(library=FEW)
+    said = run(one, recording, last=8.0)
+    assert said.kind == "missing" and said.group == ("cogging",) and said.remains
+    assert said.ranking[0].residual > 2.5 * said.floor
+    one.each[0].add("cogging")
+    said = run(one, recording, first=8.0)
+    assert said.kind == "missing" and "quadratic_drag" in said.group and not said.remains
+
+
 def test_the_floor_is_the_error_of_the_true_model():
     said = run(diagnoser(), recorded(""))
     assert said.floor == pytest.approx(said.error, rel=0.25)
