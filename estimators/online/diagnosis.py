@@ -114,9 +114,9 @@ class OnlineDiagnosis:
     def __repr__(self) -> str:
         """Return one line."""
         return (
-            f"OnlineDiagnosis(kind={self.kind!r}, group={self.group}, remains={self.remains}, changed={(*self.changed,)}, "
-            f"evidence={self.evidence:.3g}, threshold={self.threshold:.3g}, motion={self.motion:.3g}, "
-            f"error={self.error:.3g}, floor={self.floor:.3g})"
+            f"OnlineDiagnosis(kind={self.kind!r}, group={self.group}, remains={self.remains}, "
+            f"changed={(*self.changed,)}, evidence={self.evidence:.3g}, threshold={self.threshold:.3g}, "
+            f"motion={self.motion:.3g}, error={self.error:.3g}, floor={self.floor:.3g})"
         )
 
 

@@ -13,7 +13,8 @@ from gymnasium.vector import VectorEnv
 from estimators.arguments import check_model
 from estimators.decisions.criterion import Criterion
 from estimators.online.change import ParameterFit
-from estimators.online.diagnosis import Diagnoser, find_obstacle
+from estimators.online.diagnosis import Diagnoser, EffectMonitor, find_obstacle
+from estimators.online.worker import DiagnoserProcess, MonitorProxy
 from estimators.wrappers.measuring import MeasurementVectorWrapper, MeasurementWrapper
 from estimators.wrappers.options import AnyEnv, Plant
 from pendulum_env.physics import Model, Term, describe_joints
@@ -51,6 +52,7 @@ class DiagnoseOnline(MeasurementWrapper):
         model: Model | str | Path | None = None,
         robot: str | None = None,
         criterion: Criterion | None = None,
+        worker: bool = False,
     ) -> None:
         """Wrap an environment with `time`, `position` and `torque` in `info`.
 
@@ -67,6 +69,9 @@ class DiagnoseOnline(MeasurementWrapper):
                 `undo` and an accepted change end this comparison until the next reset.
             robot: URDF or MJCF file of the links; None reads it from the environment.
             criterion: limits of the decisions, as of `diagnose`; `env.spec` of an environment cannot hold them.
+            worker: True to run the diagnosis in a process of its own, until `close`. A step then takes less than 0.1 ms
+                of it, and `info["diagnosis"]` is the latest one, up to a second old. Scripts need the usual
+                `if __name__ == "__main__"` where processes are spawned, as on Windows and macOS.
 
         Raises:
             ValueError: if a name is unknown, a number is out of its range, a term of the model depends on the past,
@@ -77,9 +82,9 @@ class DiagnoseOnline(MeasurementWrapper):
         arguments |= {"alarms_per_hour": alarms_per_hour, "model": model}
         if criterion is not None:
             arguments["criterion"] = criterion
-        diagnoser = make_diagnoser(env, **arguments)
-        super().__init__(env, diagnoser, **arguments)
-        (self.diagnoser,) = diagnoser.each
+        diagnoser = make_diagnoser(env, **arguments, worker=worker)
+        super().__init__(env, diagnoser, **arguments, worker=worker)
+        self.diagnoser: EffectMonitor | MonitorProxy = diagnoser.each[0]
 
     def add(self, effect: str) -> Term:
         """Add an effect to the running model with the nonlinear parameters that predicted best, and return it.
@@ -101,6 +106,12 @@ class DiagnoseOnline(MeasurementWrapper):
         """
         self.diagnoser.undo()
 
+    def close(self) -> None:
+        """Close the environment, and end the process of a worker."""
+        super().close()
+        if isinstance(self._algorithm, DiagnoserProcess):
+            self._algorithm.close()
+
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         info["diagnosis"] = self.diagnoser.diagnosis
         return observation
@@ -119,6 +130,12 @@ class DiagnoseOnlineVector(MeasurementVectorWrapper):
         self.diagnoser = make_diagnoser(env, terms, **options)
         super().__init__(env, self.diagnoser)
 
+    def close(self, **kwargs: Any) -> None:
+        """Close the environments, and end the process of a worker."""
+        super().close(**kwargs)
+        if isinstance(self.diagnoser, DiagnoserProcess):
+            self.diagnoser.close()
+
     def _write_info(self, observation: Any, info: dict[str, Any]) -> Any:
         info["diagnosis"] = np.empty(self.num_envs, dtype=object)
         info["diagnosis"][:] = self.diagnoser.diagnoses
@@ -134,8 +151,9 @@ def make_diagnoser(
     rate: float | None = None,
     model: Model | str | Path | None = None,
     robot: str | None = None,
+    worker: bool = False,
     **options: Any,
-) -> Diagnoser:
+) -> Diagnoser | DiagnoserProcess:
     """Make the diagnosis of an environment or a vector environment; the arguments are those of `DiagnoseOnline`.
 
     Raises:
@@ -156,7 +174,8 @@ def make_diagnoser(
             f"no candidate has an online diagnosis{': ' * bool(reasons)}{reasons}; give others, or None for all"
         )
     arguments: dict[str, Any] = {"library": library, "smoothing": plant.smoothing, "given": reference}
-    return Diagnoser(plant.rate, chosen_terms, batch=plant.batch, **arguments, **options)
+    diagnoser = Diagnoser(plant.rate, chosen_terms, batch=plant.batch, **arguments, **options)
+    return DiagnoserProcess(diagnoser) if worker else diagnoser
 
 
 def load_reference(model: Model | str | Path, plant: Plant) -> tuple[tuple[Term, ...], ParameterFit]:
