@@ -20,7 +20,7 @@ class BinSettings:
 
     length: float = 0.01  # [s], long against encoder noise, short against effects
     chunk: int = 20  # bins in a chunk, which gives one gain; errors of successive chunks are nearly independent
-    update: int = 5  # bins that are evaluated together
+    update: int = 10  # bins that are evaluated together
     history: int = 20  # bins of torque before a bin, for late torques
     slice: float = 0.002  # [s], longest slice of the torque
     torque_step: float = 1e-3  # [N m], for derivatives by the torque
