@@ -1,4 +1,7 @@
-"""Policies that choose excitation torques: signals, planners and trained networks, and their comparison."""
+"""Policies that choose excitation torques: signals, planners and trained networks, and their comparison.
+
+Related work: arXiv 2606.00059 (2026) trains excitation of a real machine and counts its safety violations.
+"""
 
 import lazy_loader
 

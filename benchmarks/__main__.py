@@ -7,14 +7,15 @@ import sys
 
 from workbench.terminal import Terminal
 
-SHORT = (  # two minutes on two cores
+SHORT = (  # five minutes on two cores
     ("environments", ()),
+    ("policies", ()),
     ("hidden_effects", ("--n", "24")),
 )
 COMMANDS = (
     "environments", "joint_state", "online_diagnosis", "hidden_effects", "known_truth",
     "cramer_rao", "ambiguity", "arm_excitation", "mujoco_plant", "multisine", "rig", "rig_faults",
-    "late_torque", "retold", "servos", "six_joint", "survey", "sysid", "timing", "user_logs",
+    "late_torque", "retold", "servos", "policies", "six_joint", "survey", "sysid", "timing", "user_logs",
 )  # fmt: skip
 
 

@@ -16,6 +16,8 @@ the exponential average of its increments. The filtered schemes are computed by 
 Differences from the paper: samples in stick are left out, because dry friction at rest is any torque up to fc. Eq. (9)
 lacks a factor 1/2 and the grouping of its derivative. The paper's Hamiltonian pair borrows the inertia of the dynamic
 pair, an option here (`PAPER`), since momentum is also linear in the parameters.
+
+Related work: arXiv 2602.16358 (2026) uses energy-based regressors to distinguish nonlinear friction.
 """
 
 from __future__ import annotations
