@@ -50,7 +50,7 @@ def test_an_environment_is_diagnosed_by_its_worker():
     env.reset(seed=0)
     for k in range(500):
         *_, info = env.step(np.array([4.0 * np.sin(0.05 * k)], dtype=np.float32))
-    with pytest.raises(ValueError, match="not been tried|unknown effect"):
+    with pytest.raises(ValueError, match=r"not been tried|unknown effect"):
         env.add("stribeck")
     assert env.diagnoser.diagnosis.kind in ("calibrating", "nothing") and info["diagnosis"].threshold > 0
     env.close()
