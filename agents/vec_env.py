@@ -47,7 +47,7 @@ class BatchedVecEnv(VecEnv):
         for name in self._names:
             find("entry of info", name, info)
         self._reset_seeds()
-        self.reset_infos = [self._select_info(info, k) for k in range(self.num_envs)]
+        self.reset_infos = self._list_infos(info)
         return np.asarray(observation)
 
     def step_async(self, actions: np.ndarray) -> None:
@@ -57,13 +57,19 @@ class BatchedVecEnv(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """Step all environments with the stored actions."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
-        infos = [self._select_info(info, k) for k in range(self.num_envs)]
+        infos = self._list_infos(info)
         for k in np.flatnonzero(terminated | truncated).tolist():
             infos[k] = self._select_info(info["final_info"], k) | {
                 "terminal_observation": info["final_obs"][k],
                 "TimeLimit.truncated": bool(truncated[k] and not terminated[k]),
             }
         return observation, np.asarray(reward, dtype=np.float32), terminated | truncated, infos
+
+    def _list_infos(self, info: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Return the entries of each environment that are asked for."""
+        if not self._names:
+            return [{} for _ in range(self.num_envs)]
+        return [self._select_info(info, k) for k in range(self.num_envs)]
 
     def _select_info(self, info: Mapping[str, Any], k: int) -> dict[str, Any]:
         """Return the entries of environment k that are asked for."""
