@@ -25,7 +25,7 @@ from pendulum_env.wrappers.drawing import replace_drawn
 from pendulum_env.wrappers.randomize_plant import Spread
 
 RATE = 1000.0  # [Hz] of measurement and physics
-STARTS = {"swing": np.deg2rad([60.0, 120.0]), "rest": np.zeros(2)}  # range of the initial angle, to either side [rad]
+STARTS = {"swing": (np.pi / 3, 2 * np.pi / 3), "rest": (0.0, 0.0)}  # range of the initial angle, to either side [rad]
 
 
 class ExcitationDesignVector(TaskVector):
@@ -92,9 +92,10 @@ class ExcitationDesignVector(TaskVector):
 
     def _begin_episodes(self, options: dict[str, Any]) -> TaskState:
         options = replace_drawn(self._spread.draw(self.np_random, self.num_envs), options)
-        if self._start.any():
+        low, high = self._start
+        if high > 0:
             side = self.np_random.choice([-1.0, 1.0], self.num_envs)
-            options["position"] = side * self.np_random.uniform(*self._start, self.num_envs)
+            options["position"] = side * self.np_random.uniform(low, high, self.num_envs)
         _, info = self.pendulums.reset(seed=int(self.np_random.integers(2**31)), options=options)
         self._steps_left, self._plant = self.observer.ticks, info["plant"]
         self.observer.start(info["position"], info["velocity"])
