@@ -19,7 +19,7 @@ from benchmarks.independent_plant import SimulatedRecording, random_case, simula
 from estimators.online import Estimates, JointState, OnlineEstimator
 from estimators.online.recursion import RECURSIONS
 from estimators.schemes.six import SCHEMES, LowPass, Scheme
-from estimators.signals.measurements import Smoothing, compute_encoder_noise
+from estimators.signals.measurements import compute_encoder_noise
 from workbench.terminal import Terminal
 
 RATES = (25.0, 50.0, 100.0, 200.0, 500.0, 1000.0)  # [Hz]
@@ -73,7 +73,6 @@ def seven(runs: Sequence[SimulatedRecording], rate: float, counts: int) -> dict[
         rate,
         schemes=[*can, JointState()],
         batch=len(runs),
-        smoothing=Smoothing.from_encoder(counts, rate),
         position_noise=compute_encoder_noise(counts),
     )
     now, _ = feed(estimator, runs)
