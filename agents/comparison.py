@@ -226,13 +226,14 @@ def _make_policy_json(outcome: Outcome, base: Outcome) -> JSON:
             "error": _replace_infinite(compute_rms(error)),
             "error_over_bound": _make_ratio_json(compute_rms_ratio, bound, error),
             "gain": _make_ratio_json(compute_rms_ratio, error, baseline_error),
+            "bound_gain": _make_ratio_json(compute_rms_ratio, bound, baseline_bound),
             "schemes": {
                 scheme.id: _replace_infinite(compute_rms_ratio(bound, errors))
                 for scheme, errors in zip(SCHEMES, scheme_errors, strict=True)
             },
         }
-        for bound, error, baseline_error, scheme_errors in zip(
-            outcome.bound, outcome.errors, base.errors, outcome.scheme_errors, strict=True
+        for bound, error, baseline_bound, baseline_error, scheme_errors in zip(
+            outcome.bound, outcome.errors, base.bound, base.errors, outcome.scheme_errors, strict=True
         )
     ]
     violations = dict(zip(LIMITS, outcome.violated.mean(axis=(0, 1)).tolist(), strict=True))
