@@ -84,7 +84,7 @@ class PolicyComparison:
             violations = f"{100 * outcome.violated.any(axis=2).mean():.1f}"
             for k, moment in enumerate(REPORT_TIMES):
                 error, bound = outcome.errors[k], outcome.bound[k]
-                sizes = [f"{100 * compute_rms(values):.4f}" for values in (bound, error)]
+                sizes = [_print_percent(compute_rms(values)) for values in (bound, error)]
                 ratios = [_print_ratio(bound, error), _print_ratio(error, base.errors[k])]
                 rows.append([name if k == 0 else "", f"{moment:g}", *sizes, *ratios, violations if k == 0 else ""])
             of_schemes = [compute_rms_ratio(outcome.bound[-1], errors) for errors in outcome.scheme_errors[-1]]
@@ -206,6 +206,10 @@ def compute_bootstrap_interval(statistic: Statistic, policy: Array, base: Array,
     with np.errstate(invalid="ignore"):  # of infinite values
         low, high = np.quantile(values, [0.025, 0.975])
     return float(low), float(high)
+
+
+def _print_percent(value: float) -> str:
+    return f"{100 * value:.4f}" if np.isfinite(value) else "-"
 
 
 def _print_ratio(policy: Array, base: Array) -> str:
