@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 import queue
+import signal
 import threading
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -41,7 +42,8 @@ class DiagnoserProcess:
         self.diagnoses, self._n_resets = diagnoser.diagnoses, 0
         self.each = tuple(MonitorProxy(self, b) for b in range(self.batch))
         self._connection, remote = multiprocessing.Pipe()
-        self._process = multiprocessing.Process(target=_run, args=(remote, diagnoser), daemon=True)
+        ends = remote, self._connection
+        self._process = multiprocessing.Process(target=_run, args=(*ends, diagnoser), daemon=True)
         self._process.start()
         remote.close()
         if not self._connection.poll(START_TIME):
@@ -129,11 +131,13 @@ def _undo(diagnoser: Diagnoser, plant: int) -> None:
     diagnoser.each[plant].undo()
 
 
-def _run(connection: Connection, diagnoser: Diagnoser) -> None:
+def _run(connection: Connection, other_end: Connection, diagnoser: Diagnoser) -> None:
     """Call the functions that arrive, until the connection is closed.
 
     New diagnoses and results of calls are sent. A thread empties the pipe during a fit, so that `take` never waits.
     """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the loop, and this process with it
+    other_end.close()  # a copy of it would keep the connection open after the loop
     n_resets, latest = 0, diagnoser.diagnoses
     calls: queue.SimpleQueue[Any] = queue.SimpleQueue()
     threading.Thread(target=_collect_calls, args=(connection, calls), daemon=True).start()
