@@ -16,7 +16,7 @@ from estimators.online.stream import check_rate
 from estimators.regression.recursive import PRIOR
 from estimators.schemes.six import SCHEMES, Scheme, scheme
 from estimators.signals.differentiation import STILL, estimate_position_noise
-from estimators.signals.measurements import MAX_NOISE_SHORT, Smoothing, compute_encoder_noise
+from estimators.signals.measurements import Smoothing, compute_encoder_noise
 from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.backends.sensing import COUNTS
 from pendulum_env.lookup import find
@@ -112,7 +112,7 @@ class OnlineEstimator:
             noise = compute_encoder_noise(COUNTS)
             self._buffer = SampleBuffer() if smoothing is None else None
         self._recursion = find("recursion", recursion, RECURSIONS)(shape, parameters, prior, forgetting)
-        self._start_stream(smoothing or Smoothing.from_noise(noise, rate, MAX_NOISE_SHORT), known_noise)
+        self._start_stream(smoothing or Smoothing.from_noise(noise, rate, is_precise=True), known_noise)
         has_known = any(column.is_known for term in terms for column in term.columns)
         direction = None if has_known or "coulomb" not in self.names else self.names.index("coulomb")
         period = 1.0 / rate / len(self._stream.joints)
@@ -199,7 +199,7 @@ class OnlineEstimator:
             )
         if (noise := buffer.take(time, position, torque)) is not None:
             self._buffer = None
-            self._start_stream(Smoothing.from_noise(noise, self.rate, MAX_NOISE_SHORT), noise)
+            self._start_stream(Smoothing.from_noise(noise, self.rate, is_precise=True), noise)
             if self._joint is not None:
                 self._joint.position_noise = noise
             for sample in buffer.samples:

@@ -79,7 +79,7 @@ def write_step(terms: Sequence[Term], schemes: Sequence[Scheme], guards: StickGu
     """Write the step by one instant, up to the equations of the sample `behind` the newest.
 
     Inputs:
-        index, newest: index and velocity of the newest instant.
+        index, newest: index of the newest instant, and its velocity that shows stick and reversals.
         instant: values of the instant `behind` - 1 before the newest, and its filtered forces (6 + F,).
         measured: position of this instant without added noise.
         supplied: delayed torque at the row and over the sample before it (2,); only with a delay.

@@ -121,6 +121,9 @@ class Stream:
         weights[VELOCITY:TORQUE, 1:, 2] = smoothing.make_step_kernels(period)[:, ::-1]
         weights[TORQUE:, 1:, 3] = smoothing.make_torque_kernels()[:, :0:-1]
         self._weights, self._window = weights.reshape(INSTANT, SAMPLE * length), weights[POSITION, :, 1].copy()
+        halt_weights = np.zeros((length, SAMPLE))
+        halt_weights[1:, 2] = smoothing.make_halt_kernel(period)[::-1]
+        self._halt_weights, self._halt_velocity = halt_weights.ravel(), np.zeros(batch)
         self._noise = noise * _smooth_signs(weights) if noise else None
         # each sample is written twice, so that the last ones are contiguous
         self._samples = np.zeros((2, length, SAMPLE, batch))
@@ -190,6 +193,7 @@ class Stream:
         self._samples[:, slot], self._forces[:, slot] = sample[:SAMPLE], sample[SAMPLE:]
         window = self._samples.reshape(2 * SAMPLE * length, -1)[SAMPLE * (slot + 1) : SAMPLE * (slot + 1 + length)]
         np.matmul(self._weights, window, out=instant[:INSTANT])
+        self._halt_velocity = self._halt_weights @ window
         if self._forces.size:
             forces = self._forces.reshape(2 * length, -1)[slot + 1 : slot + 1 + length]
             np.matmul(self._window, forces, out=instant[INSTANT:].reshape(-1))
@@ -200,7 +204,7 @@ class Stream:
         inputs, states, count, ring = self._machine.inputs, self._machine.states, self._count, self._instants
         row = count - self._behind
         next_instant = ring[(row + 1) % len(ring)]
-        inputs["index"][:], inputs["newest"][:] = self._index, ring[count % len(ring), VELOCITY]
+        inputs["index"][:], inputs["newest"][:] = self._index, self._halt_velocity
         inputs["instant"][:], inputs["measured"][:] = next_instant[:, None], next_instant[POSITION]
         index = self._index - self._behind
         if self._noise is not None:

@@ -98,11 +98,21 @@ def has_white_noise(series: Array, response: Array) -> bool:
 
 def find_near_reversals(velocity: Array, moving: Mask, distance: int) -> Mask:
     """Find samples within `distance` samples of stick, where `moving` (N,) is false, or of a reversal (N,)."""
+    return find_near(find_halts(velocity, moving), distance)
+
+
+def find_halts(velocity: Array, moving: Mask) -> Mask:
+    """Find samples in stick, where `moving` (N,) is false, and those after a reversal (N,)."""
     is_halted = ~moving
     is_halted[1:] |= np.sign(velocity[1:]) != np.sign(velocity[:-1])
-    halts_before, index = np.cumsum(np.append(0, is_halted)), np.arange(len(is_halted))
-    first, stop = np.maximum(index - distance, 0), np.minimum(index + distance + 1, len(is_halted))
-    return np.asarray(halts_before[stop] > halts_before[first])
+    return np.asarray(is_halted)
+
+
+def find_near(marked: Mask, distance: int) -> Mask:
+    """Find samples within `distance` samples of marked ones (N,)."""
+    marked_before, index = np.cumsum(np.append(0, marked)), np.arange(len(marked))
+    first, stop = np.maximum(index - distance, 0), np.minimum(index + distance + 1, len(marked))
+    return np.asarray(marked_before[stop] > marked_before[first])
 
 
 def correlate_averages(weights: Array, lag: int) -> float:

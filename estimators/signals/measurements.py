@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimators.regression.least_squares import IdentificationError
-from estimators.signals.differentiation import estimate_encoder_noise, estimate_scatter, find_near_reversals
+from estimators.signals.differentiation import estimate_encoder_noise, estimate_scatter, find_halts, find_near
 from estimators.signals.motion import HALF_WIDTHS, LEAD_IN, SLOWEST, find_slowest, get_known_load, get_temperature
 from pendulum_env._typing import Array, ArrayLike, Mask
 from pendulum_env.physics import Column, KnownLoad, Samples, Term
@@ -67,6 +67,7 @@ class Measurements:
         temperature: temperature of the joint [deg C].
         unfiltered: samples before the filter, at rest, with `reach` - 1 more at each end; None if unknown.
         window: weights of the filter (2 reach - 1,).
+        halts: samples in stick or after a reversal, see `Smoothing.halt_width`; None: those of `velocity` (N,).
     """
 
     time: Array
@@ -84,6 +85,7 @@ class Measurements:
     temperature: ArrayLike = ROOM
     unfiltered: Samples | None = None
     window: Array | None = None
+    halts: Mask | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -133,7 +135,8 @@ class Measurements:
         """
         clear = np.ones(len(self), dtype=bool)
         if guard is not None:
-            clear = ~find_near_reversals(self.velocity, self.moving, max(self.reach, round(guard / self.period)))
+            halts = find_halts(self.velocity, self.moving) if self.halts is None else self.halts
+            clear = ~find_near(halts, max(self.reach, round(guard / self.period)))
         if self.memory:
             clear[: round(LEAD_IN / self.period)] = False
         return clear
@@ -155,10 +158,13 @@ class Smoothing:
     Attributes:
         half_width: half width of the window [samples].
         slowest: least speed with a known sign [rad/s].
+        halt_width: half width of the window of the velocity that shows stick and reversals [samples]; None: the same.
+            A shorter one shows a reversal that is followed by another within the window.
     """
 
     half_width: int
     slowest: float = SLOWEST
+    halt_width: int | None = None
 
     @classmethod
     def from_encoder(cls, counts: int, rate: float) -> Smoothing:
@@ -166,20 +172,23 @@ class Smoothing:
         return cls.from_noise(compute_encoder_noise(counts), rate)
 
     @classmethod
-    def from_noise(cls, noise: float, rate: float, limit_short: float = MAX_NOISE_ONLINE) -> Smoothing:
+    def from_noise(cls, noise: float, rate: float, is_precise: bool = False) -> Smoothing:
         """Choose the smallest half width of at least two samples that keeps noise of the acceleration below a limit.
 
-        The limit is `MAX_NOISE_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. Windows up to
-        `SHORT_WINDOW` have the share `limit_short` in its place. If no width satisfies this, the largest is chosen.
-        `noise` is that of the position [rad], `rate` the sampling rate [Hz].
+        The limit is `MAX_NOISE_ONLINE` times `TYPICAL_ACCELERATION`, as future motion is unknown online. If no width
+        satisfies this, the largest is chosen. `noise` is that of the position [rad], `rate` the sampling rate [Hz].
+
+        With `is_precise`, for estimates at the Cramer-Rao bound, windows up to `SHORT_WINDOW` have the limit
+        `MAX_NOISE_SHORT`, and a shorter window shows reversals. A diagnosis needs less noise and more samples.
         """
         widths = [m for m in range(2, max(3, round(WIDTHS[-1] * rate))) if m in (2, 3) or m % 2 == 0]
         for m in widths:
-            limit = limit_short if m <= SHORT_WINDOW * rate else MAX_NOISE_ONLINE
+            limit = MAX_NOISE_SHORT if is_precise and m <= SHORT_WINDOW * rate else MAX_NOISE_ONLINE
             acceleration_noise = noise * rate**2 * _compute_noise_gain(np.convolve(make_window(m), CURVATURE))
             if acceleration_noise <= limit * TYPICAL_ACCELERATION:
                 break
-        return cls(m, max(SLOWEST, 5 * noise * rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE))))
+        slowest = max(SLOWEST, 5 * noise * rate * _compute_noise_gain(np.convolve(make_window(m), SLOPE)))
+        return cls(m, slowest, _choose_halt_width(m, slowest, noise * rate) if is_precise else None)
 
     def make_position_kernel(self) -> Array:
         """Return weights (2 reach + 1,) of positions, newest first, for the smoothed position."""
@@ -193,6 +202,13 @@ class Smoothing:
         w = make_window(self.half_width)
         kernels = np.array([np.convolve(w, SLOPE) / period, np.convolve(w, CURVATURE) / period**2])
         return np.cumsum(kernels, axis=1)[:, :-1]
+
+    def make_halt_kernel(self, period: float) -> Array:
+        """Return weights (2 reach,) of position steps, newest first, for the velocity that shows halts."""
+        if self.halt_width is None or self.halt_width >= self.half_width:
+            return np.asarray(self.make_step_kernels(period)[0])
+        kernel = Smoothing(self.halt_width).make_step_kernels(period)[0]
+        return np.pad(kernel, self.half_width - self.halt_width)
 
     def make_torque_kernels(self) -> Array:
         """Return weights (2, 2 reach + 1) of commands, newest first, for `Measurements.torque` and `.held`."""
@@ -234,7 +250,9 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
         load = load._replace(
             torque=np.convolve(load.get_torque(recording.time), smoothing.make_position_kernel(), "valid")
         )
-    velocity = np.convolve(steps, slope, "valid")
+    velocity, halt_velocity = (
+        np.convolve(steps, kernel, "valid") for kernel in (slope, smoothing.make_halt_kernel(period))
+    )
     return Measurements(
         time=recording.time[smoothing.reach : -smoothing.reach],
         position=np.convolve(recording.position, smoothing.make_position_kernel(), "valid"),
@@ -248,6 +266,7 @@ def measure(recording: Recording, smoothing: Smoothing | None = None) -> Measure
         reach=smoothing.reach + 1,
         load=load,
         temperature=get_temperature(recording)[smoothing.reach : -smoothing.reach],
+        halts=find_halts(halt_velocity, np.abs(halt_velocity) > smoothing.slowest),
     )
 
 
@@ -309,7 +328,16 @@ def choose_smoothing(recording: Recording) -> Smoothing:
     half_width = next((width for width in widths if _has_negligible_noise(recording, width, noise)), widths[-1])
     velocity_noise = noise * recording.rate * _compute_noise_gain(np.convolve(make_window(half_width), SLOPE))
     velocity = np.convolve(recording.position, np.convolve(make_window(half_width), SLOPE), "valid") * recording.rate
-    return Smoothing(half_width, max(find_slowest(velocity), 5 * velocity_noise))
+    slowest = max(find_slowest(velocity), 5 * velocity_noise)
+    return Smoothing(half_width, slowest, _choose_halt_width(half_width, slowest, noise * recording.rate))
+
+
+def _choose_halt_width(half_width: int, slowest: float, noise: float) -> int:
+    """Choose the shortest window whose velocity noise is a fifth of `slowest` at most; `noise` is per period."""
+    for m in range(2, half_width):
+        if 5 * noise * _compute_noise_gain(np.convolve(make_window(m), SLOPE)) <= slowest:
+            return m
+    return half_width
 
 
 def has_encoder_bias(recording: Recording) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -173,7 +174,8 @@ def make_diagnoser(
         raise ValueError(
             f"no candidate has an online diagnosis{': ' * bool(reasons)}{reasons}; give others, or None for all"
         )
-    arguments: dict[str, Any] = {"library": library, "smoothing": plant.smoothing, "given": reference}
+    smoothing = replace(plant.smoothing, halt_width=None)  # keeps more samples near reversals
+    arguments: dict[str, Any] = {"library": library, "smoothing": smoothing, "given": reference}
     diagnoser = Diagnoser(plant.rate, chosen_terms, batch=plant.batch, **arguments, **options)
     return DiagnoserProcess(diagnoser) if worker else diagnoser
 

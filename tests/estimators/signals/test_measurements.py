@@ -102,3 +102,17 @@ def test_too_short_a_recording_is_refused():
     with pytest.raises(IdentificationError, match="at least 50 are needed"):
         measure(Recording(time, time**2, time, name="short"), Smoothing(10))
     assert len(measure(Recording(time, time**2, time, name="short"))) > 20
+
+
+def test_a_reversal_within_the_window_is_found_by_the_shorter_one():
+    """The joint turns for 3 ms, which the window of 20 ms smooths away."""
+    time = np.arange(1000) / 1000
+    velocity = 0.3 - 0.45 * np.exp(-(((time - 0.5) / 0.0018) ** 2))
+    position = np.cumsum(velocity) / 1000
+    run = Recording(time, position, np.sin(6 * time), name="turns")
+    long, short = (measure(run, Smoothing(14, halt_width=width)) for width in (None, 2))
+    assert np.count_nonzero(velocity < 0) == 3 and long.velocity.min() > 0.05
+    np.testing.assert_array_equal(long.velocity, short.velocity)
+    assert long.find_clear(0.0).all()
+    missed = short.time[~short.find_clear(0.0)]
+    assert missed[0] == pytest.approx(0.5 - 0.018, abs=0.003) and missed[-1] == pytest.approx(0.5 + 0.018, abs=0.003)
