@@ -16,6 +16,8 @@ from workbench.narrator.findings import describe, describe_timing
 from workbench.narrator.results import get_end_errors
 
 WHY = "No effect of the library does that, but several imitate it."
+LEAST = 0.1  # completed share from which the remaining time is estimated
+RANKED = 5  # largest number of effects in the ranking of a running search
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 
 
@@ -67,10 +69,23 @@ def show_job(session: Session) -> list[Component]:
     job = session.job
     if job is None or not job.running:
         return []
-    progress = f" {job.description} · {job.elapsed:.0f}{NBSP}s so far"
+    step, errors = job.progress
+    progress = f" {step} · {job.elapsed:.0f}{NBSP}s so far"
+    if job.share > LEAST:
+        progress += f", about {job.elapsed * (1 / job.share - 1):.0f}{NBSP}s left"
     text = html.Div([html.Strong(job.title), html.Span(progress, className="note")])
     bar = html.Progress(value=str(round(job.share, 3)), max="1", **make_aria(label=job.title))
-    return [html.Div([text, bar], className="running-text"), make_button("Cancel", "cancel")]
+    largest, ranking = max(errors.values(), default=0.0), sorted(errors, key=errors.__getitem__)[:RANKED]
+    rows = [
+        html.Li([capitalise(name_effect(id)), draw_share(1 - (errors[id] / largest) ** 2)], key=id) for id in ranking
+    ]
+    so_far = [html.P("These explain most of the residual so far:", className="note"), html.Ol(rows)] if rows else []
+    return [html.Div([text, bar, *so_far], className="running-text"), make_button("Cancel", "cancel")]
+
+
+def draw_share(share: float) -> Component:
+    """Draw a share as a bar."""
+    return html.Span(html.I(className="final", style={"width": f"{100 * share:.1f}%"}), className="track")
 
 
 def show_findings(state: State) -> Component:

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import shlex
 from collections.abc import Iterator
 from dataclasses import replace
@@ -37,9 +38,10 @@ from tests.workbench.app.plants import (
     upload,
     write_source,
 )
+from workbench.app import demo
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit, write_choice
 from workbench.app.downloads import make_file, write_commands, write_study_text
-from workbench.app.jobs import Workers
+from workbench.app.jobs import Job, Workers
 from workbench.app.matches import find_matches, show_matches
 from workbench.app.page.server import make_app
 from workbench.app.session import Session, Sessions
@@ -529,6 +531,38 @@ def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_bac
     wait()
     assert len(session.state.data.recordings) == 1 and session.notice == ""
     session.end()
+
+
+def tell_process(_) -> int:
+    """A task: the process that does it."""
+    return os.getpid()
+
+
+def test_a_process_whose_task_has_ended_does_the_next(workers):
+    """Another one would load its libraries first, which takes seconds."""
+    processes, ended = list[int](), Event()
+
+    def end(job: Job) -> None:
+        processes.append(job.result)
+        if len(processes) == 1:  # as the fit that follows an action
+            Job("next", tell_process, workers).call_at_end(end)
+        else:
+            ended.set()
+
+    Job("first", tell_process, workers).call_at_end(end)
+    assert ended.wait(PATIENCE) and len(set(processes)) == 1
+
+
+def test_the_recordings_of_the_demo_are_those_of_the_commands_that_the_page_gives(session, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    session.run_action(lambda: demo.start(session))
+    assert [item.held_out for item in session.state.loaded] == [False, True]
+    for item, line in zip(session.state.loaded, write_commands(session.state).splitlines(), strict=False):
+        assert main(shlex.split(line)[1:]) == 0
+        made = Source(Path(item.source.file.name)).read()
+        assert np.abs(made.position - item.recording.position).max() < 1e-5  # rounded
+    session.run_action(lambda: demo.start(session))
+    assert len(session.state.loaded) == 2 and "loaded already" in session.notice
 
 
 @pytest.mark.slow
