@@ -268,17 +268,20 @@ def test_plots_over_time_share_range_and_cursor_and_show_the_samples_of_a_senten
     page.mouse.move(*stripe[:2])
     page.mouse.click(*stripe[:2])
     page.wait_for_function(SHADED, arg=["velocity", *stripe[2:]])
+    is_drawn = """(theme) => document.documentElement.dataset.theme === theme &&
+      document.querySelector(".course").layout.template.layout.font.color ===
+      getComputedStyle(document.documentElement).getPropertyValue("--text")"""
     page.emulate_media(color_scheme="dark")  # colours follow the system
-    page.wait_for_function(
-        """() => document.documentElement.dataset.theme === "dark" && document.querySelector(".course").layout
-          .template.layout.font.color === getComputedStyle(document.documentElement).getPropertyValue("--text")"""
-    )
+    page.wait_for_function(is_drawn, arg="dark")
+    page.click(".theme")  # or the switch
+    page.wait_for_function(is_drawn, arg="light")
 
 
 def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(tab, folder):
     page = tab.page
     page.set_viewport_size({"width": 420, "height": 900})
-    page.wait_for_selector("#to-compare[aria-disabled=true][title='Load a recording first']")
+    page.wait_for_selector("#to-compare[aria-disabled=true][aria-describedby=reason]")
+    assert page.inner_text("#reason") == "Load a recording first"
     page.dispatch_event("#to-compare", "click")
     tab.load(folder / "swing.csv")
     tab.go("compare")
@@ -433,6 +436,7 @@ def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, bro
     tab.go("diagnose")
     page.click(select_button("diagnose"))
     page.wait_for_selector("#job progress")
+    page.wait_for_selector("#job:has-text('effect'):has-text('s left') li")  # the ranking fills in
     page.reload()
     page.click(select_button("cancel"))  # the same stage, too
     page.wait_for_selector("#job:empty", state="attached")

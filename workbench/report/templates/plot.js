@@ -123,7 +123,7 @@ const figures = (() => {
     for (const plot of drawn.keys()) if (!plot.isConnected) { drawn.delete(plot); Plotly.purge(plot); }
   }
 
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => [...drawn.keys()].forEach(draw));
+  addEventListener("theme", () => [...drawn.keys()].forEach(draw));
 
   let theme = null, folded = [];
   addEventListener("beforeprint", () => {
