@@ -21,6 +21,7 @@ from mkdocs.structure.files import File, Files
 
 from estimators.schemes.six import SCHEMES
 from pendulum_env.formatting import capitalise, join_words
+from pendulum_env.mathml import format_law
 from pendulum_env.physics import BASE, effects, list_nameable
 from pendulum_env.physics.description import Symptom
 from pendulum_env.physics.effect_texts import find_description, find_look_alikes, name_effect
@@ -303,7 +304,7 @@ def schemes_page() -> str:
 
 
 def _law(text: str) -> str:
-    return f"<code>{html.escape(text).replace('|', '&#124;')}</code>"  # a bar would end a cell of a table
+    return format_law(text).replace("|", "&#124;")  # a bar would end a cell of a table
 
 
 def _prose(kind: type[Any]) -> str:

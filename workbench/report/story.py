@@ -8,7 +8,7 @@ from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, format_number, join_words
-from pendulum_env.physics.effect_texts import name_effect
+from pendulum_env.physics.effect_texts import name_parameter
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
 from workbench.narrator.diagnosis import (
@@ -97,9 +97,8 @@ def list_biased_parameters(diagnosis: Diagnosis) -> list[str]:
             continue
         share, off = first.value / final.value - 1.0, abs(first.value - final.value)
         if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(first.std, final.std)):
-            wrong_by.append(
-                f"{name_effect(parameter)} {format_number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}"
-            )
+            side = "high" if share > 0 else "low"
+            wrong_by.append(f"{name_parameter(parameter)} {format_number(100 * abs(share), 2)} % too {side}")
     return wrong_by
 
 

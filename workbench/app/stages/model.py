@@ -7,10 +7,9 @@ from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from pendulum_env.formatting import capitalise
-from pendulum_env.physics.effect_texts import name_effect
+from pendulum_env.formatting import TextTable
 from workbench.app.matches import show_matches
-from workbench.app.parts import Stage, make_panel, show_section, typeset_texts
+from workbench.app.parts import Stage, make_panel, show_content, show_section, typeset_texts
 from workbench.app.session import Session, Sessions
 from workbench.app.state import State
 from workbench.narrator.identification import TRUST, tabulate_schemes
@@ -25,13 +24,10 @@ SIMILAR = "similar"  # id of the panel of effects like the residual
 def show_model(session: Session) -> list[Component]:
     """Render the terms, the parameters with standard errors, and the schemes."""
     state = session.state
-    terms = [
-        html.Li([html.Strong(capitalise(name_effect(term.id))), " ", html.Span(term.law, className="law")])
-        for term in state.model.terms
-    ]
-    about = html.P("The torque that moves a joint is the sum of these terms:")
+    terms = TextTable(("effect", "law"), [(term.id, term.law) for term in state.model.terms], left=("law",))
+    about = "The torque that moves a joint is the sum of these terms:"
     return [
-        make_panel("The model", about, html.Ul(terms, className="terms")),
+        make_panel("The model", *show_content([about, terms], "terms")),
         make_panel("Parameters with standard errors", *show_section(make_parameters(state.report_data))),
         make_panel("Schemes side by side", *_show_schemes(state)),
     ]
