@@ -67,12 +67,17 @@ def plot_candidate(case: ReportData, number: int, candidate: Candidate) -> Seque
         before, *_, after = case.compute_residuals(0)
     else:
         before, after = map(data.residual, (tuple(term for term in terms if term.id != candidate.effect), terms))
-    symptom = find_description(candidate.effect).symptom or ""
-    axes = [next((axis for word, axis in OWN_AXES.items() if word in symptom), "time")]
+    axes = [find_own_axis(candidate.effect)]
     profiles = [profile for series in (before, after) for profile in compute_profiles_at(data, series, at, axes)]
     reach = max((measure_reach(profile.mean, profile.band) for profile in profiles), default=0.0)
     legend = Legend(tuple(("stroke", color, name) for name, color in CURVES))
     return [legend, plot_profile(CURVES, profiles, reach, f"evidence-{number}", at)] if profiles else []
+
+
+def find_own_axis(effect: str) -> str:
+    """Return the quantity over which an effect shows."""
+    symptom = find_description(effect).symptom or ""
+    return next((axis for word, axis in OWN_AXES.items() if word in symptom), "time")
 
 
 def describe_briefly(candidate: Candidate) -> str:

@@ -1,5 +1,6 @@
 """Sections on the result of a diagnosis, its candidates, next experiment and method."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,8 @@ from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, format_number, join_words
-from pendulum_env.physics.effect_texts import name_parameter
+from pendulum_env.physics.effect_texts import name_effect, name_parameter
+from pendulum_env.physics.estimate import Estimate, shorten_name
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
 from workbench.narrator.diagnosis import (
@@ -39,6 +41,7 @@ def make_story(case: ReportData) -> Section:
         "torque_constant": constant.text if constant is not None else None,
     }
     parts = [
+        *list_values(diagnosis),
         *results.narrate_disagreements(diagnosis.disagreements),
         *results.narrate_unexplained(diagnosis),
         *results.narrate_next_step(diagnosis),
@@ -83,6 +86,24 @@ def list_changes(case: ReportData) -> list[dict[str, Any]]:
     return changes
 
 
+def list_values(diagnosis: Diagnosis) -> list[Part]:
+    """List the final parameters with their values in the base model, to copy into a model; empty without an effect."""
+    if not diagnosis.selected:
+        return []
+    before, lines = diagnosis.steps[0].model.readable, list[str]()
+    for name, estimate in diagnosis.model.readable.items():
+        was = f"was {_write_value(before[name])}" if name in before else "new"
+        unit = estimate.shown.unit.removeprefix("1")
+        lines.append(f"{shorten_name(name)} = {_write_value(estimate)}  # {', '.join(filter(None, (unit, was)))}")
+    about = f"Add the torque of {join_words([name_effect(effect) for effect in diagnosis.selected])}, and use:"
+    return [Part("What to change in your model", [about, Code("\n".join(lines))])]
+
+
+def _write_value(estimate: Estimate) -> str:
+    """Return the value of an estimate with the digits that its standard error leaves."""
+    return estimate.shown.text.partition(" ")[0]
+
+
 def list_biased_parameters(diagnosis: Diagnosis) -> list[str]:
     """List the parameters that missing effects biased by more than 1 % and three standard errors.
 
@@ -108,7 +129,7 @@ def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
     names = [column.name for column in term.columns] + [f"{term.id}.{parameter.name}" for parameter in term.free]
     named = {**diagnosis.model.estimates, **diagnosis.model.derived}
     names += [name for name in diagnosis.model.derived if name.startswith(f"{effect}.")]
-    about = (type(term).__doc__ or "").split("\n")[0].split(":")[0]  # first line, without the formula
+    about = re.split("[,:;\n]", type(term).__doc__ or "")[0]  # without the formula
     return {
         "effect": effect,
         "law": term.law,

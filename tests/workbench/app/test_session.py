@@ -42,7 +42,6 @@ from workbench.app import demo
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit, write_choice
 from workbench.app.downloads import make_file, write_commands, write_study_text
 from workbench.app.jobs import Job, Workers
-from workbench.app.matches import find_matches, show_matches
 from workbench.app.page.server import make_app
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
@@ -52,6 +51,7 @@ from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
 from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
+from workbench.report.matches import find_matches
 
 IDS = ["0" * 32, "1" * 32]
 HOSTILE = ["../../etc/passwd.csv", "..\\..\\run.csv", "C:run.csv", "..", "", "a\0b.csv", "x" * 5000 + ".csv.gz"]
@@ -365,13 +365,14 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
 
 def test_the_residual_is_drawn_with_the_effects_that_look_most_like_it(session, state):
     session.state = state
-    page = html.Div([*model.show_comparison(session), show_matches(session.state.report_data, is_busy=False)])
+    page = html.Div([*model.show_comparison(session), model.show_matches(session.state.report_data, is_busy=False)])
     markup = "".join(one.data for one in page._traverse() if isinstance(one, dcc.Store))
     ids = *(f"profile-{axis}" for axis in AXES), *(f"match-{axis}" for axis in AXES), "course-0"
     assert all(f'id="{id}"' in markup for id in ids)
     tries = [one.id["of"] for one in page._traverse() if isinstance(one, html.Button)]
     assert tries[0] == "stribeck" and len(tries) == 3
-    matches = find_matches(session.state.report_data)
+    case = session.state.report_data
+    matches = find_matches(case.parts[0][-1], case.diagnosis.model)[:3]
     assert [match.effect for match in matches] == tries and matches[0].share > 0.8
     assert all(1 >= a.share >= b.share >= 0 for a, b in pairwise(matches))
 

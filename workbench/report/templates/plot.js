@@ -125,16 +125,17 @@ const figures = (() => {
 
   addEventListener("theme", () => [...drawn.keys()].forEach(draw));
 
+  const LONG = 12;  // [lines] of a list that is not printed unless it is open
   let theme = null, folded = [];
   addEventListener("beforeprint", () => {
     theme = root.dataset.theme;
     root.dataset.theme = "light";
-    folded = [...document.querySelectorAll("details:not([open], .evidence)")];
+    folded = [...document.querySelectorAll("details:not([open], .evidence)")].filter((fold) => fold.querySelectorAll("li").length < LONG);
     folded.forEach((details) => { details.open = true; });
     for (const plot of document.querySelectorAll(".plot")) {
       if (!plot.checkVisibility()) continue;
       draw(plot);
-      Plotly.relayout(plot, { width: plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
+      Plotly.relayout(plot, { width: plot.closest(".strip") ? 220 : plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
     }
   });
   addEventListener("afterprint", () => {
