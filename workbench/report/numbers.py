@@ -9,7 +9,7 @@ from estimators.decisions.errors import get_single
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import capitalise, format_unit
-from pendulum_env.physics.effect_texts import name_effect
+from pendulum_env.physics.effect_texts import name_effect, name_parameter
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, make_axis, make_band, make_line
@@ -57,6 +57,8 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
         ends = np.array([-0.3, len(steps) - 0.7])
         data.append(make_line(ends, np.full(2, floor), "noise floor", "", "", line=dashed))
     low, high = np.log10(min(values)) - 0.12, np.log10(max(values)) + 0.12
+    digits = (1, 2, 5) if high - low < 2 else (1,)
+    ticks = [digit * 10.0**power for power in range(int(low) - 2, int(high) + 2) for digit in digits]
     layout = {
         "xaxis": make_axis(
             "",
@@ -67,8 +69,7 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
             showgrid=False,
             zeroline=False,
         ),
-        # ticks at 1, 2, 5 or decades
-        "yaxis": make_axis(title, type="log", range=[low, high], dtick="D2" if high - low < 2 else 1),
+        "yaxis": make_axis(title, type="log", range=[low, high], tickvals=ticks, ticktext=[f"{x:g}" for x in ticks]),
     }
     return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
 
@@ -150,7 +151,8 @@ def plot_convergence(
     values = np.concatenate(late_estimates)
     middle = float(np.median([result[-1] for result in late_estimates]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
-    title = f"{parameter.name} [{format_unit(unit_of_parameter)}]" if format_unit(unit_of_parameter) else parameter.name
+    unit = f" [{format_unit(unit_of_parameter)}]" if format_unit(unit_of_parameter) else ""
+    title = name_parameter(parameter.name) + unit
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # between recordings
     layout = {
         "xaxis": make_axis("time [s]"),
