@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.physics import Model
-from pendulum_env.recording import write_recording
+from pendulum_env.recording import Source, write_recording
 from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import record_pendulum, select_button, select_field
@@ -256,6 +256,19 @@ def test_plots_over_time_share_range_and_cursor_and_show_the_samples_of_a_senten
         assert line["y"] <= rows.nth(0).bounding_box()["y"] + 1 and line["height"] > 4 * box["height"]
         cursors.append(line["x"])
     assert cursors[0] < cursors[1]
+    now, measured, base = page.evaluate(
+        """[parseFloat(document.querySelector(".replay output").textContent), ...[...document.querySelectorAll(
+          ".replay .rod")].map((rod) => -parseFloat(rod.getAttribute("transform").slice(7)) * Math.PI / 180)]"""
+    )
+    swing = Source(folder / "swing.csv").read()
+    near = swing.position[np.abs(swing.time - now) < 0.02]
+    assert near.min() - 0.01 < measured < near.max() + 0.01  # the pendulums stand as at the cursor
+    assert abs(base - measured) < 0.2
+    page.locator(".replay button").click()
+    page.wait_for_function(
+        "now => parseFloat(document.querySelector('.replay output').textContent) > now + 0.3", arg=now
+    )
+    page.locator(".replay button").click()
     stripe = page.evaluate(
         """() => {
           const plot = document.querySelector("#profile-velocity"), [box] = plot.querySelectorAll(".nsewdrag");
