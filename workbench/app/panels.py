@@ -93,15 +93,13 @@ def show_findings(state: State) -> Component:
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.failure_reason else state.model.terms
     known = [name_effect(column.name) for term in terms for column in term.columns if column.name not in withheld]
-    text = html.P(["They tell ", html.Strong(join_words(known)), "."])
-    known_text = [text] if known and not state.failure_reason else []
+    known_text = [html.P(["They tell ", html.Strong(join_words(known)), "."])] if known and state.fit else []
     result = state.diagnosis or state.fit
     texts = [state.failure_reason] if state.failure_reason else []
     texts += map(describe, result.disagreements if result is not None else ())
     texts += map(describe, state.doubts)
-    cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
-    nothing = html.P("They determine all parameters of the model.")
-    return make_panel("What these recordings tell, and what not", *known_text, cannot if texts else nothing)
+    cannot = [html.Ul([html.Li(capitalise(text)) for text in texts])] if texts else []
+    return make_panel("What these recordings tell, and what not", *known_text, *cannot)
 
 
 def show_timing(state: State) -> list[Component]:

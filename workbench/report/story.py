@@ -8,8 +8,8 @@ import numpy as np
 from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
-from pendulum_env.formatting import capitalise, format_number, join_words
-from pendulum_env.physics.effect_texts import name_effect, name_parameter
+from pendulum_env.formatting import capitalise, join_words
+from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.estimate import Estimate, shorten_name
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
@@ -33,7 +33,6 @@ def make_story(case: ReportData) -> Section:
     head = {
         "lead": f"{capitalise(describe_errors(diagnosis))}.",
         "changes": list_changes(case),
-        "misled": list_biased_parameters(diagnosis),
         "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
         "noise_floor": get_single(diagnosis.floors),
@@ -102,25 +101,6 @@ def list_values(diagnosis: Diagnosis) -> list[Part]:
 def _write_value(estimate: Estimate) -> str:
     """Return the value of an estimate with the digits that its standard error leaves."""
     return estimate.shown.text.partition(" ")[0]
-
-
-def list_biased_parameters(diagnosis: Diagnosis) -> list[str]:
-    """List the parameters that missing effects biased by more than 1 % and three standard errors.
-
-    The list is empty with an unexplained residual, because the final parameters may be biased, too.
-    """
-    wrong_by: list[str] = []
-    if diagnosis.unexplained:
-        return wrong_by
-    for parameter, first in diagnosis.steps[0].model.estimates.items():
-        final = diagnosis.model.estimates.get(parameter)
-        if final is None or final.value == 0:
-            continue
-        share, off = first.value / final.value - 1.0, abs(first.value - final.value)
-        if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(first.std, final.std)):
-            side = "high" if share > 0 else "low"
-            wrong_by.append(f"{name_parameter(parameter)} {format_number(100 * abs(share), 2)} % too {side}")
-    return wrong_by
 
 
 def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
