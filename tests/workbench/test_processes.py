@@ -77,7 +77,7 @@ def test_a_job_ends_with_its_result_or_with_a_sentence(workers):
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers):
     ended = []
     job = begin(sleep, workers, ended.append)
-    wait_until(lambda: job.description == "sleeping")
+    wait_until(lambda: job.progress[0] == "sleeping")
     children = multiprocessing.active_children()
     job.cancel()
     wait_until(lambda: any(not child.is_alive() for child in children))
