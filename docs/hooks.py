@@ -266,7 +266,7 @@ def which_effect() -> str:
         "by numbers. `pendulum-ident effects stribeck` prints the text of one effect.",
         "| the residual shows | possible effects |\n|---|---|",
         "The pictures show the residual of the base model without each effect, fitted to 20 s of the paper's "
-        "excitation: mean residual torque over angle, velocity, torque and time, and the range of noise (grey). The "
+        "excitation: mean residual torque over angle, velocity, torque and time, and the band of noise (grey, 5σ). The "
         "[app](app.md) and `pendulum-ident compare --report` draw the same four curves for your recordings. An effect "
         "that looks flat here needs another motion. A motor that turns with two joints of an arm causes "
         "friction of the sum of their speeds, [a coupling](robots/arms.md#diagnose). A residual that no "
