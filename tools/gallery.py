@@ -85,7 +85,8 @@ def draw_panel(item: Profile, left: float, largest: float) -> str:
         f'<polyline points="{place(x, item.mean)}" fill="none" stroke="{CURVE}" stroke-width="1.8"/>'
         f'<text x="{ends[0]:g}" y="{below:g}">{_write_end(low, high)}</text>'
         f'<text x="{0.5 * sum(ends):g}" y="{below:g}" text-anchor="middle">{typeset(SYMBOLS[item.axis])} '
-        f'[{typeset(item.unit)}]</text><text x="{ends[1]:g}" y="{below:g}" text-anchor="end">{_write_end(high, low)}</text>'
+        f"[{typeset(item.unit)}]</text>"
+        f'<text x="{ends[1]:g}" y="{below:g}" text-anchor="end">{_write_end(high, low)}</text>'
     )
 
 
