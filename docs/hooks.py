@@ -47,10 +47,12 @@ class Reference:
         """Return the page with directives, which mkdocstrings replaces by docstrings."""
         modules = [importlib.import_module(package) for package in self.packages]
         offered = [getattr(module, name) for module in modules for name in module.__all__]
-        names = [f"{o.__module__}.{o.__name__}" for o in offered if inspect.isclass(o) or inspect.isroutine(o)]
-        return "\n".join(
-            [f"# {self.title}", "", self.text, "", *(f"::: {name}" for name in dict.fromkeys([*names, *self.further]))]
-        )
+        functions = [o for o in offered if inspect.isroutine(o)]
+        names = [f"{o.__module__}.{o.__name__}" for o in (*functions, *filter(inspect.isclass, offered))]
+        links = [f"[`{o.__name__}`][{o.__module__}.{o.__name__}]" for o in functions]
+        first = [f"Functions: {', '.join(links)}. Classes of arguments and results follow them.", ""] if links else []
+        pages = (f"::: {name}" for name in dict.fromkeys([*names, *self.further]))
+        return "\n".join([f"# {self.title}", "", self.text, "", *first, *pages])
 
 
 REFERENCES = {
@@ -142,7 +144,7 @@ REFERENCES = {
 def on_files(files: Files, config: MkDocsConfig) -> None:
     """Add the generated pages."""
     made = {
-        "index.md": from_root("README.md"),
+        "overview.md": from_root("README.md"),
         "contributing.md": from_root("CONTRIBUTING.md"),
         "security.md": from_root("SECURITY.md"),
         "changelog.md": from_root("CHANGELOG.md"),
@@ -177,7 +179,7 @@ def on_page_content(content: str, **_: Any) -> str:
 def from_root(name: str) -> str:
     """Make a page of a file outside docs/, with its links and pictures relative to docs/."""
     page = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](").replace('src="docs/', 'src="')
-    page = page.replace("](README.md", "](index.md")
+    page = page.replace("](README.md", "](overview.md")
     return re.sub(r"\]\((CONTRIBUTING|SECURITY|CHANGELOG)\.md", lambda found: found[0].lower(), page)
 
 
@@ -236,10 +238,10 @@ def effects_page() -> str:
         f"{len(list_nameable())} effects. "
         "Each law is added to that side of the balance unless it says otherwise. Your own effect is "
         "[a few lines of Python](../how-to/effect.md).",
-        "| effect | law | kind |\n|---|---|---|",
+        "| effect | kind | law |\n|---|---|---|",
     ]
     parts[-1] += "".join(
-        f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} |" for id, kind in list_nameable().items()
+        f"\n| [`{id}`](#{id}) | {kind.kind} | {_law(kind.law)} |" for id, kind in list_nameable().items()
     )
     for id, kind in list_nameable().items():
         looks = f" [How it looks](../which-effect.md#{id})." if id in effects() else ""
