@@ -15,6 +15,7 @@ import pytest
 from dash import dcc, html
 
 from estimators import add
+from estimators.data.matches import find_matches
 from estimators.signals.residual import AXES
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
@@ -51,7 +52,6 @@ from workbench.app.uploads import clean_name, unpack
 from workbench.cli import main
 from workbench.errors import InputError
 from workbench.narrator.diagnosis import write_diagnosis
-from workbench.report.matches import find_matches
 
 IDS = ["0" * 32, "1" * 32]
 HOSTILE = ["../../etc/passwd.csv", "..\\..\\run.csv", "C:run.csv", "..", "", "a\0b.csv", "x" * 5000 + ".csv.gz"]

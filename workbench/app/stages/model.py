@@ -7,6 +7,7 @@ from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
+from estimators.data.matches import find_matches
 from estimators.data.regions import compute_profiles_at
 from estimators.signals.residual import AXES, find_regions
 from pendulum_env.formatting import TextTable
@@ -18,7 +19,7 @@ from workbench.narrator.identification import TRUST, tabulate_schemes
 from workbench.report.comparison import make_comparison
 from workbench.report.data import ReportData, Section
 from workbench.report.failures import make_failures
-from workbench.report.matches import find_matches, plot_matches
+from workbench.report.matches import name_match, plot_matches
 from workbench.report.numbers import COLORS, make_parameters, make_schemes
 
 SIMILAR = "similar"  # id of the panel of effects like the residual
@@ -71,7 +72,7 @@ def show_matches(case: ReportData, is_busy: bool) -> Component:
         html.Li(
             [
                 html.I(className="stroke", style={"--color": f"var({color})"}),
-                html.Strong(match.title),
+                html.Strong(name_match(match)),
                 make_button("Try it", "add", match.effect, disabled=is_busy),
                 html.Small(find_description(match.effect).signature),
             ]
