@@ -76,16 +76,10 @@ def show_job(session: Session) -> list[Component]:
     text = html.Div([html.Strong(job.title), html.Span(progress, className="note")])
     bar = html.Progress(value=str(round(job.share, 3)), max="1", **make_aria(label=job.title))
     largest, ranking = max(errors.values(), default=0.0), sorted(errors, key=errors.__getitem__)[:RANKED]
-    rows = [
-        html.Li([capitalise(name_effect(id)), draw_share(1 - (errors[id] / largest) ** 2)], key=id) for id in ranking
-    ]
+    shares = [html.Progress(value=f"{1 - (errors[id] / largest) ** 2:.3f}", max="1") for id in ranking]
+    rows = [html.Li([capitalise(name_effect(id)), share]) for id, share in zip(ranking, shares, strict=True)]
     so_far = [html.P("These explain most of the residual so far:", className="note"), html.Ol(rows)] if rows else []
     return [html.Div([text, bar, *so_far], className="running-text"), make_button("Cancel", "cancel")]
-
-
-def draw_share(share: float) -> Component:
-    """Draw a share as a bar."""
-    return html.Span(html.I(className="final", style={"width": f"{100 * share:.1f}%"}), className="track")
 
 
 def show_findings(state: State) -> Component:

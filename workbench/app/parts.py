@@ -19,10 +19,6 @@ from workbench.report.data import Section
 
 Content = Component | str | Sequence[Component | str] | None
 
-LINKS = {  # on this page, in the place of commands
-    "Run diagnose": '<a href="#diagnose">Run the diagnosis</a>',
-    "record --excitation suggested plays it": '<a href="#export">Export</a> saves it',
-}
 KEPT: dict[str, Any] = {"persistence": True, "persistence_type": "session"}  # keeps the input of a tab over a reload
 
 
@@ -68,10 +64,7 @@ def show_section(section: Section) -> list[Component]:
 
 def show_content(content: report.Content, id: str) -> list[Component]:
     """Render content of a report, drawn by scripts of the page; `id`: unique on the page."""
-    text = page.render_fragment(content)
-    for words, link in LINKS.items():
-        text = text.replace(words, link)
-    markup = dcc.Store(id={"kind": "markup", "of": id}, data=text)
+    markup = dcc.Store(id={"kind": "markup", "of": id}, data=page.render_fragment(content))
     return [html.Div([markup, html.Div(id={"kind": "fragment", "of": id}, className="fragment")])]
 
 

@@ -40,12 +40,10 @@ def make_candidates(case: ReportData) -> Section:
 def make_evidence(case: ReportData, number: int, candidate: Candidate) -> Evidence:
     """Make the row of evidence on one effect."""
     gates = [gate.cells for gate in candidate.decision.gates]
-    error = f"The held-out torque error with it is {format_percent(candidate.error_ratio)} of that without it."
     brief, reason = describe_briefly(candidate), describe_reason(candidate)
     content: Content = [
         *([reason] if reason != brief else []),
         *plot_candidate(case, number, candidate),
-        *([error] if candidate.terms else []),
         *([TextTable(GATE_HEADERS, gates, left=("gate", "result"))] if gates else []),
     ]
     fall = min(1.0, max(0.0, 1.0 - candidate.error_ratio)) if candidate.terms else 0.0

@@ -1,18 +1,19 @@
 """Effects of the library whose torque is most like a residual, drawn over it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from estimators.data.matches import Match, find_matches
 from estimators.data.regions import compute_profiles_at
 from estimators.data.regression_data import RegressionData
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import Array
 from pendulum_env.formatting import capitalise, format_percent, join_words
 from pendulum_env.physics.effect_texts import find_description, name_effect
-from workbench.figure import Figure, make_axis, make_line, make_title, measure_reach
+from workbench.figure import Figure, make_title, measure_reach
 from workbench.narrator.parts import Part
 from workbench.report.data import ReportData, Section
 from workbench.report.evidence import describe_briefly, find_own_axis
-from workbench.report.failures import make_profile_axis
+from workbench.report.failures import DOTS, plot_profile
 from workbench.report.numbers import COLORS
 
 EXPLAINED = 2  # largest number of added effects that are compared with their rivals
@@ -20,26 +21,14 @@ RIVALS = 2  # number of rivals of each
 
 
 def plot_matches(
-    data: RegressionData, residual: Array, matches: Sequence[Match], axes: Sequence[str], id: str, title: str = ""
+    data: RegressionData, residual: Array, matches: Sequence[Match], axes: Sequence[str], id: str
 ) -> list[Figure]:
     """Plot a residual (R,) over some quantities as dots, with the torque of matches as curves."""
     maps = [compute_profiles_at(data, series, axes=axes) for series in (residual, *(m.torque for m in matches))]
     reach = max(measure_reach(profile.mean, profile.band) for profiles in maps for profile in profiles)
-    figures = []
-    for profiles in zip(*maps, strict=True):
-        axis, factor, unit = make_profile_axis(profiles[0])
-        curves = zip(profiles, ("residual", *(name_effect(m.effect) for m in matches)), strict=True)
-        lines = [
-            make_line(factor * p.middle, p.mean, name, color, unit)
-            for (p, name), color in zip(curves, ("--measured", *COLORS), strict=False)
-        ]
-        lines[0] |= {"mode": "markers", "marker": {"color": "--measured", "size": 5}}
-        layout: JSON = {"xaxis": axis, "yaxis": make_axis(f"residual [{unit}]", range=[-reach, reach])}
-        layout |= {"showlegend": False, "margin": {"t": 30 if title else 10}, "hovermode": "x"}
-        layout |= make_title(title) if title else {}
-        name = f"Residual and effects over {profiles[0].axis}"
-        figures.append(Figure(f"{id}-{profiles[0].axis}", name, lines, layout, 240 if title else 210))
-    return figures
+    curves = [(DOTS, "--measured"), *zip((name_effect(m.effect) for m in matches), COLORS, strict=False)]
+    figures = (plot_profile(curves, profiles, reach, id) for profiles in zip(*maps, strict=True))
+    return [replace(figure, height=230) for figure in figures]
 
 
 def name_match(match: Match) -> str:
@@ -60,8 +49,8 @@ def make_rivals(case: ReportData) -> Section | None:
         compared = sorted(matches, key=lambda match: match.effect != effect)[: RIVALS + 1]  # the effect comes first
         figures, texts = list[Figure](), list[str]()
         for n, match in enumerate(compared):
-            axis, title = [find_own_axis(effect)], name_match(match)
-            figures += plot_matches(data, residual, [match], axis, f"rival-{k}-{n}", title)
+            figures += plot_matches(data, residual, [match], [find_own_axis(effect)], f"rival-{k}-{n}")
+            figures[-1].layout.update(margin={"t": 30}, **make_title(name_match(match)))
             texts.append(f"{capitalise(name_effect(match.effect))}: {find_description(match.effect).signature}")
             if match.effect != effect and match.effect in reasons:
                 texts[-1] += f" Beside {name_effect(effect)}: {reasons[match.effect]}."

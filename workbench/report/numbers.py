@@ -23,6 +23,7 @@ PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-o
 SIGMAS = 2.0  # half width of bands [standard errors]
 SETTLED = 0.25  # share of the time after which estimates set the plot's range
 FRAME = 0.6  # share of the plot's height for these estimates
+TICKS = [digit * 10.0**power for power in range(-9, 6) for digit in (1, 2, 5)]  # of errors
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 
@@ -42,34 +43,21 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
     """Plot an error over the steps on a logarithmic axis; `factor`: from SI to the displayed unit."""
     steps = case.diagnosis.steps
     labels = ["base model", *(f"+ {name_effect(step.added)}" for step in steps if step.added)]
-    data: list[JSON] = []
-    values = []
+    x, ends = np.arange(float(len(steps))), np.array([-0.3, len(steps) - 0.7])
     shades = ["--base", *["--between"] * (len(steps) - 2), "--final"]
+    data: list[JSON] = []
     for part, label, color, symbol in PARTS:
         error = factor * np.array([getattr(step.errors[part], quantity) for step in steps])
-        values += [*error]
         marker = {"color": shades, "size": 10, "symbol": symbol}
-        x = np.arange(float(len(steps)))
         data.append(make_line(x, error, label, color, "", mode="lines+markers", marker=marker))
     if floor is not None:
-        values.append(floor)
         dashed = {"color": "--muted", "width": 1.5, "dash": "dash"}
-        ends = np.array([-0.3, len(steps) - 0.7])
         data.append(make_line(ends, np.full(2, floor), "noise floor", "", "", line=dashed))
-    low, high = np.log10(min(values)) - 0.12, np.log10(max(values)) + 0.12
-    digits = (1, 2, 5) if high - low < 2 else (1,)
-    ticks = [digit * 10.0**power for power in range(int(low) - 2, int(high) + 2) for digit in digits]
+    names = ["<br>".join(wrap(label, 14)) for label in labels]  # line width [characters]
+    named = {"tickvals": x.tolist(), "ticktext": names, "ticklabeloverflow": "allow", "range": ends.tolist()}
     layout = {
-        "xaxis": make_axis(
-            "",
-            tickvals=list(range(len(steps))),
-            ticktext=["<br>".join(wrap(label, 14)) for label in labels],  # line width [characters]
-            ticklabeloverflow="allow",
-            range=[-0.3, len(steps) - 0.7],
-            showgrid=False,
-            zeroline=False,
-        ),
-        "yaxis": make_axis(title, type="log", range=[low, high], tickvals=ticks, ticktext=[f"{x:g}" for x in ticks]),
+        "xaxis": make_axis("", **named, showgrid=False, zeroline=False),
+        "yaxis": make_axis(title, type="log", tickvals=TICKS, ticktext=[f"{tick:g}" for tick in TICKS]),
     }
     return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
 
