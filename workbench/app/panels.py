@@ -89,9 +89,8 @@ def show_findings(state: State) -> Component:
     known = [name_effect(column.name) for term in terms for column in term.columns if column.name not in withheld]
     known_text = [html.P(["They tell ", html.Strong(join_words(known)), "."])] if known and state.fit else []
     result = state.diagnosis or state.fit
-    texts = [state.failure_reason] if state.failure_reason else []
-    texts += map(describe, result.disagreements if result is not None else ())
-    texts += map(describe, state.doubts)
+    findings = [*(result.disagreements if result is not None else ()), *state.doubts]
+    texts = [*filter(None, [state.failure_reason]), *map(describe, findings)]
     cannot = [html.Ul([html.Li(capitalise(text)) for text in texts])] if texts else []
     return make_panel("What these recordings tell, and what not", *known_text, *cannot)
 
@@ -100,13 +99,10 @@ def show_timing(state: State) -> list[Component]:
     """Render findings on the timing of the torque, with a button to correct it; empty without findings."""
     if state.fit is None or not (state.fit.late or state.fit.slow):
         return []
-    buttons = []
-    if state.fit.late:
-        remedy = "It is corrected in all that follows." if state.is_aligned else WHY
-        texts = [describe_timing(law, remedy) for law in state.fit.late]
-        buttons = [] if state.is_aligned else [make_button("Correct it", "align", primary=True)]
-    else:
-        texts = [describe(law) for law in state.fit.slow]
+    remedy = "It is corrected in all that follows." if state.is_aligned else WHY
+    texts = [describe_timing(law, remedy) for law in state.fit.late] or [describe(law) for law in state.fit.slow]
+    is_correctable = state.fit.late and not state.is_aligned
+    buttons = [make_button("Correct it", "align", primary=True)] if is_correctable else []
     return [make_panel("Torque and motion in time", *map(html.P, texts), *buttons)]
 
 

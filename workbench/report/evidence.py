@@ -18,12 +18,8 @@ from workbench.report.failures import plot_profile
 
 FIRST = 5  # number of effects above the fold
 ACCEPTED = (Verdict.SELECTED, Verdict.AMBIGUOUS)
-OWN_AXES = {
-    "angle": "position",
-    "speed": "velocity",
-    "standstill": "velocity",
-    "torque": "torque",
-}  # by a symptom's word
+# By a symptom's word
+OWN_AXES = {"angle": "position", "speed": "velocity", "standstill": "velocity", "torque": "torque"}
 CURVES = (("without it", "--base"), ("with it", "--final"))
 
 

@@ -25,7 +25,6 @@ from workbench.report.data import ReportData, Section
 def make_story(case: ReportData) -> Section:
     """Make the section with headline, key figures and next step."""
     diagnosis = case.diagnosis
-    constant = diagnosis.torque_constant
     head = {
         "lead": f"{capitalise(describe_errors(diagnosis))}.",
         "torque": [step.errors["holdout"].torque_rms for step in case.ends],
@@ -35,7 +34,7 @@ def make_story(case: ReportData) -> Section:
         "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
         "noise_floor": get_single(diagnosis.floors),
-        "torque_constant": constant.text if constant is not None else None,
+        "torque_constant": diagnosis.torque_constant,
     }
     parts = [
         *list_values(diagnosis),
@@ -81,12 +80,11 @@ def list_values(diagnosis: Diagnosis) -> list[Part]:
 
 def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
     """Describe an added effect: its law, its sign in the residual, its final parameters, and similar effects."""
-    parameters = diagnosis.model.get_parameters(effect).items()
     return {
         "effect": effect,
         "law": next(term.law for term in diagnosis.model.terms if term.id == effect),
         "about": find_description(effect).signature,
-        "parameters": {name: estimate.shown for name, estimate in parameters},
+        "parameters": diagnosis.model.get_parameters(effect),
         "rivals": [id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:]],
     }
 
