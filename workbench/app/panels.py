@@ -7,7 +7,7 @@ from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.physics import BASE
-from pendulum_env.physics.effect_texts import name_effect
+from pendulum_env.physics.effect_texts import name_effect, name_parameter
 from workbench.app.parts import make_aria, make_button, make_panel
 from workbench.app.session import Session
 from workbench.app.state import State
@@ -86,7 +86,7 @@ def show_findings(state: State) -> Component:
     """Render the parameters that the recordings determine, and findings on the others."""
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.failure_reason else state.model.terms
-    known = [name_effect(column.name) for term in terms for column in term.columns if column.name not in withheld]
+    known = [name_parameter(column.name) for term in terms for column in term.columns if column.name not in withheld]
     known_text = [html.P(["They tell ", html.Strong(join_words(known)), "."])] if known and state.fit else []
     result = state.diagnosis or state.fit
     findings = [*(result.disagreements if result is not None else ()), *state.doubts]
