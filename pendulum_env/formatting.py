@@ -12,6 +12,7 @@ import numpy as np
 from pendulum_env.quantity import Quantity
 from pendulum_env.units import to_shown_unit
 
+PARTS, PARTS_OF_LEFTWARD = ("", *"▏▎▍▌▋▊▉"), ("", "▐")  # of a block
 SUPERSCRIPTS = str.maketrans("-0123456789n", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ")
 POWER = re.compile(r"\^([0-9n])")
 OPTION = re.compile(r"`([^`]*--[^`]*)`|(--[a-z]+ (?:'[^']*'|\S+=\S+))")  # a command, or an option with its value
@@ -72,9 +73,11 @@ def format_estimate(value: float, std: float) -> str:
 
 
 def draw_bar(share: float, width: int = 12) -> str:
-    """Draw a bar of up to `width` blocks; a positive share has at least one."""
-    filled = round(width * min(1.0, max(0.0, share)))
-    return "█" * max(1 if share > 0 else 0, filled)
+    """Draw a bar of up to `width` blocks in eighths, at least one; a negative share ends on the left, in halves."""
+    parts = PARTS if share >= 0 else PARTS_OF_LEFTWARD
+    size = min(len(parts) * width, max(share != 0, round(len(parts) * width * abs(share))))
+    blocks, rest = divmod(size, len(parts))
+    return blocks * "█" + parts[rest] if share >= 0 else parts[rest] + blocks * "█"
 
 
 def format_number(value: float, digits: int = 3, padded: bool = False) -> str:

@@ -2,11 +2,13 @@
 
 from io import StringIO
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
+from pendulum_env.formatting import draw_bar
 from tests.cases import diagnosed
 from workbench.printing import print_diagnosis
 from workbench.terminal import Terminal
@@ -57,3 +59,12 @@ def test_a_verdict_is_coloured_on_a_terminal_alone(name, color):
         terminal._out = Console(file=StringIO(), width=200, force_terminal=is_terminal, color_system=kind)
         print_diagnosis(found, terminal)
         assert (f"\x1b[1;{color}m" in terminal._out.file.getvalue()) == is_terminal
+
+
+def test_a_bar_is_as_long_as_its_share_in_eighths_or_halves():
+    sizes = {sign: k / 8 for k, sign in enumerate(" ▏▎▍▌▋▊▉█")} | {"▐": 0.5}
+    for share in np.linspace(-1, 1, 201):
+        step = 1 / 8 if share >= 0 else 1 / 2
+        size = sum(sizes[sign] for sign in draw_bar(share))
+        assert abs(size - 12 * abs(share)) <= step / 2 + 1e-9 or size == step > 12 * abs(share) > 0
+    assert draw_bar(0) == "" and draw_bar(3) == 12 * "█"

@@ -24,8 +24,7 @@ REPORT, DIAGNOSIS, EXPERIMENT = "report.html", "diagnosis.json", "experiment.csv
 def write_commands(state: State) -> str:
     """Write the command lines that make the model of a state."""
     files = [(item.held_out, item.source.file) for item in state.loaded]
-    named = [(is_held, str(file) if file.parent == DEMO else file.name) for is_held, file in files]
-    train, holdout = ([name for is_held, name in named if is_held == part] for part in (False, True))
+    train, holdout = ([str(f) if f.parent == DEMO else f.name for is_held, f in files if is_held == k] for k in (0, 1))
     recordings = [*train, *(word for file in holdout for word in ("--holdout", file))]
     if is_study_needed(state):
         train = recordings = [STUDY]  # the study names the held-out recordings

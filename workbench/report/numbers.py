@@ -42,7 +42,6 @@ def make_errors(case: ReportData) -> Section:
 def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
     """Plot an error over the steps on a logarithmic axis; `factor`: from SI to the displayed unit."""
     steps = case.diagnosis.steps
-    labels = ["base model", *(f"+ {name_effect(step.added)}" for step in steps if step.added)]
     x, ends = np.arange(float(len(steps))), np.array([-0.3, len(steps) - 0.7])
     shades = ["--base", *["--between"] * (len(steps) - 2), "--final"]
     data: list[JSON] = []
@@ -53,6 +52,7 @@ def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None
     if floor is not None:
         dashed = {"color": "--muted", "width": 1.5, "dash": "dash"}
         data.append(make_line(ends, np.full(2, floor), "noise floor", "", "", line=dashed))
+    labels = [f"+ {name_effect(step.added)}" if step.added else "base model" for step in steps]
     names = ["<br>".join(wrap(label, 14)) for label in labels]  # line width [characters]
     named = {"tickvals": x.tolist(), "ticktext": names, "ticklabeloverflow": "allow", "range": ends.tolist()}
     layout = {

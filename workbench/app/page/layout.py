@@ -100,8 +100,7 @@ def make_navigation(current: Stage, failure: str) -> list[Component]:
             attributes["href"] = f"#{stage.id}"
         return html.A(stage.title, id=f"to-{stage.id}", **attributes)
 
-    reason = html.Span(capitalise(failure), id="reason", className="note")
-    return [*map(link, STAGES), reason]
+    return [*map(link, STAGES), html.Span(capitalise(failure), id="reason", className="note")]
 
 
 def show(session: Session, stage: Stage) -> list[Component]:
