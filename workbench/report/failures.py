@@ -136,13 +136,14 @@ def plot_profile(
     axis = make_axis(f"{first.units.name(quantity)}{symbol} [{unit}]")
     axis, unit = make_angle_axis(first.units) if first.unit == WITHIN else axis, first.units.unit("N m")
     bands = {len(profile.band): profile for profile in profiles}.values()  # bins of another model may differ
-    label = f"noise (±{REGIONS.z_limit:g}σ)"
+    label, has_dots = f"noise (±{REGIONS.z_limit:g}σ)", curves[0][0] == DOTS
     data = [make_band(factor * profile.middle, profile.band, label) for profile in bands]
     for (label, color), profile in zip(curves, profiles, strict=False):
-        mode = "lines" if first.is_spectrum else "markers" if label == DOTS else "lines+markers"
-        marker = {"size": 6 if len(profile.mean) <= REGIONS.bins else 3}
+        mode = "lines" if first.is_spectrum or has_dots else "lines+markers"
+        mode = "markers" if label == DOTS else mode
+        marker = {"size": 6 if len(profile.mean) <= REGIONS.bins else 3, "color": color}
         data.append(make_line(factor * profile.middle, profile.mean, label, color, unit, mode=mode, marker=marker))
-    runs = [find_runs(profile) if curves[0][0] != DOTS else [] for profile in profiles]
+    runs = [find_runs(profile) if not has_dots else [] for profile in profiles]
     half = 0.5 if len(runs) > 1 and runs[-1] else 0.0  # two kinds of stripes share the height
     kinds = [(0, ("--region", half, 1.0)), *([(len(runs) - 1, ("--open", 0.0, half))] if half else [])]
     shapes = [draw_stripe(locate_region(r, joint, k), *look) for k, look in kinds for r in runs[k]]
