@@ -22,6 +22,7 @@ from mkdocs.structure.files import File, Files
 
 from estimators.schemes.six import SCHEMES
 from pendulum_env.formatting import capitalise, join_words
+from pendulum_env.mathml import format_law
 from pendulum_env.physics import BASE, effects, list_nameable
 from pendulum_env.physics.description import Symptom
 from pendulum_env.physics.effect_texts import find_description, find_look_alikes, name_effect
@@ -49,12 +50,17 @@ class Reference:
         """Return the full names of the classes and functions."""
         modules = [importlib.import_module(package) for package in self.packages]
         offered = [getattr(module, name) for module in modules for name in module.__all__]
-        names = [f"{o.__module__}.{o.__name__}" for o in offered if inspect.isclass(o) or inspect.isroutine(o)]
+        functions = filter(inspect.isroutine, offered)
+        names = [f"{o.__module__}.{o.__name__}" for o in (*functions, *filter(inspect.isclass, offered))]
         return list(dict.fromkeys([*names, *self.further]))
 
     def markdown(self) -> str:
-        """Return the page with directives, which mkdocstrings replaces by docstrings."""
-        return "\n".join([f"# {self.title}", "", self.text, "", *(f"::: {name}" for name in self.list_names())])
+        """Return the page with directives, which mkdocstrings replaces by docstrings; functions come first."""
+        modules = [importlib.import_module(package) for package in self.packages]
+        functions = [o for o in (getattr(m, name) for m in modules for name in m.__all__) if inspect.isroutine(o)]
+        links = [f"[`{o.__name__}`][{o.__module__}.{o.__name__}]" for o in functions]
+        first = [f"Functions: {', '.join(links)}. Classes of arguments and results follow them.", ""] if links else []
+        return "\n".join([f"# {self.title}", "", self.text, "", *first, *(f"::: {name}" for name in self.list_names())])
 
 
 REFERENCES = {
@@ -146,7 +152,7 @@ REFERENCES = {
 def on_files(files: Files, config: MkDocsConfig) -> None:
     """Add the generated pages."""
     made = {
-        "index.md": from_root("README.md"),
+        "overview.md": from_root("README.md"),
         "contributing.md": from_root("CONTRIBUTING.md"),
         "security.md": from_root("SECURITY.md"),
         "changelog.md": from_root("CHANGELOG.md"),
@@ -193,7 +199,7 @@ def on_page_content(content: str, **_: Any) -> str:
 def from_root(name: str) -> str:
     """Make a page of a file outside docs/, with its links and pictures relative to docs/."""
     page = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](").replace('src="docs/', 'src="')
-    page = page.replace("](README.md", "](index.md")
+    page = page.replace("](README.md", "](overview.md")
     return re.sub(r"\]\((CONTRIBUTING|SECURITY|CHANGELOG)\.md", lambda found: found[0].lower(), page)
 
 
@@ -252,10 +258,10 @@ def effects_page() -> str:
         f"{len(list_nameable())} effects. "
         "Each law is added to that side of the balance unless it says otherwise. Your own effect is "
         "[a few lines of Python](../how-to/effect.md).",
-        "| effect | law | kind |\n|---|---|---|",
+        "| effect | kind | law |\n|---|---|---|",
     ]
     parts[-1] += "".join(
-        f"\n| [`{id}`](#{id}) | {_law(kind.law)} | {kind.kind} |" for id, kind in list_nameable().items()
+        f"\n| [`{id}`](#{id}) | {kind.kind} | {_law(kind.law)} |" for id, kind in list_nameable().items()
     )
     for id, kind in list_nameable().items():
         looks = f" [How it looks](../which-effect.md#{id})." if id in effects() else ""
@@ -282,7 +288,7 @@ def which_effect() -> str:
         "by numbers. `pendulum-ident effects stribeck` prints the text of one effect.",
         "| the residual shows | possible effects |\n|---|---|",
         "The pictures show the residual of the base model without each effect, fitted to 20 s of the paper's "
-        "excitation: mean residual torque over angle, velocity, torque and time, and the range of noise (grey). The "
+        "excitation: mean residual torque over angle, velocity, torque and time, and the band of noise (grey, 5σ). The "
         "[app](app.md) and `pendulum-ident compare --report` draw the same four curves for your recordings. An effect "
         "that looks flat here needs another motion. A motor that turns with two joints of an arm causes "
         "friction of the sum of their speeds, [a coupling](robots/arms.md#diagnose). A residual that no "
@@ -320,7 +326,7 @@ def schemes_page() -> str:
 
 
 def _law(text: str) -> str:
-    return f"<code>{html.escape(text).replace('|', '&#124;')}</code>"  # a bar would end a cell of a table
+    return format_law(text).replace("|", "&#124;")  # a bar would end a cell of a table
 
 
 def _prose(kind: type[Any]) -> str:

@@ -1,10 +1,29 @@
 """Progress of long computations."""
 
 from collections.abc import Callable
+from typing import Self
 
 Progress = Callable[[str, float], None]  # text of the current work, share of the work that is done
 
 ROUND = 0.5  # share of the remaining bar that a round covers
+
+
+class Screened(str):
+    """Text of the current work, with the result of the last effect that was screened.
+
+    Attributes:
+        effect: id of the effect.
+        error: RMS error of the fit with it, in torque [N m] or in the loop [rad].
+    """
+
+    effect: str
+    error: float
+
+    def __new__(cls, text: str, effect: str, error: float) -> Self:
+        """Make the text."""
+        screened = super().__new__(cls, text)
+        screened.effect, screened.error = effect, error
+        return screened
 
 
 def no_progress(text: str, share: float) -> None:

@@ -18,7 +18,7 @@ from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.parameters import PlantParameters, PlantProperties, Values
 from pendulum_env.physics import Model
 from pendulum_env.plant import Effects, make_plant
-from pendulum_env.rendering import MODES, Renderer
+from pendulum_env.rendering import FRAMES, MODES, Renderer
 
 OWN_PLANT = {"replay": "a replay plays the plant it was recorded with", "dm1015b": "the rig is the plant"}
 
@@ -46,7 +46,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
     after a fault `fault`, its description and remedy.
     """
 
-    metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
+    metadata = {"render_modes": list(MODES), "render_fps": FRAMES}  # noqa: RUF012  (Gymnasium's own interface)
 
     @refuse_unknown_arguments
     def __init__(
@@ -106,7 +106,7 @@ class DirectDrivePendulum(PlantProperties, gym.Env[Observation, Action]):
         self.traits = self.backend.traits
         self.recording, self.rate, self.counts = self.traits.recording, self.traits.rate, self.traits.counts
         self.max_torque = min(float(max_torque), self.traits.max_torque)
-        self.metadata = {**self.metadata, "render_fps": self.rate}
+        self.metadata = {**self.metadata, "render_fps": min(self.rate, FRAMES)}
         self.observation_space, self.action_space = spaces.make_spaces(self.max_torque)
 
     def _open_plant(self, setup: Setup) -> None:

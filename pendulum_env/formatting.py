@@ -12,9 +12,10 @@ import numpy as np
 from pendulum_env.quantity import Quantity
 from pendulum_env.units import to_shown_unit
 
+PARTS, PARTS_OF_LEFTWARD = ("", *"▏▎▍▌▋▊▉"), ("", "▐")  # of a block
 SUPERSCRIPTS = str.maketrans("-0123456789n", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹ⁿ")
 POWER = re.compile(r"\^([0-9n])")
-OPTION = re.compile(r"(--[a-z]+ (?:'[^']*'|\S+=\S+))")  # an option with its value
+OPTION = re.compile(r"`([^`]*--[^`]*)`|(--[a-z]+ (?:'[^']*'|\S+=\S+))")  # a command, or an option with its value
 TYPOGRAPHY = tuple(  # pattern in a text of the command line, and its replacement on a page
     (re.compile(pattern), sign)
     for pattern, sign in (
@@ -72,9 +73,11 @@ def format_estimate(value: float, std: float) -> str:
 
 
 def draw_bar(share: float, width: int = 12) -> str:
-    """Draw a bar of up to `width` blocks; a positive share has at least one."""
-    filled = round(width * min(1.0, max(0.0, share)))
-    return "█" * max(1 if share > 0 else 0, filled)
+    """Draw a bar of up to `width` blocks in eighths, at least one; a negative share ends on the left, in halves."""
+    parts = PARTS if share >= 0 else PARTS_OF_LEFTWARD
+    size = min(len(parts) * width, max(share != 0, round(len(parts) * width * abs(share))))
+    blocks, rest = divmod(size, len(parts))
+    return blocks * "█" + parts[rest] if share >= 0 else parts[rest] + blocks * "█"
 
 
 def format_number(value: float, digits: int = 3, padded: bool = False) -> str:
@@ -90,20 +93,20 @@ def format_number(value: float, digits: int = 3, padded: bool = False) -> str:
 
 
 def format_unit(text: str) -> str:
-    """Format a unit for display; empty for a dimensionless quantity."""
-    return "" if text == "1" else text.replace("^2", "²").replace(" ", "\N{NO-BREAK SPACE}")
+    """Format a unit for a page, `kg·m²` for `kg m^2`; empty for a dimensionless quantity."""
+    return "" if text == "1" else text.replace("^2", "²").replace("deg C", "°C").replace(" ", "·")
 
 
 def typeset(text: str) -> str:
     """Set a text of the command line for a page: `q' -> 2 kg m^2` becomes `q̇ → 2 kg·m²`; options lose their dashes.
 
-    An option with its value stays, so that it can be copied.
+    A command with options, or an option with its value, stays, so that it can be copied.
     """
-    parts = OPTION.split(text)
+    parts = OPTION.split(text)  # text, command or None, option or None, text, ...
     for pattern, sign in TYPOGRAPHY:
-        parts[::2] = [pattern.sub(sign, part) for part in parts[::2]]
-    parts[::2] = [POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), part) for part in parts[::2]]
-    return "".join(parts)
+        parts[::3] = [pattern.sub(sign, part) for part in parts[::3]]
+    parts[::3] = [POWER.sub(lambda power: power[1].translate(SUPERSCRIPTS), part) for part in parts[::3]]
+    return "".join(filter(None, parts))
 
 
 def format_percent(share: float) -> str:

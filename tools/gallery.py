@@ -1,4 +1,4 @@
-"""Pictures of the residual of a model that lacks an effect, for every effect and two real machines."""
+"""Pictures of the residual of a model that lacks an effect, for every effect and three real machines."""
 
 import html
 from collections.abc import Sequence
@@ -8,10 +8,12 @@ import numpy as np
 
 from estimators.data.fits import fit_terms
 from estimators.data.split import split_recordings
-from estimators.signals.residual import AXES, SYMBOLS, Profile, compute_profiles
+from estimators.signals.residual import AXES, REGIONS, SYMBOLS, Profile, compute_profiles
 from estimators.weak_form.floors import compute_noise_floor
+from pendulum_env._typing import Array
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
+from pendulum_env.formatting import format_number, typeset
 from pendulum_env.physics import BASE, Coulomb, Inertia, Term, Viscous, effects
 from pendulum_env.plant import make_plant
 from pendulum_env.recording import Recording, read_recording
@@ -19,6 +21,8 @@ from pendulum_env.units import TURNING, JointUnits
 
 SECONDS = 20.0  # length of a recording [s]
 WIDTH, HEIGHT, MARGIN = 190.0, 110.0, 8.0  # of a panel [px]
+LEFT = 62.0  # of the scale before the panels [px]
+CENTER = 0.5 * (HEIGHT - 14)  # height of the zero line, above the text [px]
 CURVE, GRID, TEXT = "#c2611f", "#8a93a5", "#7c8699"  # visible on light and dark backgrounds
 
 
@@ -31,13 +35,15 @@ def gallery(folder: Path) -> None:
 
 
 def machines(folder: Path, data: Path) -> None:
-    """Write pictures of the residual in two recordings of `docs/machines.md`."""
+    """Write pictures of the residual in three recordings of `docs/machines.md`."""
     folder.mkdir(exist_ok=True)
     emps = read_recording(data / "emps" / "emps.csv.gz", columns={"position": "position:m", "torque": "torque:N"})
     drawn = compute_residuals(emps, (Inertia(), Viscous(), Coulomb()), JointUnits(is_prismatic=True))
     _write(folder / "emps.svg", draw_row("What friction that is the same in both directions leaves", drawn))
     motor = read_recording(data / "odrive" / "accel_5_nocomp_first22.csv.gz")
     _write(folder / "odrive.svg", draw_row("What a rotor without cogging leaves", compute_residuals(motor)))
+    pendulum = read_recording(data / "dfki" / "pd_system_identification.csv")
+    _write(folder / "dfki.svg", draw_row("What the rigid model leaves", compute_residuals(pendulum)))
 
 
 def compute_residuals(recording: Recording, terms: Sequence[Term] = BASE, units: JointUnits = TURNING) -> list[Profile]:
@@ -49,33 +55,44 @@ def compute_residuals(recording: Recording, terms: Sequence[Term] = BASE, units:
 
 
 def draw_row(title: str, profiles: Sequence[Profile]) -> str:
-    """Return a row of panels on one scale [N m] as SVG."""
+    """Return a row of panels on one scale, which stands before them, as SVG."""
     largest = max(float(np.abs(item.mean).max()) for item in profiles) or 1.0
-    panels = "".join(draw_panel(item, k * WIDTH, largest) for k, item in enumerate(profiles))
-    size = f'width="{len(profiles) * WIDTH:g}" height="{HEIGHT:g}" viewBox="0 0 {len(profiles) * WIDTH:g} {HEIGHT:g}"'
-    label = f"<title>{html.escape(title)}, up to {largest:.2g} {profiles[0].units.unit('N m')}</title>"
+    unit, width = typeset(profiles[0].units.unit("N m")), LEFT + len(profiles) * WIDTH
+    panels = "".join(draw_panel(item, LEFT + k * WIDTH, largest) for k, item in enumerate(profiles))
+    scale = [(MARGIN + 4, f"{largest:.2g} {unit}"), (CENTER + 4, "0"), (2 * CENTER - MARGIN + 4, f"−{largest:.2g}")]
+    panels += "".join(f'<text x="{LEFT:g}" y="{y:g}" text-anchor="end">{text}</text>' for y, text in scale)
+    size = f'width="{width:g}" height="{HEIGHT:g}" viewBox="0 0 {width:g} {HEIGHT:g}"'
+    label = f"<title>{html.escape(title)}, up to {largest:.2g} {unit}; grey: noise, ±{REGIONS.z_limit:g}σ</title>"
     style = f'font-family="system-ui, sans-serif" font-size="11" fill="{TEXT}"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {style}>{label}{panels}</svg>\n'
 
 
 def draw_panel(item: Profile, left: float, largest: float) -> str:
     """Return a panel with the mean residual over one quantity, zero line and noise band, as SVG."""
-    middle, reach = 0.5 * (HEIGHT - 14), 0.5 * (HEIGHT - 14) - MARGIN
     inner = WIDTH - 2 * MARGIN
     low, high = float(item.edges[0]), float(item.edges[-1])
-    x = left + MARGIN + inner * (0.5 * (item.edges[1:] + item.edges[:-1]) - low) / ((high - low) or 1.0)
-    y = middle - reach * item.mean / largest
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-    band = 2 * reach * min(1.0, 2 * float(np.median(item.error)) / largest)
+    x = left + MARGIN + inner * (item.middle - low) / ((high - low) or 1.0)
+
+    def place(x_values: Array, values: Array) -> str:
+        y = CENTER - (CENTER - MARGIN) * np.clip(values / largest, -1.0, 1.0)
+        return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x_values, y, strict=True))
+
+    band = place(np.r_[x, x[::-1]], np.r_[item.band, -item.band[::-1]])
     below, ends = HEIGHT - 3, (left + MARGIN, left + WIDTH - MARGIN)
     return (
-        f'<rect x="{ends[0]:g}" y="{middle - band / 2:.1f}" width="{inner:g}" height="{band:.1f}" fill="{GRID}" '
-        f'fill-opacity="0.25"/><path d="M{ends[0]:g} {middle:g}H{ends[1]:g}" stroke="{GRID}" stroke-width="0.7"/>'
-        f'<polyline points="{points}" fill="none" stroke="{CURVE}" stroke-width="1.8"/>'
-        f'<text x="{ends[0]:g}" y="{below:g}">{low:.2g}</text>'
-        f'<text x="{0.5 * sum(ends):g}" y="{below:g}" text-anchor="middle">{html.escape(SYMBOLS[item.axis])} '
-        f'[{item.unit}]</text><text x="{ends[1]:g}" y="{below:g}" text-anchor="end">{high:.2g}</text>'
+        f'<polygon points="{band}" fill="{GRID}" fill-opacity="0.3"/>'
+        f'<path d="M{ends[0]:g} {CENTER:g}H{ends[1]:g}" stroke="{GRID}" stroke-width="0.7"/>'
+        f'<polyline points="{place(x, item.mean)}" fill="none" stroke="{CURVE}" stroke-width="1.8"/>'
+        f'<text x="{ends[0]:g}" y="{below:g}">{_write_end(low, high)}</text>'
+        f'<text x="{0.5 * sum(ends):g}" y="{below:g}" text-anchor="middle">{typeset(SYMBOLS[item.axis])} '
+        f"[{typeset(item.unit)}]</text>"
+        f'<text x="{ends[1]:g}" y="{below:g}" text-anchor="end">{_write_end(high, low)}</text>'
     )
+
+
+def _write_end(end: float, other: float) -> str:
+    """Write an end of an axis to two digits; 0 for an end that is small beside the other."""
+    return format_number(end if abs(end) > 0.01 * abs(other) else 0.0, 2)
 
 
 def _write(path: Path, text: str) -> None:

@@ -84,6 +84,11 @@ def make_axis(title: str, **options: object) -> JSON:
     return {"title": {"text": typeset(title)}, **options}
 
 
+def make_title(text: str) -> JSON:
+    """Make the title of a plot, above its left end."""
+    return {"title": {"text": text, "x": 0, "font": {"size": 12.5}, "pad": {"l": 8}}}
+
+
 def insert_gaps(time: Array, indices: Index, *series: Array) -> tuple[Array, list[Array]]:
     """Select samples of time (N,) and series (N,) by index, with NaN wherever the time has a gap."""
     steps = np.diff(time)

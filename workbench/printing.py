@@ -11,10 +11,10 @@ from workbench.terminal import Terminal
 MORE = "more: -v lists candidates and all that was found, --report FILE.html draws it"
 
 
-def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
-    """Print the parts of a result."""
+def print_parts(parts: Sequence[Part], terminal: Terminal, color: str = "default") -> None:
+    """Print the parts of a result, with the titles in a colour."""
     for part in parts:
-        terminal.print_heading(part.title)
+        terminal.print_heading(part.title, color)
         for item in list_texts(part.content):
             if isinstance(item, TextTable):
                 terminal.print_table(*item)
@@ -24,7 +24,8 @@ def print_parts(parts: Sequence[Part], terminal: Terminal) -> None:
 
 def print_diagnosis(diagnosis: Diagnosis, terminal: Terminal, verbose: bool = False, hint: str = MORE) -> None:
     """Print the summary of a diagnosis; with `verbose`, tables and all remarks follow, else the line `hint`."""
-    print_parts([narrate_summary(diagnosis, None if verbose else REMARKS)], terminal)
+    color = "red" if diagnosis.unexplained else "yellow" if diagnosis.selected else "green"
+    print_parts([narrate_summary(diagnosis, None if verbose else REMARKS)], terminal, color)
     if verbose:
         print_parts(narrate_diagnosis(diagnosis), terminal)
     elif hint:

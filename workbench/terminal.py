@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from textwrap import fill
 from typing import IO
 
 from rich import box
@@ -33,13 +34,15 @@ class Terminal:
         self._out = _make_console(stderr=not has_output, quiet=quiet)
         self._err = _make_console(stderr=True, quiet=quiet)
 
-    def print_heading(self, text: str) -> None:
-        """Print a blank line and a heading."""
+    def print_heading(self, text: str, color: str = "default") -> None:
+        """Print a blank line and a heading; a pipe has no colour."""
         self._out.print()
-        self._out.print(text, style="bold")
+        self._out.print(text, style=f"bold {color}")
 
     def print(self, text: str, style: str | None = None) -> None:
-        """Print a paragraph without interpreting markup."""
+        """Print a paragraph without interpreting markup; on a terminal, its further lines are indented."""
+        if self._out.is_terminal and "\n" not in text:
+            text = fill(text, self._out.width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
         self._out.print(text, style=style)
 
     def print_table(self, headers: Sequence[str], rows: Sequence[Sequence[str]], left: Sequence[str] = ()) -> None:

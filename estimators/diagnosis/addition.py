@@ -42,6 +42,7 @@ from estimators.selection.search import SearchResult
 from estimators.selection.state import SearchState
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Bounds, Model, Term, is_dry, is_hidden
+from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.joints import find_kind
 from pendulum_env.recording.study import collect_log_format
 
@@ -139,7 +140,7 @@ def fit_without_and_with(evidence: Evidence, kind: type[Term]) -> list[Step]:
     """
     evidence.progress("fitting without it", 0.1)
     start = refit_nonlinear(evidence, evidence.fits.base)
-    evidence.progress(f"searching {kind.id}", 0.3)
+    evidence.progress(f"searching the best {name_effect(kind.id)}", 0.3)
     trial = find_best_variant(evidence, start, kind, is_determined=True)
     terms = None if trial is None else refit_nonlinear(evidence, release_significant(evidence, trial.terms))
     if is_dry(kind()) and (terms is None or not evidence.decide(terms, start, SWAP).passed):
@@ -147,7 +148,7 @@ def fit_without_and_with(evidence: Evidence, kind: type[Term]) -> list[Step]:
             return find_model_path(by_motion)
     if terms is None:
         raise IdentificationError(f"{', '.join(evidence.train.names)}: nothing there shows {kind.id}", kind.id)
-    evidence.progress(f"fitting with {kind.id}", 0.8)
+    evidence.progress(f"fitting with {name_effect(kind.id)}", 0.8)
     before, longer = evidence.fits.fit_with_std(start), evidence.fits.fit_with_std(terms, added=kind.id)
     if (name := find_undetermined_parameter(evidence, longer)) is not None:
         raise IdentificationError(

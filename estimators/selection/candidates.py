@@ -10,6 +10,7 @@ from estimators.decisions.decision import NOTHING_TESTED, Decision
 from estimators.decisions.errors import Step, Terms
 from estimators.decisions.gate import Gate
 from estimators.memoize import memoized
+from estimators.progress import Screened
 from estimators.search_hints import find_hints, is_possible
 from estimators.selection.evidence import Evidence
 from estimators.selection.policies import ADD, KEEP_BASE, SWAP
@@ -17,6 +18,7 @@ from estimators.weak_form.nonlinear import list_continuous_parameters, list_rele
 from estimators.weak_form.rows import ScoredTerms
 from estimators.weak_form.torque_windows import find_largest_sizes
 from pendulum_env.physics import Term, count_term_parameters, has_transmission, list_ids
+from pendulum_env.physics.effect_texts import name_effect
 
 SAME = 1e-6  # relative difference of equal torques by rounding
 
@@ -45,12 +47,14 @@ def screen_library(evidence: Evidence, terms: Terms, excluded: Collection[str] =
         if gate is not None:
             screened[effect.id] = Screening(None, Decision((gate,)))
             continue
-        evidence.progress(f"screening {effect.id}", n_done / len(missing))
+        text = f"effect {n_done + 1} of {len(missing)}, {name_effect(effect.id)}"
+        evidence.progress(text, n_done / len(missing))
         if (trial := screen_effect(evidence, terms, effect)) is None:
             screened[effect.id] = Screening(None, Decision((Gate("variants", 0, 1, False),)))
         else:
             possible = Decision(tuple(evidence.fits.find_violations(trial.terms)))
             screened[effect.id] = Screening(trial.terms if possible.passed else None, possible)
+            evidence.progress(Screened(text, effect.id, trial.fitted_rms), (n_done + 1) / len(missing))
     return screened
 
 

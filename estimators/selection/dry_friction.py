@@ -15,6 +15,7 @@ from estimators.simulation import output_error
 from estimators.weak_form.point import Point
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Samples, Term, is_dry, list_ids
+from pendulum_env.physics.effect_texts import name_effect
 
 SHARES = (0.1, 0.3, 1.0, -0.1, -0.3)  # of the dry friction of the model, sizes of an effect in the best start
 
@@ -30,7 +31,7 @@ def screen_dry_friction(evidence: Evidence, terms: Terms) -> list[Terms]:
     for id, kind in evidence.library.items():
         if id in ids or not is_dry(kind()):
             continue
-        evidence.progress(f"fitting {id} to the motion", 0.5)
+        evidence.progress(f"fitting {name_effect(id)} to the motion", 0.5)
         x = evidence.train.motions[kind.at]
         starts = list_starts(evidence, terms, make_grid(kind, x, np.zeros_like(x.torque)), x)
         if starts:

@@ -14,6 +14,7 @@ from estimators.simulation import multiple_shooting
 from estimators.weak_form.nonlinear import set_values
 from estimators.weak_form.point import Point
 from pendulum_env.physics import SIGNIFICANT, NonlinearParameter, find_link
+from pendulum_env.physics.effect_texts import name_effect
 
 LINK_SHARE = 0.3  # of the friction, that a link has at first; fits to torque from 0.1, as in the loop, end elsewhere
 
@@ -111,7 +112,7 @@ def fit_link_states(state: SearchState, longer: Terms) -> SearchState | None:
     """
     evidence = state.evidence
     step, before = evidence.fits.fit(longer, added=longer[-1].id), evidence.fits.fit(state.terms)
-    evidence.progress(f"fitting the states of {step.added}", 0.9)
+    evidence.progress(f"fitting the states of {name_effect(longer[-1].id)}", 0.9)
     refitted = evidence.fits.make_step(
         multiple_shooting.estimate(evidence.train.data.windows, step.model), added=step.added
     )

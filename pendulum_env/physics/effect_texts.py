@@ -1,11 +1,16 @@
 """Texts on built-in effects and base terms; users' effects have a `Description` or only an id."""
 
+import re
+
 from pendulum_env.physics.description import DESCRIPTIONS, Description
 
 NAMES = {  # names of schemes that differ from their id
     "filtered_hamiltonian": "filtered Hamiltonian",
     "hamiltonian": "Hamiltonian",
 }
+
+# id, joint behind it or at the end, and name of a parameter within its effect
+PARAMETER = re.compile(r"(?P<id>\w+)(@(?P<joint>[^.]+))?(\.(?P<own>\w+))?(@(?P<last>.+))?")
 
 
 def find_description(effect: str) -> Description:
@@ -26,6 +31,19 @@ def name_effect(effect: str) -> str:
     id, at, joint = effect.partition("@")
     title = find_description(id).title or NAMES.get(id, id.replace("_", " "))
     return f"{title} at {joint}" if at else title
+
+
+def name_parameter(name: str) -> str:
+    """Return the name of a parameter in a sentence: `Stribeck velocity`, `cogging torque: order`."""
+    parts = PARAMETER.fullmatch(name)
+    if parts is None or not parts["own"] or parts["id"] not in EFFECTS | DESCRIPTIONS:
+        return name_effect(name)
+    id, own, joint = parts["id"], parts["own"].replace("_", " "), parts["joint"] or parts["last"]
+    if own.startswith("stribeck"):
+        own = own.capitalize()
+    elif not own.startswith(id.replace("_", " ")):
+        own = f"{name_effect(id).removeprefix('a ')}: {own}"
+    return f"{own} at {joint}" if joint else own
 
 
 EFFECTS: dict[str, Description] = {

@@ -12,7 +12,7 @@ from pendulum_env.backends.sensing import COUNTS, Sensor
 from pendulum_env.formatting import join_words
 from pendulum_env.lookup import find, refuse_unknown_arguments
 from pendulum_env.plant import PAPER, Effects
-from pendulum_env.rendering import MODES, Renderer
+from pendulum_env.rendering import FRAMES, MODES, Renderer
 from pendulum_env.spaces import MAX_TORQUE, MAX_VELOCITY, VELOCITIES, check_positive, is_beyond, make_spaces
 from robots.arms.body import Body
 from robots.arms.planar import TWO_LINK, Link, PlanarBodies, make_joint_models, name_joints, write_urdf
@@ -42,7 +42,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
         counts: encoder counts per turn.
     """
 
-    metadata = {"render_modes": list(MODES), "render_fps": 50}  # noqa: RUF012  (Gymnasium's own interface)
+    metadata = {"render_modes": list(MODES), "render_fps": FRAMES}  # noqa: RUF012  (Gymnasium's own interface)
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class SimulatedArm(gym.Env[Observation, Action]):
         """Set joints, simulated bodies, sensor, sample rate [Hz] and bound of the actions [N m]."""
         self.joints, self.sensor, self._bodies = tuple(joints), sensor, bodies
         self.rate, self.counts, self.max_torque = float(rate), sensor.counts, float(max_torque)
-        self.metadata = {**self.metadata, "render_fps": self.rate}
+        self.metadata = {**self.metadata, "render_fps": min(self.rate, FRAMES)}
         self.observation_space, self.action_space = make_spaces(self.max_torque, len(self.joints))
         self._is_running = False
 

@@ -23,7 +23,7 @@ from tests.workbench.test_processes import sleep
 from tests.patience import wait_until
 if __name__ == "__main__":
     job = Job("a job", sleep, Workers())
-    wait_until(lambda: job.description == "sleeping")
+    wait_until(lambda: job.progress[0] == "sleeping")
     print("running", flush=True)
     job.over.wait()
 """,

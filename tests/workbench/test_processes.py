@@ -65,7 +65,7 @@ def wait(job: Job) -> Any:
 def test_a_job_ends_with_its_result_or_with_a_sentence(workers):
     workers.start_spare()
     first = begin(functools.partial(count, 3), workers)
-    assert wait(first) == 3 and first.description == "step 2"
+    assert wait(first) == 3 and first.progress[0] == "step 2"
     with pytest.raises(InputError, match="the data are too few"):
         wait(begin(refuse, workers))
     for task in (vanish, lambda tell: None, give_what_does_not_travel):  # nor is the next one any trouble
@@ -77,7 +77,7 @@ def test_a_job_ends_with_its_result_or_with_a_sentence(workers):
 def test_a_cancelled_job_ends_at_once_and_comes_to_nothing(workers):
     ended = []
     job = begin(sleep, workers, ended.append)
-    wait_until(lambda: job.description == "sleeping")
+    wait_until(lambda: job.progress[0] == "sleeping")
     children = multiprocessing.active_children()
     job.cancel()
     wait_until(lambda: any(not child.is_alive() for child in children))

@@ -20,6 +20,7 @@ from estimators.schemes.identifiability import Gap, Undetermined
 from estimators.signals.residual import Region, compute_profiles, find_regions
 from pendulum_env.formatting import capitalise, format_number, typeset
 from pendulum_env.physics import Samples
+from pendulum_env.physics.effect_texts import name_parameter
 from robots.arms import arm_base
 from tests import two_link
 from tests.cases import diagnosed
@@ -32,6 +33,7 @@ from workbench.report import SECTIONS, render
 from workbench.report.comparison import make_comparison
 from workbench.report.data import ReportData
 from workbench.report.failures import make_failures, plot_profile
+from workbench.report.matches import make_rivals
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out_recordings=("<run>",))
@@ -76,7 +78,7 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):
             assert f"{errors.torque_rms:.4g}" in text and f"{errors.position_rms:.4g}" in text
     assert format_number(diagnosis.floors[""], padded=True) in text
     for name, estimate in diagnosis.model.estimates.items():
-        assert name in text
+        assert capitalise(name_parameter(name)) in text
         assert f"± {estimate.std:.{1 - int(np.floor(np.log10(estimate.std)))}f}" in text
     for candidate in diagnosis.candidates:
         assert capitalise(typeset(describe_reason(candidate))) in text
@@ -84,9 +86,25 @@ def test_numbers_in_the_text_are_those_of_the_diagnosis(page, diagnosis):
 
 def test_parameters_that_the_base_model_got_wrong_are_told(page, diagnosis):
     wrong, right = (step.model.estimates["coulomb"].value for step in diagnosis.steps)
-    told = re.search(r"Without it, the fit put .*Coulomb friction ([\d.]+) % too high", Page(page).text)
-    assert float(told[1]) == pytest.approx(100 * (wrong / right - 1), abs=0.5)
-    assert "inertia" not in told[0]  # reversals are fast enough to tell it apart
+    told = re.search(r"coulomb = ([\d.]+) # N m, was ([\d.]+)", Page(page).text)
+    assert [float(told[1]), float(told[2])] == pytest.approx([right, wrong], rel=1e-3) and wrong > 1.01 * right
+
+
+def test_the_report_tells_the_recordings_the_values_to_use_and_why_it_is_no_rival(page, diagnosis):
+    found = Page(page)
+    recording = diagnosis.data.recordings[0]
+    assert f"{recording.duration:.3g}" in found.text and f"{recording.rate:.4g}" in found.text
+    ids = [id for id in values(found, "id") if id.startswith(("rival-", "trace-"))]
+    rivals = [f"rival-0-{k}-velocity" for k in range(3)]
+    assert ids == [*rivals, "trace-0-0", "trace-1-0"]
+    case = ReportData(diagnosis)
+    section = make_rivals(case)
+    left = []
+    for figure in list_figures(section.content):
+        dots, curve = (np.array(trace["y"]) for trace in figure.data[-2:])
+        x = [np.array(trace["x"]) for trace in figure.data[-2:]]
+        left.append(np.std(dots - np.interp(x[0], x[1], curve)))
+    assert left[0] < 0.5 * min(left[1:])  # the curve of the effect alone lies in the dots
 
 
 def test_hostile_names_stay_text(diagnosis):

@@ -59,6 +59,8 @@ def write_choice(name: str, value: object) -> str:
     """Format an argument in a message of the app: columns as choices on the card, others as on the command line."""
     if name == "unwrap":
         return f"the box “{UNWRAP}” ticked"
+    if name == "fixed" and isinstance(value, Mapping):
+        return f"{', '.join(f'{key}={item}' for key, item in value.items())} among the known values of Diagnose"
     if name != "columns" or not isinstance(value, Mapping):
         return write_option(name, value)
     return join_words([_describe_choice(role, text) for role, text in value.items()])

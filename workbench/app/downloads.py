@@ -10,6 +10,7 @@ from estimators.schemes.result import SAVED_SCHEME
 from pendulum_env.files import format_json
 from pendulum_env.lookup import find
 from pendulum_env.recording.study import collect_log_format, write_study
+from workbench.app.demo import FOLDER as DEMO
 from workbench.app.state import State, list_added
 from workbench.app.uploads import MODEL, STUDY
 from workbench.errors import InputError
@@ -22,13 +23,13 @@ REPORT, DIAGNOSIS, EXPERIMENT = "report.html", "diagnosis.json", "experiment.csv
 
 def write_commands(state: State) -> str:
     """Write the command lines that make the model of a state."""
-    train, holdout = ([s.source.file.name for s in state.loaded if s.held_out == is_held] for is_held in (False, True))
+    files = [(item.held_out, item.source.file) for item in state.loaded]
+    train, holdout = ([str(f) if f.parent == DEMO else f.name for is_held, f in files if is_held == k] for k in (0, 1))
     recordings = [*train, *(word for file in holdout for word in ("--holdout", file))]
     if is_study_needed(state):
         train = recordings = [STUDY]  # the study names the held-out recordings
     limits, align = state.choices.write_options("fix", "bound"), ["--align"] * state.is_aligned
-    lines = [["record", *item.origin, "-o", item.source.file.name] for item in state.loaded if item.origin]
-    model, scheme = state.model_file, list[str]()
+    lines, model, scheme = list[list[str]](), state.model_file, list[str]()
     if (robot := state.robot) is not None:
         of_robot = ["--robot", robot.file.name, *["--rotors"] * bool(robot.rotors)]
         train = recordings = [*recordings, *of_robot, *["--no-gravity"] * robot.weightless]

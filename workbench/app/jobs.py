@@ -2,33 +2,35 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import BrokenExecutor, Future
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from estimators.progress import Progress
+from estimators.progress import Progress, Screened
 from pendulum_env.physics.plugin import describe_fault, list_plugins, load_plugin
 from workbench.errors import USER_ERRORS, InputError, format_mistake
 from workbench.processes import PROGRESS, Pool
 
 LOST = "the work ended unexpectedly: try again"
 # Imported before a task comes
-LIBRARIES: tuple[str, ...] = ("estimators.diagnosis.addition", "pendulum_env.backends.simulated")
+LIBRARIES: tuple[str, ...] = ("estimators.diagnosis.addition", "scipy.signal")
 Task = Callable[[Progress], Any]  # function and result must be picklable
 
 
 class Worker(Pool):
-    """Process with loaded libraries, for one task."""
+    """Process with loaded libraries, for one task at a time."""
 
     def __init__(self) -> None:
         """Start the process and load its libraries."""
-        # progress: current step as text, completed share
-        self.what, self.share = multiprocessing.RawArray("c", 200), multiprocessing.RawValue("d")
+        # progress: current step and errors of the screened effects as JSON, completed share
+        self.what, self.share = multiprocessing.RawArray("c", 8000), multiprocessing.RawValue("d")
         super().__init__(1, (), LIBRARIES, self.what, self.share)
         self.submit(int)
 
@@ -56,6 +58,14 @@ class Workers:
         except BrokenExecutor:  # the spare worker died
             return self.start(task)
 
+    def take_back(self, worker: Worker) -> None:
+        """Keep a worker whose task has ended as the spare worker, or end it if there is one."""
+        with self._lock:
+            keeps = self._spare is None and not self._closed
+            self._spare = worker if keeps else self._spare
+        if not keeps:
+            worker.end()
+
     def close(self) -> None:
         """End the spare worker; `start_spare` starts no other."""
         with self._lock:
@@ -74,15 +84,18 @@ class Job:
         self.running, self.over = True, threading.Event()  # `over` is set when the task has ended or is cancelled
         self._began, self._workers = time.monotonic(), workers
         self._worker, self._future = workers.start(task)
+        self._said: tuple[str, dict[str, float]] = "starting", {}
 
     def call_at_end(self, ended: Callable[[Job], None]) -> None:
         """Register a function to call at the end of the task, unless the task is cancelled."""
         self._future.add_done_callback(lambda _: self._end(ended))
 
     @property
-    def description(self) -> str:
-        """Return the current step of the task."""
-        return self._worker.what.value.decode(errors="ignore") or "starting"
+    def progress(self) -> tuple[str, dict[str, float]]:
+        """Return the current step of the task, and the error with each effect that was screened, by id."""
+        with suppress(ValueError):  # the worker is writing
+            self._said = json.loads(self._worker.what.value)
+        return self._said
 
     @property
     def share(self) -> float:
@@ -108,35 +121,38 @@ class Job:
     def cancel(self) -> None:
         """Cancel the task and discard its result."""
         self.running = False
-        self._close()
-
-    def _end(self, ended: Callable[[Job], None]) -> None:
-        try:
-            if self.running:
-                ended(self)
-        finally:
-            self.running = False
-            self._close()
-
-    def _close(self) -> None:
         self._worker.end()
         self._workers.start_spare()
         self.over.set()
 
+    def _end(self, ended: Callable[[Job], None]) -> None:
+        if not self.running:
+            return
+        self._workers.take_back(self._worker)  # `ended` may start the next task in it
+        try:
+            ended(self)
+        finally:
+            self.running = False
+            self.over.set()
+
 
 def _run_task(task: Task, files: Sequence[Path]) -> Any:
     """Load the effect files of the parent process and run a task; users' errors become InputError."""
+    errors = dict[str, float]()
+
+    def set_progress(text: str, completed: float) -> None:
+        if isinstance(text, Screened):
+            errors.setdefault(text.effect, text.error)  # of the first round, in which all effects compete
+        step, share = PROGRESS
+        step.value, share.value = json.dumps([text, errors]).encode(), completed
+
     try:
         for file in files:
             load_plugin(file)
-        return task(_set_progress)
+        set_progress("starting", 0.0)
+        return task(set_progress)
     except BaseException as error:
         mistake = error if isinstance(error, USER_ERRORS) else describe_fault(error)
         if mistake is None:
             raise
         raise InputError(format_mistake(mistake)) from None
-
-
-def _set_progress(text: str, completed: float) -> None:
-    step, share = PROGRESS
-    step.value, share.value = text.encode()[:199], completed

@@ -7,7 +7,7 @@ from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.physics import BASE
-from pendulum_env.physics.effect_texts import name_effect
+from pendulum_env.physics.effect_texts import name_effect, name_parameter
 from workbench.app.parts import make_aria, make_button, make_panel
 from workbench.app.session import Session
 from workbench.app.state import State
@@ -16,6 +16,8 @@ from workbench.narrator.findings import describe, describe_timing
 from workbench.narrator.results import get_end_errors
 
 WHY = "No effect of the library does that, but several imitate it."
+LEAST = 0.1  # completed share from which the remaining time is estimated
+RANKED = 5  # largest number of effects in the ranking of a running search
 NBSP = "\N{NO-BREAK SPACE}"  # between a number and its unit
 
 
@@ -67,39 +69,40 @@ def show_job(session: Session) -> list[Component]:
     job = session.job
     if job is None or not job.running:
         return []
-    progress = f" {job.description} · {job.elapsed:.0f}{NBSP}s so far"
+    step, errors = job.progress
+    progress = f" {step} · {job.elapsed:.0f}{NBSP}s so far"
+    if job.share > LEAST:
+        progress += f", about {job.elapsed * (1 / job.share - 1):.0f}{NBSP}s left"
     text = html.Div([html.Strong(job.title), html.Span(progress, className="note")])
     bar = html.Progress(value=str(round(job.share, 3)), max="1", **make_aria(label=job.title))
-    return [html.Div([text, bar], className="running-text"), make_button("Cancel", "cancel")]
+    largest, ranking = max(errors.values(), default=0.0), sorted(errors, key=errors.__getitem__)[:RANKED]
+    shares = [html.Progress(value=f"{1 - (errors[id] / largest) ** 2:.3f}", max="1") for id in ranking]
+    rows = [html.Li([capitalise(name_effect(id)), share]) for id, share in zip(ranking, shares, strict=True)]
+    so_far = [html.P("These explain most of the residual so far:", className="note"), html.Ol(rows)] if rows else []
+    return [html.Div([text, bar, *so_far], className="running-text"), make_button("Cancel", "cancel")]
 
 
 def show_findings(state: State) -> Component:
     """Render the parameters that the recordings determine, and findings on the others."""
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.failure_reason else state.model.terms
-    known = [name_effect(column.name) for term in terms for column in term.columns if column.name not in withheld]
-    text = html.P(["They tell ", html.Strong(join_words(known)), "."])
-    known_text = [text] if known and not state.failure_reason else []
+    known = [name_parameter(column.name) for term in terms for column in term.columns if column.name not in withheld]
+    known_text = [html.P(["They tell ", html.Strong(join_words(known)), "."])] if known and state.fit else []
     result = state.diagnosis or state.fit
-    texts = [state.failure_reason] if state.failure_reason else []
-    texts += map(describe, result.disagreements if result is not None else ())
-    texts += map(describe, state.doubts)
-    cannot = html.Ul([html.Li(capitalise(text)) for text in texts])
-    nothing = html.P("They determine all parameters of the model.")
-    return make_panel("What these recordings tell, and what not", *known_text, cannot if texts else nothing)
+    findings = [*(result.disagreements if result is not None else ()), *state.doubts]
+    texts = [*filter(None, [state.failure_reason]), *map(describe, findings)]
+    cannot = [html.Ul([html.Li(capitalise(text)) for text in texts])] if texts else []
+    return make_panel("What these recordings tell, and what not", *known_text, *cannot)
 
 
 def show_timing(state: State) -> list[Component]:
     """Render findings on the timing of the torque, with a button to correct it; empty without findings."""
     if state.fit is None or not (state.fit.late or state.fit.slow):
         return []
-    buttons = []
-    if state.fit.late:
-        remedy = "It is corrected in all that follows." if state.is_aligned else WHY
-        texts = [describe_timing(law, remedy) for law in state.fit.late]
-        buttons = [] if state.is_aligned else [make_button("Correct it", "align", primary=True)]
-    else:
-        texts = [describe(law) for law in state.fit.slow]
+    remedy = "It is corrected in all that follows." if state.is_aligned else WHY
+    texts = [describe_timing(law, remedy) for law in state.fit.late] or [describe(law) for law in state.fit.slow]
+    is_correctable = state.fit.late and not state.is_aligned
+    buttons = [make_button("Correct it", "align", primary=True)] if is_correctable else []
     return [make_panel("Torque and motion in time", *map(html.P, texts), *buttons)]
 
 

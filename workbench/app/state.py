@@ -91,14 +91,12 @@ class LoadedRecording:
     id: str  # file name, with a number for further ranges of one file
     source: Source  # file, reading options and role
     recording: Recording  # as read from the source
-    origin: tuple[str, ...] = ()  # arguments of `pendulum-ident record` that made the file; empty for an upload
 
     @classmethod
     def read(
         cls,
         source: Source,
         loaded: Sequence[Self] = (),
-        origin: tuple[str, ...] = (),
         read_source: Callable[[Source], Recording] = read_pendulum,
     ) -> Self:
         """Read a recording; it may be another range of a known file.
@@ -112,7 +110,7 @@ class LoadedRecording:
         recording = read_source(source)
         endings = ("", *(f" ({k})" for k in range(2, len(ids) + 2)))
         suffix = next(ending for ending in endings if name + ending not in ids)
-        return cls(f"{name}{suffix}", source, replace(recording, name=f"{recording.name}{suffix}"), origin)
+        return cls(f"{name}{suffix}", source, replace(recording, name=f"{recording.name}{suffix}"))
 
     @property
     def held_out(self) -> bool:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pendulum_env._typing import Array
-from pendulum_env.formatting import TextTable
+from pendulum_env.formatting import PARTS, TextTable
 from pendulum_env.notebook import BLUE
 from workbench.figure import select_samples
 from workbench.narrator.parts import Part
@@ -67,7 +67,7 @@ def make_table(content: TextTable) -> Html:
         return make_element("tr", "background:none", *(make_cell(tag, style, k, text) for k, text in enumerate(cells)))
 
     def make_cell(tag: str, style: str, place: int, text: str) -> Html:
-        bar = f"color:{BLUE};letter-spacing:-.05em;" if text.startswith("█") else ""
+        bar = f"color:{BLUE};letter-spacing:-.05em;" if text[:1] in ("█", *PARTS[1:]) else ""
         wrap = "normal" if tag == "th" or (place > 0 and is_left[place]) else "nowrap"
         layout = f"padding:.22em .75em .22em 0;vertical-align:top;{LINE};white-space:{wrap}"
         return make_element(tag, f"{layout};text-align:{'left' if is_left[place] else 'right'};{bar}{style}", text)

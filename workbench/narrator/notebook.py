@@ -9,7 +9,7 @@ from estimators.findings import Finding
 from estimators.online.estimates import SchemeEstimate, SchemeEstimates
 from estimators.schemes.fitting import Identified
 from estimators.signals.residual import Region
-from pendulum_env.formatting import TextTable, capitalise, format_unit, join_words, measure_range
+from pendulum_env.formatting import TextTable, capitalise, join_words, measure_range
 from pendulum_env.notebook import BLUE, GREEN, ORANGE, render_html, render_text, summarise
 from pendulum_env.physics import Model
 from pendulum_env.recording import NEWTON_METRE, Note, Recording, TorqueConstant
@@ -77,7 +77,7 @@ def show_recording(recording: Recording) -> str:
     if not recording.torque.any():
         lines.append("torque is never applied: only ratios of parameters can be known")
     plots = [
-        make_plot(f"{label} [{format_unit(symbol)}] over {recording.duration:.3g} s", recording.time, curves)
+        make_plot(f"{label} [{symbol}] over {recording.duration:.3g} s", recording.time, curves)
         for label, values, symbol, color in signals
         for curves in [[PlotCurve(series, color) for series in np.atleast_2d(values.T)]]  # one curve for each joint
     ]

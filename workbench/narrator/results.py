@@ -53,11 +53,11 @@ def narrate_summary(diagnosis: Diagnosis, n_remarks: int | None = REMARKS) -> Pa
         added = [term.id for term in diagnosis.model.terms if term.id in diagnosis.selected]
         estimates = {name: estimate for id in added for name, estimate in diagnosis.model.get_parameters(id).items()}
     step = narration.describe_next_step(diagnosis)
-    lines = [*narration.list_laws(diagnosis), narration.describe_errors(diagnosis)]
+    lines: list[str | TextTable] = [*narration.list_laws(diagnosis), narration.describe_errors(diagnosis)]
     lines += [narration.describe_refit(diagnosis.refit)] if diagnosis.refit is not None else []
-    values = ", ".join(f"{shorten_name(name)} {estimate}" for name, estimate in estimates.items())
-    biased = " (biased by the unexplained residual)" if diagnosis.unexplained else ""
-    lines += [f"parameters{biased}: {values}"] if values else []
+    rows = [(shorten_name(name), one.shown.text, one.shown.unit) for name, one in estimates.items()]
+    if rows and n_remarks is not None:  # else the parameters at every step follow
+        lines.append(TextTable(("parameter", "estimate", "unit"), rows, left=("unit",)))
     first = {region.at: region for region in reversed(diagnosis.unexplained)}  # of each joint
     lines += [
         f"unexplained: {narration.describe_unexplained(diagnosis, region)}"

@@ -113,8 +113,8 @@ def tabulate_profile(profile: Profile) -> TextTable:
     largest = float(np.abs(means).max()) or 1.0
     edges, unit_of_axis = to_shown_unit(profile.edges[np.r_[starts, len(profile.mean)]], profile.unit)
     rows = [
-        (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", f"{draw_bar(-mean / largest):>12}│{draw_bar(mean / largest):<12}")
-        for (low, high), mean in zip(pairwise(edges), means.tolist(), strict=True)
+        (f"{low:.3g} to {high:.3g}", f"{mean:.3g}", f"{draw_bar(min(share, 0)):>12}│{draw_bar(max(share, 0)):<12}")
+        for (low, high), mean, share in zip(pairwise(edges), means.tolist(), (means / largest).tolist(), strict=True)
     ]
     unit = profile.units.unit(NEWTON_METRE)
     return TextTable((f"{SYMBOLS[profile.axis]} [{unit_of_axis}]", f"mean residual [{unit}]", ""), rows, left=("",))

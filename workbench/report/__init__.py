@@ -15,19 +15,23 @@ from workbench.report.comparison import make_comparison, make_loop, make_loop_di
 from workbench.report.data import ReportData, Section
 from workbench.report.evidence import make_candidates
 from workbench.report.failures import make_failures
+from workbench.report.matches import make_rivals
 from workbench.report.numbers import make_errors, make_parameters, make_schemes
 from workbench.report.page import render_page
+from workbench.report.recordings import make_recordings
 from workbench.report.story import make_joints, make_method, make_next_experiment, make_story
 
 __all__ = ["render", "render_comparison", "write_report"]
 SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in order
     make_story,
+    make_rivals,
+    make_recordings,
     make_failures,
     make_comparison,
-    make_candidates,
-    make_next_experiment,
     make_errors,
     make_parameters,
+    make_candidates,
+    make_next_experiment,
     make_schemes,
     make_method,
 )
@@ -39,7 +43,7 @@ def render(diagnosis: Diagnosis, command: str = "") -> str:
     if not diagnosis.model.mechanism.can_simulate:
         sections = _make_arm_sections(case)
     elif diagnosis.steps[0].errors["holdout"].is_of_motion:
-        sections = [make_loop_diagnosis(case), make_candidates(case), make_parameters(case)]
+        sections = [make_loop_diagnosis(case), make_recordings(case), make_parameters(case), make_candidates(case)]
     else:
         sections = [section for make in SECTIONS if (section := make(case)) is not None]
     kind = "diagnosis of" if has_searched(diagnosis) or diagnosis.findings else "comparison with"
@@ -67,7 +71,7 @@ def render_comparison(compared: Comparison) -> str:
         return _render_recordings(case, _make_arm_sections(case), "comparison with")
     parts = narrate_comparison(compared, is_drawn=True)
     result = Section("result", "Result", describe_comparison(compared), parts)
-    sections = [result, make_failures(case), make_comparison(case), make_parameters(case)]
+    sections = [result, make_recordings(case), make_failures(case), make_comparison(case), make_parameters(case)]
     if (error := describe_loop(compared)) is not None:
         sections.insert(1, make_loop(case, error))
     return _render_recordings(case, sections, "comparison with")
@@ -76,7 +80,8 @@ def render_comparison(compared: Comparison) -> str:
 def _make_arm_sections(case: ReportData) -> list[Section]:
     """Make the sections on an arm for a diagnosis or a comparison."""
     candidates = [make_candidates(case)] if case.diagnosis.candidates else []
-    return [make_joints(case), make_failures(case), make_comparison(case), *candidates, make_parameters(case)]
+    first = make_joints(case), make_recordings(case)
+    return [*first, make_failures(case), make_comparison(case), make_parameters(case), *candidates]
 
 
 def _render_recordings(case: ReportData, sections: Sequence[Section], kind: str) -> str:

@@ -162,6 +162,7 @@ def describe_course(case: ReportData, course: Course) -> JSON:
         axes["position"] = wrap_angles(axes["position"])
     shown = {axis: to_shown_unit(values, units.unit(AXES[axis]))[0] for axis, values in axes.items()}
     return {
+        "turn": to_shown_unit(2 * np.pi, units.unit("rad"))[0] if course.segments and not units.is_prismatic else 0,
         "recording": [course.recording.name, time[0]],  # the same for all joints
         "joint": course.at,
         "axes": {axis: plots.round_numbers(values) for axis, values in shown.items()},

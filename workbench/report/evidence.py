@@ -18,12 +18,8 @@ from workbench.report.failures import plot_profile
 
 FIRST = 5  # number of effects above the fold
 ACCEPTED = (Verdict.SELECTED, Verdict.AMBIGUOUS)
-OWN_AXES = {
-    "angle": "position",
-    "speed": "velocity",
-    "standstill": "velocity",
-    "torque": "torque",
-}  # by a symptom's word
+# By a symptom's word
+OWN_AXES = {"angle": "position", "speed": "velocity", "standstill": "velocity", "torque": "torque"}
 CURVES = (("without it", "--base"), ("with it", "--final"))
 
 
@@ -40,12 +36,10 @@ def make_candidates(case: ReportData) -> Section:
 def make_evidence(case: ReportData, number: int, candidate: Candidate) -> Evidence:
     """Make the row of evidence on one effect."""
     gates = [gate.cells for gate in candidate.decision.gates]
-    error = f"The held-out torque error with it is {format_percent(candidate.error_ratio)} of that without it."
     brief, reason = describe_briefly(candidate), describe_reason(candidate)
     content: Content = [
         *([reason] if reason != brief else []),
         *plot_candidate(case, number, candidate),
-        *([error] if candidate.terms else []),
         *([TextTable(GATE_HEADERS, gates, left=("gate", "result"))] if gates else []),
     ]
     fall = min(1.0, max(0.0, 1.0 - candidate.error_ratio)) if candidate.terms else 0.0
@@ -67,12 +61,17 @@ def plot_candidate(case: ReportData, number: int, candidate: Candidate) -> Seque
         before, *_, after = case.compute_residuals(0)
     else:
         before, after = map(data.residual, (tuple(term for term in terms if term.id != candidate.effect), terms))
-    symptom = find_description(candidate.effect).symptom or ""
-    axes = [next((axis for word, axis in OWN_AXES.items() if word in symptom), "time")]
+    axes = [find_own_axis(candidate.effect)]
     profiles = [profile for series in (before, after) for profile in compute_profiles_at(data, series, at, axes)]
     reach = max((measure_reach(profile.mean, profile.band) for profile in profiles), default=0.0)
     legend = Legend(tuple(("stroke", color, name) for name, color in CURVES))
     return [legend, plot_profile(CURVES, profiles, reach, f"evidence-{number}", at)] if profiles else []
+
+
+def find_own_axis(effect: str) -> str:
+    """Return the quantity over which an effect shows."""
+    symptom = find_description(effect).symptom or ""
+    return next((axis for word, axis in OWN_AXES.items() if word in symptom), "time")
 
 
 def describe_briefly(candidate: Candidate) -> str:

@@ -39,6 +39,8 @@ SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
 FIRST = 3  # number of regions above the fold
 
+DOTS = "residual"  # label of the curve that is drawn as dots, without shaded stretches
+
 Curve = tuple[str, str]  # label and colour of a model
 
 
@@ -129,15 +131,19 @@ def plot_profile(
     `name`: prefix of the figure's id; `joint`: of the residual.
     """
     first = profiles[0]
-    axis, factor, unit = make_profile_axis(first)
+    factor, unit = to_shown_unit(1.0, first.unit)
+    quantity, symbol = TITLES[first.axis]
+    axis = make_axis(f"{first.units.name(quantity)}{symbol} [{unit}]")
+    axis, unit = make_angle_axis(first.units) if first.unit == WITHIN else axis, first.units.unit("N m")
     bands = {len(profile.band): profile for profile in profiles}.values()  # bins of another model may differ
-    label = f"noise (±{REGIONS.z_limit:g}σ)"
+    label, has_dots = f"noise (±{REGIONS.z_limit:g}σ)", curves[0][0] == DOTS
     data = [make_band(factor * profile.middle, profile.band, label) for profile in bands]
     for (label, color), profile in zip(curves, profiles, strict=False):
-        mode = "lines" if first.is_spectrum else "lines+markers"
-        marker = {"size": 6 if len(profile.mean) <= REGIONS.bins else 3}
+        mode = "lines" if first.is_spectrum or has_dots else "lines+markers"
+        mode = "markers" if label == DOTS else mode
+        marker = {"size": 6 if len(profile.mean) <= REGIONS.bins else 3, "color": color}
         data.append(make_line(factor * profile.middle, profile.mean, label, color, unit, mode=mode, marker=marker))
-    runs = [find_runs(profile) for profile in profiles]
+    runs = [find_runs(profile) if not has_dots else [] for profile in profiles]
     half = 0.5 if len(runs) > 1 and runs[-1] else 0.0  # two kinds of stripes share the height
     kinds = [(0, ("--region", half, 1.0)), *([(len(runs) - 1, ("--open", 0.0, half))] if half else [])]
     shapes = [draw_stripe(locate_region(r, joint, k), *look) for k, look in kinds for r in runs[k]]
@@ -153,15 +159,6 @@ def plot_profile(
         "hoverdistance": -1,
     }
     return Figure(f"{name}-{first.axis}", f"Residual torque against {first.axis}", data, layout, 290)
-
-
-def make_profile_axis(profile: Profile) -> tuple[JSON, float, str]:
-    """Return the axis of a profile, the factor of its displayed unit, and the unit of the torque."""
-    factor, unit = to_shown_unit(1.0, profile.unit)
-    quantity, symbol = TITLES[profile.axis]
-    title = f"{profile.units.name(quantity)}{symbol} [{unit}]"
-    axis = make_angle_axis(profile.units) if profile.unit == WITHIN else make_axis(title)
-    return axis, factor, profile.units.unit("N m")
 
 
 def make_angle_axis(units: JointUnits) -> JSON:

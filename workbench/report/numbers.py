@@ -9,7 +9,7 @@ from estimators.decisions.errors import get_single
 from estimators.schemes.result import Identification
 from pendulum_env._typing import JSON
 from pendulum_env.formatting import capitalise, format_unit
-from pendulum_env.physics.effect_texts import name_effect
+from pendulum_env.physics.effect_texts import name_effect, name_parameter
 from pendulum_env.physics.table import Table, TableCurve
 from pendulum_env.units import JointUnits, to_shown_unit
 from workbench.figure import Figure, make_axis, make_band, make_line
@@ -23,6 +23,7 @@ PARTS = (("train", "fitted data", "--train", "circle-open"), ("holdout", "held-o
 SIGMAS = 2.0  # half width of bands [standard errors]
 SETTLED = 0.25  # share of the time after which estimates set the plot's range
 FRAME = 0.6  # share of the plot's height for these estimates
+TICKS = [digit * 10.0**power for power in range(-9, 6) for digit in (1, 2, 5)]  # of errors
 COLORS = ("--scheme-1", "--scheme-2", "--scheme-3")
 
 
@@ -41,34 +42,22 @@ def make_errors(case: ReportData) -> Section:
 def plot_errors(case: ReportData, quantity: str, title: str, floor: float | None, factor: float = 1.0) -> Figure:
     """Plot an error over the steps on a logarithmic axis; `factor`: from SI to the displayed unit."""
     steps = case.diagnosis.steps
-    labels = ["base model", *(f"+ {name_effect(step.added)}" for step in steps if step.added)]
-    data: list[JSON] = []
-    values = []
+    x, ends = np.arange(float(len(steps))), np.array([-0.3, len(steps) - 0.7])
     shades = ["--base", *["--between"] * (len(steps) - 2), "--final"]
+    data: list[JSON] = []
     for part, label, color, symbol in PARTS:
         error = factor * np.array([getattr(step.errors[part], quantity) for step in steps])
-        values += [*error]
         marker = {"color": shades, "size": 10, "symbol": symbol}
-        x = np.arange(float(len(steps)))
         data.append(make_line(x, error, label, color, "", mode="lines+markers", marker=marker))
     if floor is not None:
-        values.append(floor)
         dashed = {"color": "--muted", "width": 1.5, "dash": "dash"}
-        ends = np.array([-0.3, len(steps) - 0.7])
         data.append(make_line(ends, np.full(2, floor), "noise floor", "", "", line=dashed))
-    low, high = np.log10(min(values)) - 0.12, np.log10(max(values)) + 0.12
+    labels = [f"+ {name_effect(step.added)}" if step.added else "base model" for step in steps]
+    names = ["<br>".join(wrap(label, 14)) for label in labels]  # line width [characters]
+    named = {"tickvals": x.tolist(), "ticktext": names, "ticklabeloverflow": "allow", "range": ends.tolist()}
     layout = {
-        "xaxis": make_axis(
-            "",
-            tickvals=list(range(len(steps))),
-            ticktext=["<br>".join(wrap(label, 14)) for label in labels],  # line width [characters]
-            ticklabeloverflow="allow",
-            range=[-0.3, len(steps) - 0.7],
-            showgrid=False,
-            zeroline=False,
-        ),
-        # ticks at 1, 2, 5 or decades
-        "yaxis": make_axis(title, type="log", range=[low, high], dtick="D2" if high - low < 2 else 1),
+        "xaxis": make_axis("", **named, showgrid=False, zeroline=False),
+        "yaxis": make_axis(title, type="log", tickvals=TICKS, ticktext=[f"{tick:g}" for tick in TICKS]),
     }
     return Figure(f"ladder-{quantity}", f"{title} after every step", data, layout, 320)
 
@@ -150,7 +139,8 @@ def plot_convergence(
     values = np.concatenate(late_estimates)
     middle = float(np.median([result[-1] for result in late_estimates]))
     reach = max(float(np.max(np.abs(values - middle))), 0.01 * abs(middle), 1e-9) / FRAME
-    title = f"{parameter.name} [{format_unit(unit_of_parameter)}]" if format_unit(unit_of_parameter) else parameter.name
+    unit = f" [{format_unit(unit_of_parameter)}]" if format_unit(unit_of_parameter) else ""
+    title = name_parameter(parameter.name) + unit
     between = {"color": "--muted", "width": 1, "dash": "dot"}  # between recordings
     layout = {
         "xaxis": make_axis("time [s]"),

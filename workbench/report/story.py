@@ -2,13 +2,11 @@
 
 from typing import Any
 
-import numpy as np
-
 from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
-from pendulum_env.formatting import capitalise, format_number, join_words
-from pendulum_env.physics.effect_texts import name_effect
+from pendulum_env.formatting import capitalise, join_words
+from pendulum_env.physics.effect_texts import find_description, name_effect
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
 from workbench.narrator.diagnosis import (
@@ -20,25 +18,26 @@ from workbench.narrator.diagnosis import (
 )
 from workbench.narrator.notes import describe_note
 from workbench.narrator.parts import Code, Content, Part
-from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints
+from workbench.narrator.tables import JOINT_LEGEND, tabulate_joints, tabulate_parameters
 from workbench.report.data import ReportData, Section
 
 
 def make_story(case: ReportData) -> Section:
     """Make the section with headline, key figures and next step."""
     diagnosis = case.diagnosis
-    constant = diagnosis.torque_constant
     head = {
         "lead": f"{capitalise(describe_errors(diagnosis))}.",
-        "changes": list_changes(case),
-        "misled": list_biased_parameters(diagnosis),
+        "torque": [step.errors["holdout"].torque_rms for step in case.ends],
+        "position": [case.angle[0] * step.errors["holdout"].position_rms for step in case.ends],
+        "units": (case.units.unit("N m"), case.angle[1]),
+        "horizon": HORIZON,
         "refit": describe_refit(diagnosis.refit) if diagnosis.refit is not None else None,
         "findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected],
         "noise_floor": get_single(diagnosis.floors),
-        "reached": diagnosis.steps[-1].errors["holdout"].torque_rms / get_single(diagnosis.floors),
-        "torque_constant": constant.text if constant is not None else None,
+        "torque_constant": diagnosis.torque_constant,
     }
     parts = [
+        *list_values(diagnosis),
         *results.narrate_disagreements(diagnosis.disagreements),
         *results.narrate_unexplained(diagnosis),
         *results.narrate_next_step(diagnosis),
@@ -67,54 +66,25 @@ def make_joints(case: ReportData) -> Section:
     return Section("joints", "Result", describe_result(diagnosis), content)
 
 
-def list_changes(case: ReportData) -> list[dict[str, Any]]:
-    """List the held-out errors before and after; `share`: after over before, None if no effect was added."""
-    diagnosis, (factor, angle) = case.diagnosis, case.angle
-    first, last = (diagnosis.steps[k].errors["holdout"] for k in (0, -1))
-    over = f"on held-out data, over {HORIZON:g} s"
-    changes: list[dict[str, Any]] = [
-        {"label": "Torque error", "unit": case.units.unit("N m"), "note": "on held-out data"},
-        {"label": "Free-running position error", "unit": angle, "note": over},
-    ]
-    pairs = (first.torque_rms, last.torque_rms), (factor * first.position_rms, factor * last.position_rms)
-    for change, (before, after) in zip(changes, pairs, strict=True):
-        share = after / before if diagnosis.selected and not np.isnan(after) else None
-        change |= {"before": before, "after": after, "share": share}
-    return changes
-
-
-def list_biased_parameters(diagnosis: Diagnosis) -> list[str]:
-    """List the parameters that missing effects biased by more than 1 % and three standard errors.
-
-    The list is empty with an unexplained residual, because the final parameters may be biased, too.
-    """
-    wrong_by: list[str] = []
-    if diagnosis.unexplained:
-        return wrong_by
-    for parameter, first in diagnosis.steps[0].model.estimates.items():
-        final = diagnosis.model.estimates.get(parameter)
-        if final is None or final.value == 0:
-            continue
-        share, off = first.value / final.value - 1.0, abs(first.value - final.value)
-        if abs(share) >= 0.01 and off > 3.0 * float(np.hypot(first.std, final.std)):
-            wrong_by.append(
-                f"{name_effect(parameter)} {format_number(100 * abs(share), 2)} % too {'high' if share > 0 else 'low'}"
-            )
-    return wrong_by
+def list_values(diagnosis: Diagnosis) -> list[Part]:
+    """List the final parameters with their values in the base model, to copy into a model; empty without an effect."""
+    if not diagnosis.selected:
+        return []
+    lines = list[str]()
+    for name, before, after, unit in tabulate_parameters(diagnosis.steps[0].model, diagnosis.model, headers="12").rows:
+        notes = unit.removeprefix("1"), f"was {before.split()[0]}" if before else "new"
+        lines.append(f"{name} = {after.split()[0]}  # {', '.join(filter(None, notes))}")
+    about = f"Add the torque of {join_words([name_effect(effect) for effect in diagnosis.selected])}, and use:"
+    return [Part("What to change in your model", [about, Code("\n".join(lines))])]
 
 
 def describe_added(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
-    """Describe an added effect: its law, its final parameters, and similar effects."""
-    term = next(term for term in diagnosis.model.terms if term.id == effect)
-    names = [column.name for column in term.columns] + [f"{term.id}.{parameter.name}" for parameter in term.free]
-    named = {**diagnosis.model.estimates, **diagnosis.model.derived}
-    names += [name for name in diagnosis.model.derived if name.startswith(f"{effect}.")]
-    about = (type(term).__doc__ or "").split("\n")[0].split(":")[0]  # first line, without the formula
+    """Describe an added effect: its law, its sign in the residual, its final parameters, and similar effects."""
     return {
         "effect": effect,
-        "law": term.law,
-        "about": "" if about.startswith(f"{type(term).__name__}(") else about.rstrip("."),
-        "parameters": {name: named[name].shown for name in names},
+        "law": next(term.law for term in diagnosis.model.terms if term.id == effect),
+        "about": find_description(effect).signature,
+        "parameters": diagnosis.model.get_parameters(effect),
         "rivals": [id for group in diagnosis.ambiguous if group[0] == effect for id in group[1:]],
     }
 

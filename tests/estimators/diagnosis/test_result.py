@@ -6,6 +6,7 @@ import pickle
 import pytest
 
 from estimators import diagnose
+from estimators.progress import Screened
 from pendulum_env.physics import effects
 from tests.cases import THETA, diagnosed, recording
 
@@ -52,7 +53,14 @@ def test_progress_is_told_in_words_and_shares():
     assert told[-1] == ("done", 1.0)
     shares = [share for _, share in told]
     assert all(what for what, _ in told) and 0 <= shares[0] and shares == sorted(shares)  # nor does it run back
-    assert "screening stribeck" in dict(told)
+    assert any("Stribeck friction" in what for what, _ in told)
+
+
+def test_progress_tells_the_error_with_each_effect_that_was_screened():
+    told: list[str] = []
+    diagnose([recording("stribeck")], progress=lambda what, _: told.append(what))
+    error = {what.effect: what.error for what in reversed(told) if isinstance(what, Screened)}  # the first round
+    assert min(error, key=error.__getitem__) == "stribeck" and error["stribeck"] < 0.5 * error["quadratic_drag"]
 
 
 def test_the_evidence_of_a_diagnosis_holds_the_model_of_each_candidate_and_is_not_pickled():

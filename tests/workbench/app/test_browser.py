@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from pendulum_env.physics import Model
-from pendulum_env.recording import write_recording
+from pendulum_env.recording import Source, write_recording
 from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import record_pendulum, select_button, select_field
@@ -256,6 +256,19 @@ def test_plots_over_time_share_range_and_cursor_and_show_the_samples_of_a_senten
         assert line["y"] <= rows.nth(0).bounding_box()["y"] + 1 and line["height"] > 4 * box["height"]
         cursors.append(line["x"])
     assert cursors[0] < cursors[1]
+    now, measured, base = page.evaluate(
+        """[parseFloat(document.querySelector(".replay output").textContent), ...[...document.querySelectorAll(
+          ".replay .rod")].map((rod) => -parseFloat(rod.getAttribute("transform").slice(7)) * Math.PI / 180)]"""
+    )
+    swing = Source(folder / "swing.csv").read()
+    near = swing.position[np.abs(swing.time - now) < 0.02]
+    assert near.min() - 0.01 < measured < near.max() + 0.01  # the pendulums stand as at the cursor
+    assert abs(base - measured) < 0.2
+    page.locator(".replay button").click()
+    page.wait_for_function(
+        "now => parseFloat(document.querySelector('.replay output').textContent) > now + 0.3", arg=now
+    )
+    page.locator(".replay button").click()
     stripe = page.evaluate(
         """() => {
           const plot = document.querySelector("#profile-velocity"), [box] = plot.querySelectorAll(".nsewdrag");
@@ -268,17 +281,20 @@ def test_plots_over_time_share_range_and_cursor_and_show_the_samples_of_a_senten
     page.mouse.move(*stripe[:2])
     page.mouse.click(*stripe[:2])
     page.wait_for_function(SHADED, arg=["velocity", *stripe[2:]])
+    is_drawn = """(theme) => document.documentElement.dataset.theme === theme &&
+      document.querySelector(".course").layout.template.layout.font.color ===
+      getComputedStyle(document.documentElement).getPropertyValue("--text")"""
     page.emulate_media(color_scheme="dark")  # colours follow the system
-    page.wait_for_function(
-        """() => document.documentElement.dataset.theme === "dark" && document.querySelector(".course").layout
-          .template.layout.font.color === getComputedStyle(document.documentElement).getPropertyValue("--text")"""
-    )
+    page.wait_for_function(is_drawn, arg="dark")
+    page.click(".theme")  # or the switch
+    page.wait_for_function(is_drawn, arg="light")
 
 
 def test_a_stage_that_needs_data_opens_once_there_are_some_and_a_narrow_window_shows_where_one_is(tab, folder):
     page = tab.page
     page.set_viewport_size({"width": 420, "height": 900})
-    page.wait_for_selector("#to-compare[aria-disabled=true][title='Load a recording first']")
+    page.wait_for_selector("#to-compare[aria-disabled=true][aria-describedby=reason]")
+    assert page.inner_text("#reason") == "Load a recording first"
     page.dispatch_event("#to-compare", "click")
     tab.load(folder / "swing.csv")
     tab.go("compare")
@@ -433,6 +449,7 @@ def test_tabs_are_apart_and_a_reload_changes_nothing_not_even_what_runs(tab, bro
     tab.go("diagnose")
     page.click(select_button("diagnose"))
     page.wait_for_selector("#job progress")
+    page.wait_for_selector("#job:has-text('effect'):has-text('s left') li")  # the ranking fills in
     page.reload()
     page.click(select_button("cancel"))  # the same stage, too
     page.wait_for_selector("#job:empty", state="attached")

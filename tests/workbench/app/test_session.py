@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import shlex
 from collections.abc import Iterator
 from dataclasses import replace
@@ -14,6 +15,7 @@ import pytest
 from dash import dcc, html
 
 from estimators import add
+from estimators.data.matches import find_matches
 from estimators.signals.residual import AXES
 from pendulum_env.backends import record
 from pendulum_env.excitation import excitation
@@ -37,10 +39,10 @@ from tests.workbench.app.plants import (
     upload,
     write_source,
 )
+from workbench.app import demo
 from workbench.app.card import ColumnCard, ColumnChoice, describe_unit, write_choice
 from workbench.app.downloads import make_file, write_commands, write_study_text
-from workbench.app.jobs import Workers
-from workbench.app.matches import find_matches, show_matches
+from workbench.app.jobs import Job, Workers
 from workbench.app.page.server import make_app
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
@@ -363,13 +365,14 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
 
 def test_the_residual_is_drawn_with_the_effects_that_look_most_like_it(session, state):
     session.state = state
-    page = html.Div([*model.show_comparison(session), show_matches(session.state.report_data, is_busy=False)])
+    page = html.Div([*model.show_comparison(session), model.show_matches(session.state.report_data, is_busy=False)])
     markup = "".join(one.data for one in page._traverse() if isinstance(one, dcc.Store))
     ids = *(f"profile-{axis}" for axis in AXES), *(f"match-{axis}" for axis in AXES), "course-0"
     assert all(f'id="{id}"' in markup for id in ids)
     tries = [one.id["of"] for one in page._traverse() if isinstance(one, html.Button)]
     assert tries[0] == "stribeck" and len(tries) == 3
-    matches = find_matches(session.state.report_data)
+    case = session.state.report_data
+    matches = find_matches(case.parts[0][-1], case.diagnosis.model)[:3]
     assert [match.effect for match in matches] == tries and matches[0].share > 0.8
     assert all(1 >= a.share >= b.share >= 0 for a, b in pairwise(matches))
 
@@ -529,6 +532,39 @@ def test_a_worker_fits_the_latest_state_and_a_cancelled_fit_takes_the_change_bac
     wait()
     assert len(session.state.data.recordings) == 1 and session.notice == ""
     session.end()
+
+
+def tell_process(_) -> int:
+    """A task: the process that does it."""
+    return os.getpid()
+
+
+def test_a_process_whose_task_has_ended_does_the_next(workers):
+    """Another one would load its libraries first, which takes seconds."""
+    processes, ended = list[int](), Event()
+
+    def end(job: Job) -> None:
+        processes.append(job.result)
+        if len(processes) == 1:  # as the fit that follows an action
+            Job("next", tell_process, workers).call_at_end(end)
+        else:
+            ended.set()
+
+    Job("first", tell_process, workers).call_at_end(end)
+    assert ended.wait(PATIENCE) and len(set(processes)) == 1
+
+
+def test_the_demo_is_two_recordings_that_the_command_line_makes_and_reads(session, tmp_path):
+    session.run_action(lambda: demo.start(session))
+    assert [item.held_out for item in session.state.loaded] == [False, True]
+    for seed, item in enumerate(session.state.loaded, 1):
+        command = f"record --seconds {item.recording.duration:.0f} --rate 500 --effect stribeck --seed {seed}"
+        assert main([*command.split(), "-o", str(tmp_path / "made.csv")]) == 0
+        made = Source(tmp_path / "made.csv").read()
+        assert np.abs(made.position - item.recording.position).max() < 1e-5  # rounded
+        assert item.held_out or str(item.source.file) in write_commands(session.state)
+    session.run_action(lambda: demo.start(session))
+    assert len(session.state.loaded) == 2 and "loaded already" in session.notice
 
 
 @pytest.mark.slow

@@ -19,11 +19,15 @@
 
   // Sections of the report come as the report has them; one that is the same stays as it is, zoomed or unfolded.
   const shown = new WeakMap();
+  const links = {  // in the place of commands
+    "Run diagnose": '<a href="#diagnose">Run the diagnosis</a>',
+    "record --excitation suggested plays it": '<a href="#export">Export</a> saves it',
+  };
   function fragment(markup, id) {
     const place = document.getElementById(JSON.stringify(id, Object.keys(id).sort()));
     if (!place || !markup || shown.get(place) === markup) return same();
     shown.set(place, markup);
-    place.innerHTML = markup;
+    place.innerHTML = Object.entries(links).reduce((text, [words, link]) => text.replaceAll(words, link), markup);
     figures.watch(place);
     return same();
   }

@@ -52,6 +52,9 @@ def make_page() -> Component:
     """Make the initial page; callbacks fill it from the session."""
     brand = html.Span("pendulum-ident", className="brand")
     stages = html.Nav(make_navigation(STAGES[0], NO_RECORDING), id="nav", **make_aria(label="Stages"))
+    theme = html.Button(
+        "◐", type="button", className="theme", title="Light or dark", **make_aria(label="Light or dark")
+    )
     story = html.Div(id="story", className="so-far", **make_aria(live="polite"))
     stage = html.Div(id="stage", tabIndex=-1)
     return html.Div(
@@ -62,7 +65,7 @@ def make_page() -> Component:
             dcc.Download(id="download"),
             dcc.Interval(id="poll", interval=300),  # [ms]
             html.A("Skip to the stage", href="#stage", className="skip", id="skip"),
-            html.Header(html.Div([brand, stages], className="inner"), className="bar"),
+            html.Header(html.Div([brand, stages, theme], className="inner"), className="bar"),
             html.Div("Working …", id="waiting", role="status"),
             html.Main(
                 [story, html.Div(id="notice", role="alert"), html.Div(id="job"), show_upload(), stage], id="main"
@@ -92,12 +95,12 @@ def make_navigation(current: Stage, failure: str) -> list[Component]:
     def link(stage: Stage) -> Component:
         attributes = make_aria(current="page") if stage is current else {}
         if stage.needs_model and failure:
-            attributes |= {"title": capitalise(failure), **make_aria(disabled="true")}
+            attributes |= make_aria(disabled="true", describedby="reason")
         else:
             attributes["href"] = f"#{stage.id}"
         return html.A(stage.title, id=f"to-{stage.id}", **attributes)
 
-    return [link(stage) for stage in STAGES]
+    return [*map(link, STAGES), html.Span(capitalise(failure), id="reason", className="note")]
 
 
 def show(session: Session, stage: Stage) -> list[Component]:

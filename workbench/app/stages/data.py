@@ -7,7 +7,6 @@ from dash import html
 from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise, format_number
-from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
 from pendulum_env.robot_file import RobotFile
 from workbench.app import card_form, demo
@@ -25,8 +24,8 @@ from workbench.app.parts import (
 from workbench.app.session import Session
 from workbench.app.state import LoadedRecording, State
 from workbench.app.uploads import STUDY, guess_role
-from workbench.figure import Figure, make_line, make_stacked_layout, select_samples
 from workbench.narrator.notes import describe_note
+from workbench.report.recordings import DRAWN, measure_recording, plot_recording
 from workbench.robot import describe_held, describe_held_joint_motion
 
 HEADERS = {  # with the class of each column
@@ -56,7 +55,7 @@ def show(session: Session) -> list[Component]:
     if state.loaded:
         plots = [
             figure
-            for k, recording in enumerate(state.recordings[:4])
+            for k, recording in enumerate(state.recordings[:DRAWN])
             for figure in plot_recording(recording, k, state.body)
         ]
         findings = [*show_timing(state), show_findings(state)] if state.body.can_simulate else []
@@ -76,30 +75,6 @@ def _show_robot(state: State, robot: RobotFile) -> Component:
         "(joints) and what other columns mean",
     ]
     return make_panel("The robot", *(html.P(f"{capitalise(text)}.") for text in texts))
-
-
-def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure]:
-    """Plot the position and torque of the k-th recording over time, one figure for each joint."""
-    figures, height = [], 340 if len(recording.joints) == 1 else 260
-    for n, (joint, joint_data) in enumerate(zip(recording.names, recording.joints, strict=True)):
-        title, units = f"{joint}, {recording.name}" if joint else recording.name, body.units(joint, recording.units)
-        data, (angle, torque) = [], (units.unit("rad"), units.unit("N m"))
-        series = [(joint_data.position, "position", "--final", angle, "y")]
-        has_torque = bool(np.any(joint_data.torque))
-        series += [(joint_data.torque, "torque", "--train", torque, "y2")] * has_torque
-        for values, label, color, unit, axis in series:
-            indices = select_samples(values)
-            data.append(
-                make_line(joint_data.time[indices], values[indices], label, color, unit, yaxis=axis, showlegend=False)
-            )
-        titles = f"position [{angle}]", f"{units.name('torque')} [{torque}]"
-        layout = make_stacked_layout(titles[: len(series)])
-        layout["margin"] = {"t": 40}
-        layout["title"] = {"text": title, "x": 0, "xref": "paper", "font": {"size": 14}}
-        figures.append(
-            Figure(f"course-{k}-{n}", f"Position{' and torque' * has_torque} over time, {title}", data, layout, height)
-        )
-    return figures
 
 
 def show_recordings(state: State) -> Component:
@@ -128,10 +103,7 @@ def _show_row(loaded: LoadedRecording, recording: Recording) -> tuple[Any, ...]:
             *(html.Div(capitalise(describe_note(note)), className="note") for note in recording.notes),
             columns,
         ],
-        f"{recording.duration:.3g}",
-        f"{recording.rate:.4g}",
-        f"{len(recording):,}".replace(",", " "),
-        format_number(float(np.ptp(recording.position, axis=0).max()) / (2 * np.pi), 2),
+        *measure_recording(recording),
         format_number(float(np.abs(recording.torque).max()), 2) if np.any(recording.torque) else "none",
         html.Div(roles, className="views", role="group"),
         make_button("Remove", "remove", loaded.id, **make_aria(label=f"Remove {label}")),

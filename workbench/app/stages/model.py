@@ -7,17 +7,20 @@ from dash import State as Value
 from dash.development.base_component import Component
 from dash.exceptions import PreventUpdate
 
-from pendulum_env.formatting import capitalise
-from pendulum_env.physics.effect_texts import name_effect
-from workbench.app.matches import show_matches
-from workbench.app.parts import Stage, make_panel, show_section, typeset_texts
+from estimators.data.matches import find_matches
+from estimators.data.regions import compute_profiles_at
+from estimators.signals.residual import AXES, find_regions
+from pendulum_env.formatting import TextTable
+from pendulum_env.physics.effect_texts import find_description
+from workbench.app.parts import Stage, make_button, make_panel, show_content, show_section, typeset_texts
 from workbench.app.session import Session, Sessions
 from workbench.app.state import State
 from workbench.narrator.identification import TRUST, tabulate_schemes
 from workbench.report.comparison import make_comparison
-from workbench.report.data import Section
+from workbench.report.data import ReportData, Section
 from workbench.report.failures import make_failures
-from workbench.report.numbers import make_parameters, make_schemes
+from workbench.report.matches import name_match, plot_matches
+from workbench.report.numbers import COLORS, make_parameters, make_schemes
 
 SIMILAR = "similar"  # id of the panel of effects like the residual
 
@@ -25,13 +28,10 @@ SIMILAR = "similar"  # id of the panel of effects like the residual
 def show_model(session: Session) -> list[Component]:
     """Render the terms, the parameters with standard errors, and the schemes."""
     state = session.state
-    terms = [
-        html.Li([html.Strong(capitalise(name_effect(term.id))), " ", html.Span(term.law, className="law")])
-        for term in state.model.terms
-    ]
-    about = html.P("The torque that moves a joint is the sum of these terms:")
+    terms = TextTable(("effect", "law"), [(term.id, term.law) for term in state.model.terms], left=("law",))
+    about = "The torque that moves a joint is the sum of these terms:"
     return [
-        make_panel("The model", about, html.Ul(terms, className="terms")),
+        make_panel("The model", *show_content([about, terms], "terms")),
         make_panel("Parameters with standard errors", *show_section(make_parameters(state.report_data))),
         make_panel("Schemes side by side", *_show_schemes(state)),
     ]
@@ -56,6 +56,31 @@ def show_comparison(session: Session) -> list[Component]:
 @lru_cache(maxsize=4)  # slow to draw
 def _make_sections(state: State) -> tuple[Section, ...]:
     return make_failures(state.report_data), make_comparison(state.report_data)
+
+
+def show_matches(case: ReportData, is_busy: bool) -> Component:
+    """Render the residual of the last model over four quantities, with the torque of the best matches."""
+    data, model, residual = case.parts[0][-1], case.diagnosis.model, case.compute_residuals(0)[-1]
+    if not find_regions(compute_profiles_at(data, residual)):
+        return make_panel("What it looks like", html.P("The residual is within the noise: it looks like no effect."))
+    matches = find_matches(data, model)[: len(COLORS)]
+    about = (
+        "Dots: the residual of the last model. Curves: the three effects that explain most of its mean square, each "
+        "fitted to the same data beside the terms of the model. Only the diagnosis checks them on other data."
+    )
+    rows = [
+        html.Li(
+            [
+                html.I(className="stroke", style={"--color": f"var({color})"}),
+                html.Strong(name_match(match)),
+                make_button("Try it", "add", match.effect, disabled=is_busy),
+                html.Small(find_description(match.effect).signature),
+            ]
+        )
+        for match, color in zip(matches, COLORS, strict=False)
+    ]
+    plots = show_content([about, tuple(plot_matches(data, residual, matches, (*AXES,), "match"))], "matches")
+    return make_panel("What it looks like", *plots, html.Ul(rows, className="matches"))
 
 
 def connect(app: Dash, sessions: Sessions) -> None:

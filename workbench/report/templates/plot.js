@@ -92,7 +92,58 @@ const figures = (() => {
     if (place) show(JSON.parse(place.dataset.where));
   });
 
+  // Below its plots over time, a pendulum for the measurement and for each model moves with the cursor, or in real time.
+  const FAR = 0.1;  // [s] from the next sample: a model has no position there
+  function replay(plot, turn) {
+    const box = document.createElement("div"), lines = drawn.get(plot).spec.data.filter(({ yaxis }) => yaxis === "y");
+    const pendulums = lines.map(({ name, line: { color } }) => `<figure><svg viewBox="-1.25 -1.25 2.5 2.5" role="img"
+      aria-label="Position, ${name}" style="--color: var(${color})"><g class="rod"><path d="M0 0V1"/><circle cy="1" r="0.16"/></g>
+      <g class="ghost"><path d="M0 0V1.2"/></g><circle r="0.06"/></svg><figcaption>${name}</figcaption></figure>`);
+    box.className = "replay";
+    box.innerHTML = `<button type="button">▶ Play</button>${pendulums.join("")}<output></output>`;
+    plot.after(box);
+    const [button, output, pictures] = [box.querySelector("button"), box.querySelector("output"), box.querySelectorAll("svg")];
+    const known = lines.map(({ x, y }) => x.map((time, k) => [time, y[k]]).filter(([time, q]) => time !== null && q !== null));
+    let now = known[0][0][0], last = null;
+
+    const find = (samples, time) => {
+      let [low, high] = [0, samples.length - 1];
+      while (low < high) {
+        const middle = (low + high) >> 1;
+        if (samples[middle][0] < time) low = middle + 1; else high = middle;
+      }
+      return samples[low] && Math.abs(samples[low][0] - time) < FAR ? samples[low][1] : null;
+    };
+    const set = (time) => {
+      now = time;
+      output.textContent = `${time.toFixed(2)} s`;
+      const angles = known.map((samples) => find(samples, time));
+      pictures.forEach((picture, k) => {
+        const [rod, ghost] = picture.querySelectorAll("g");
+        rod.style.visibility = angles[k] === null ? "hidden" : "";
+        rod.setAttribute("transform", `rotate(${-360 * angles[k] / turn})`);
+        ghost.setAttribute("transform", `rotate(${-360 * angles[0] / turn})`);
+      });
+    };
+    const step = (stamp) => {
+      if (last === null || !plot.isConnected) return;
+      const [start, end] = plot.layout.xaxis.range;
+      set(now + (stamp - last) / 1000 > end || now < start ? start : now + (stamp - last) / 1000);
+      last = stamp;
+      requestAnimationFrame(step);
+    };
+    button.addEventListener("click", () => {
+      last = last === null ? performance.now() : null;
+      button.textContent = last === null ? "▶ Play" : "❚❚ Stop";
+      if (last !== null) requestAnimationFrame(step);
+    });
+    plot.on("plotly_hover", ({ xvals }) => { if (last === null) set(xvals[0]); });
+    plot.on("plotly_relayout", ({ "xaxis.range": range }) => { if (range) set(range[0]); });
+    set(now);
+  }
+
   function connect(plot, { meta, shapes }) {
+    if (meta?.turn) replay(plot, meta.turn);
     if (meta?.axes) {
       plot.on("plotly_relayout", (change) => {
         const range = change["xaxis.range"] ?? [change["xaxis.range[0]"], change["xaxis.range[1]"]];
@@ -123,18 +174,19 @@ const figures = (() => {
     for (const plot of drawn.keys()) if (!plot.isConnected) { drawn.delete(plot); Plotly.purge(plot); }
   }
 
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => [...drawn.keys()].forEach(draw));
+  addEventListener("theme", () => [...drawn.keys()].forEach(draw));
 
+  const LONG = 12;  // [lines] of a list that is not printed unless it is open
   let theme = null, folded = [];
   addEventListener("beforeprint", () => {
     theme = root.dataset.theme;
     root.dataset.theme = "light";
-    folded = [...document.querySelectorAll("details:not([open], .evidence)")];
+    folded = [...document.querySelectorAll("details:not([open], .evidence)")].filter((fold) => fold.querySelectorAll("li").length < LONG);
     folded.forEach((details) => { details.open = true; });
     for (const plot of document.querySelectorAll(".plot")) {
       if (!plot.checkVisibility()) continue;
       draw(plot);
-      Plotly.relayout(plot, { width: plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
+      Plotly.relayout(plot, { width: plot.closest(".strip") ? 220 : plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
     }
   });
   addEventListener("afterprint", () => {
