@@ -46,19 +46,25 @@ class Reference:
     packages: tuple[str, ...]
     further: tuple[str, ...] = ()
 
-    def list_names(self) -> list[str]:
-        """Return the full names of the classes and functions."""
+    @property
+    def functions(self) -> list[Any]:
+        """Public functions of the packages."""
+        return [offered for offered in self._offered if inspect.isroutine(offered)]
+
+    @property
+    def _offered(self) -> list[Any]:
         modules = [importlib.import_module(package) for package in self.packages]
-        offered = [getattr(module, name) for module in modules for name in module.__all__]
-        functions = filter(inspect.isroutine, offered)
-        names = [f"{o.__module__}.{o.__name__}" for o in (*functions, *filter(inspect.isclass, offered))]
+        return [getattr(module, name) for module in modules for name in module.__all__]
+
+    def list_names(self) -> list[str]:
+        """Return the full names of the functions and classes, functions first."""
+        classes = filter(inspect.isclass, self._offered)
+        names = [f"{offered.__module__}.{offered.__name__}" for offered in (*self.functions, *classes)]
         return list(dict.fromkeys([*names, *self.further]))
 
     def markdown(self) -> str:
-        """Return the page with directives, which mkdocstrings replaces by docstrings; functions come first."""
-        modules = [importlib.import_module(package) for package in self.packages]
-        functions = [o for o in (getattr(m, name) for m in modules for name in m.__all__) if inspect.isroutine(o)]
-        links = [f"[`{o.__name__}`][{o.__module__}.{o.__name__}]" for o in functions]
+        """Return the page with directives, which mkdocstrings replaces by docstrings."""
+        links = [f"[`{f.__name__}`][{f.__module__}.{f.__name__}]" for f in self.functions]
         first = [f"Functions: {', '.join(links)}. Classes of arguments and results follow them.", ""] if links else []
         return "\n".join([f"# {self.title}", "", self.text, "", *first, *(f"::: {name}" for name in self.list_names())])
 
