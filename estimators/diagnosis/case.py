@@ -117,12 +117,13 @@ class Case(Preparation, ABC):
 
 @dataclass(frozen=True)
 class Part:
-    """Part of a machine that is diagnosed alone: recordings, base model and library of one joint."""
+    """Part of a machine that is diagnosed alone: recordings, base terms, library and, if given, model of one joint."""
 
     recordings: tuple[Recording, ...]
     holdout: tuple[Recording, ...]
     base: tuple[Term, ...]
     library: Mapping[str, type[Term]] = field(default_factory=dict)
+    model: Model | None = None
 
 
 class DividedCase(Preparation, ABC):
@@ -137,14 +138,19 @@ class DividedCase(Preparation, ABC):
         self,
         base: Sequence[Term],
         recordings: Sequence[Recording],
-        holdout: Sequence[Recording],
-        library: Mapping[str, type[Term]],
+        holdout: Sequence[Recording] = (),
+        library: Mapping[str, type[Term]] | None = None,
+        model: Model | None = None,
     ) -> Mapping[str, Part]:
-        """Return the parts of the machine by joint."""
+        """Return the parts of the machine by joint, with their models if a model of the machine is given."""
 
     @abstractmethod
-    def join_diagnoses(self, base: Sequence[Term], diagnoses: Mapping[str, Diagnosis]) -> Diagnosis:
-        """Join the diagnoses of the joints."""
+    def join_diagnoses(self, data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnosis:
+        """Join the diagnoses of the joints, from data of the machine."""
+
+    @abstractmethod
+    def join_steps(self, model: Model, steps: Mapping[str, Step]) -> Step:
+        """Join the steps of some joints to that of a model of the machine."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from estimators.arguments import (
     select_terms,
     select_visible_effects,
 )
+from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
 from estimators.diagnosis.case import DividedCase
 from estimators.diagnosis.cases import choose_case, find_division
@@ -119,6 +120,14 @@ def _diagnose_joints(
         def report(text: str, share: float, at: str = at, number: int = number) -> None:
             options.progress(f"{at}: {text}", (number + share) / len(parts))
 
-        common = {"library": part.library, "criterion": options.criterion, "rng": options.rng}
-        diagnoses[at] = diagnose(part.recordings, part.holdout, part.base, report, **common)
-    return division.join_diagnoses(options.base, diagnoses)
+        diagnoses[at] = diagnose(
+            part.recordings,
+            part.holdout,
+            part.base,
+            report,
+            library=part.library,
+            criterion=options.criterion,
+            rng=options.rng,
+        )
+    data = FitData(tuple(fitted), tuple(holdout), terms=tuple(options.base), criterion=options.criterion)
+    return division.join_diagnoses(data, diagnoses)

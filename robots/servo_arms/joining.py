@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from estimators.decisions.errors import Errors, Step
+from estimators.data.fit_data import FitData
+from estimators.decisions.errors import Step, join_errors
 from estimators.diagnosis.result import Diagnosis
 from estimators.findings import Finding
+from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
+from robots.arms.body import find_body
 from robots.servo_arms.model import ServoArmModel
 
 
@@ -32,8 +33,9 @@ class AtJoint(Finding):
         return self.finding.is_open
 
 
-def join_diagnoses(diagnoses: Mapping[str, Diagnosis], body: Mechanism) -> Diagnosis:
-    """Join the diagnoses of the joints to one, with effects such as `stribeck@elbow`."""
+def join_diagnoses(data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnosis:
+    """Join the diagnoses of the joints to one of an arm's data, with effects such as `stribeck@elbow`."""
+    body = find_body(data.terms)
     present = {at: one.steps[0] for at, one in diagnoses.items()}
     steps = [join_steps(present, body)]
     for at, one in diagnoses.items():
@@ -54,6 +56,7 @@ def join_diagnoses(diagnoses: Mapping[str, Diagnosis], body: Mechanism) -> Diagn
         unexplained=tuple(replace(region, at=at) for at, one in pairs for region in one.unexplained),
         floors={at: floor for at, one in pairs for floor in one.floors.values()},
         findings=tuple(AtJoint(at, finding) for at, one in pairs for finding in one.findings),
+        data=data,
         joint_residuals={at: get_motion_error(one.steps[-1]) for at, one in pairs if one.unexplained},
     )
 
@@ -63,15 +66,10 @@ def get_motion_error(step: Step) -> float:
     return step.errors["holdout"].motion
 
 
-def join_steps(steps: Mapping[str, Step], body: Mechanism, added: str | None = None) -> Step:
-    """Join the steps of the joints."""
+def join_steps(steps: Mapping[str, Step], body: Mechanism, added: str | None = None, of: Model | None = None) -> Step:
+    """Join the steps of the joints; other joints are those of a model `of` the arm."""
     parts = next(iter(steps.values())).errors
     errors = {part: join_errors({at: step.errors[part] for at, step in steps.items()}) for part in parts}
-    return Step(added, ServoArmModel.join({at: step.model for at, step in steps.items()}, body), errors)
-
-
-def join_errors(errors: Mapping[str, Errors]) -> Errors:
-    """Join the errors of joints in the loop: the mean of their mean errors, the RMS of their RMS errors."""
-    motion = {at: one.motion for at, one in errors.items()}
-    rms = float(np.sqrt(np.mean([one.motion_rms**2 for one in errors.values()])))
-    return Errors(np.nan, np.nan, joints=motion, motion=float(np.mean([*motion.values()])), motion_rms=rms)
+    servos = of.servos if isinstance(of, ServoArmModel) else {}
+    servos = {**servos, **{at: step.model for at, step in steps.items()}}
+    return Step(added, ServoArmModel.join(servos, body), errors)

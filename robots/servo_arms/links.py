@@ -23,7 +23,6 @@ from pendulum_env.physics import Column, Samples, Term
 from pendulum_env.physics.symbols import Symbol
 from pendulum_env.physics.term import Memory, derive_kind
 
-LEAST_SHARE = 0.03  # least norm of a column's independent part, relative to the largest column
 SERIES = 4  # for each column: m_k, c_k, s_k and f_k
 
 
@@ -102,15 +101,15 @@ def make_link_torque(kind: type[LinkTorque], table: LinkTable) -> type[LinkTorqu
     return derive_kind(kind, make_link_torque, table, table=table)
 
 
-def select_columns(columns: Array, first: Array) -> list[int]:
-    """Return the columns (N, P) with a part of at least `LEAST_SHARE` that is independent of others and of `first`."""
-    chosen, largest = list[int](), float(np.linalg.norm(columns, axis=0).max(initial=0.0))
+def select_columns(columns: Array, first: Array, least: float) -> list[int]:
+    """Return the columns (N, P) whose part that is independent of others and of `first` has a norm above `least`."""
+    chosen = list[int]()
     rest, unit = columns, first / max(float(np.linalg.norm(first)), 1e-300)
     while len(chosen) < columns.shape[1]:
         rest = rest - np.outer(unit, unit @ rest)
         sizes = np.linalg.norm(rest, axis=0)
         best = int(np.argmax(sizes))
-        if not sizes[best] > LEAST_SHARE * largest:
+        if not sizes[best] > least:
             break
         chosen.append(best)
         unit = rest[:, best] / sizes[best]
@@ -139,3 +138,8 @@ def _rebuild(kind: type[Term]) -> type[Term]:
 def list_names(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of base parameters as parts of a column's name, `mx_Elbow` for `mx@Elbow`."""
     return tuple(name.replace("@", "_") for name in names)
+
+
+def list_link_columns(terms: Sequence[Term]) -> tuple[str, ...]:
+    """Return the names of the columns of the links in a model of a servo."""
+    return next((term.table.names for term in terms if isinstance(term, LinkTorque)), ())

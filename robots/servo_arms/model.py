@@ -13,11 +13,12 @@ from msgspec import Struct
 from pendulum_env._typing import JSON
 from pendulum_env.physics import Column, Model, ModelError, Term
 from pendulum_env.physics.joints import Links, place_effect
-from pendulum_env.physics.library import find_addition
+from pendulum_env.physics.library import find_term
 from pendulum_env.physics.mechanism import LinkedMechanism, Mechanism
 from pendulum_env.physics.model_file import ModelFile, build_terms
 from pendulum_env.reading import Text, convert
-from robots.servo_arms.links import SERIES, LinkTable, LinkTorque, make_link_torque
+from robots.arms.model import OTHER_MODELS
+from robots.servo_arms.links import SERIES, LinkTable, LinkTorque, make_link_torque, remove_weight
 
 SCHEMA = "pendulum-ident/servo-arm@1"
 
@@ -73,7 +74,7 @@ class ServoArmModel(Model):
             data = convert(servo, ModelFile)
             names = tuple(name.partition(".")[2] for name in data.theta if name.startswith(f"{LinkTorque.id}."))
             weight = make_link_torque(LinkTorque, LinkTable(names, np.zeros(1), np.zeros((1, SERIES * len(names)))))
-            terms = build_terms(data, lambda id: weight if id == LinkTorque.id else find_addition(id))  # noqa: B023
+            terms = build_terms(data, lambda id: weight if id == LinkTorque.id else remove_weight(find_term(id)))  # noqa: B023
             models[at] = Model.from_content(data, terms)
         return replace(cls.join(models, body), log_format=file.log_format)
 
@@ -84,3 +85,6 @@ class _ServoArmFile(Struct):
     joints: tuple[Text, ...]
     servos: dict[str, Any]
     log_format: dict[str, Any] = {}
+
+
+OTHER_MODELS[SCHEMA] = ServoArmModel.from_json_of_body

@@ -34,7 +34,8 @@ def make_goals(rng, seconds, rate=50.0):
         for _ in range(2)
     )
     places = np.repeat(rng.uniform(-0.5, 0.5, (int(seconds / 1.5) + 1, 3)), int(1.5 * rate), axis=0)[: len(time)]
-    return time, np.where(time[:, None] < seconds / 2, waves, waves[len(time) // 2] + 0.6 * places) + [0.3, -0.4, 0.2]
+    goals = np.where(time[:, None] < seconds / 2, waves, waves[len(time) // 2] + 0.6 * places)
+    return time, goals + np.array([0.3, -0.4, 0.2])
 
 
 def simulate(rng, seconds, effect="", at="lift"):
