@@ -119,7 +119,7 @@ def _compare_joints(
     motions, floors, none = dict[str, WholeMotion](), dict[str, float](), Errors(np.nan, np.nan)
     for at, part in division.divide(model.terms, recordings, model=model).items():
         assert part.model is not None
-        every = find_preparation(part.recordings).complete(part.recordings, model.log_format, criterion)
+        every = find_preparation(part.recordings).complete(part.recordings, part.model.log_format, criterion)
         motions[at] = find_preparation(every).simulate(part.model, share_clock(every))
         floors[at] = float(np.sqrt(2 / np.pi) * np.mean([estimate_encoder_noise(one) for one in every]))
     parts = [{at: motion.select_recording(k) for at, motion in motions.items()} for k in range(len(recordings))]

@@ -11,6 +11,7 @@ from estimators.diagnosis.result import Diagnosis
 from estimators.findings import Finding
 from pendulum_env.physics import Model
 from pendulum_env.physics.mechanism import Mechanism
+from pendulum_env.recording.study import collect_log_format
 from robots.arms.body import find_body
 from robots.servo_arms.model import ServoArmModel
 
@@ -42,6 +43,7 @@ def join_diagnoses(data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnos
         for step in one.steps[1:]:
             present = present | {at: step}
             steps.append(join_steps(present, body, f"{step.added}@{at}"))
+    steps[-1] = steps[-1].with_log_format(collect_log_format(data.recordings))
     pairs = [*diagnoses.items()]
     return Diagnosis(
         steps=tuple(steps),

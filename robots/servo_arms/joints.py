@@ -26,7 +26,7 @@ from robots.servo_arms.links import (
 
 PAUSE = 1.0  # [s] between recordings on the common clock
 STRIDE = 2  # samples of the log between two of the regressors
-LEAST_SHARE = 0.01  # least norm of the independent part of a column, relative to the largest at all joints
+LEAST_SHARE = 0.004  # least norm of the independent part of a column, relative to the largest at all joints
 SMOOTHING = 0.14  # [s], length of the filter that differentiates positions
 
 
@@ -123,6 +123,6 @@ def _differentiate(recording: ArmRecording) -> tuple[Array, Array, Array]:
 
 def _list_typical_sizes(body: Body) -> Array:
     """Return a typical size of each base parameter (P,): that in the robot file, or a tenth of those of its kind."""
-    kinds = np.array([name.partition("@")[0] for name in body.names])
+    kinds = np.array([name[0] for name in body.names])  # first moments and inertias
     sizes = [np.sqrt(np.mean(body.values[kinds == kind] ** 2)) for kind in kinds.tolist()]
     return np.maximum(np.abs(body.values), 0.1 * np.array(sizes))
