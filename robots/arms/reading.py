@@ -96,8 +96,8 @@ def read_joints(
     columns_of = {joint: named_columns.get(f"position_{joint}", NONE) for joint in held}
     driven: dict[str, Any] = {}
     if drive is not None:
-        driven["reference"] = np.column_stack([recording.reference for recording in recordings])
-        driven["drives"] = tuple(drive.select_joint(joint) for joint in joints)
+        goals = [recording.reference for recording in recordings if recording.reference is not None]
+        driven = {"reference": np.column_stack(goals), "drives": tuple(map(drive.select_joint, joints))}
     return ArmRecording(
         first.time,
         np.column_stack([recording.position for recording in recordings]),
@@ -126,9 +126,11 @@ def read_joints(
 
 def check_drives(drive: Actuator | None, joints: Sequence[str]) -> None:
     """Refuse drives of unknown joints, or of some joints alone."""
-    for joint in drive.list_joints() if drive is not None else ():
+    if drive is None:
+        return
+    for joint in drive.list_joints():
         find("joint of [drive]", joint, dict.fromkeys(joints))
-    for joint in joints if drive is not None else ():
+    for joint in joints:
         with name_joint(joint):
             drive.select_joint(joint)
 

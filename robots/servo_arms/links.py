@@ -11,10 +11,10 @@ moments absorb wrong zeros of parallel joints.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -64,7 +64,8 @@ class LinkTorque(Term):
 
     def start(self, x: Samples) -> Memory:
         """Return the series at an instant; in symbols, simulations replace them by those of each step."""
-        if isinstance(x.time, Symbol) or isinstance(x.position, Symbol):
+        time: object = x.time
+        if isinstance(time, Symbol):
             return tuple(0.0 * x.position for _ in range(SERIES * len(self.table.names)))
         shape = np.broadcast_shapes(np.shape(x.time), np.shape(x.position))
         return tuple(np.broadcast_to(series, shape) for series in self.table.interpolate(x.time))
@@ -91,7 +92,7 @@ def _make_column(term: LinkTorque, name: str, k: int) -> Column:
         _, cosine, sine, other = read(x)
         return cosine * np.cos(x.position) + sine * np.sin(x.position) + other
 
-    unit = "N m" if name.startswith("m") else "kg m^2"
+    unit = "kg m" if name.startswith("m") else "kg m^2"
     return Column(f"{LinkTorque.id}.{name}", unit, mass=lambda x: read(x)[0], force=force)
 
 
@@ -116,9 +117,13 @@ def select_columns(columns: Array, first: Array, least: float) -> list[int]:
     return sorted(chosen)
 
 
-@cache
 def remove_weight(kind: type[Term]) -> type[Term]:
     """Return an effect without the columns that depend on the weight of a pendulum."""
+    return _remove_weight(cast(Hashable, kind))
+
+
+@cache
+def _remove_weight(kind: type[Term]) -> type[Term]:
     if not any(column.is_of_weight for column in kind().columns):
         return kind
     followed = {p.name for p in kind.nonlinear_parameters if p.follows == "gravity"}
@@ -127,12 +132,8 @@ def remove_weight(kind: type[Term]) -> type[Term]:
     def list_columns(term: Any) -> tuple[Column, ...]:
         return tuple(column for column in super(lighter, term).columns if not column.is_of_weight)
 
-    lighter = derive_kind(kind, _rebuild, nonlinear_parameters=parameters, columns=property(list_columns))
+    lighter = derive_kind(kind, remove_weight, nonlinear_parameters=parameters, columns=property(list_columns))
     return lighter
-
-
-def _rebuild(kind: type[Term]) -> type[Term]:
-    return remove_weight(kind)
 
 
 def list_names(names: Sequence[str]) -> tuple[str, ...]:
