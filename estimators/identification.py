@@ -140,6 +140,7 @@ def _identify_joints(
     convergence = Convergence(np.array([seconds]), theta[None], np.array([std]))
     count = sum(map(len, recordings))
     sizes = tuple(errors.joints.values())
+    units = ("rad",) * len(sizes)
     fit = Identified(
         "in_loop",
         step.model,
