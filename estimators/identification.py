@@ -140,18 +140,8 @@ def _identify_joints(
     convergence = Convergence(np.array([seconds]), theta[None], np.array([std]))
     count = sum(map(len, recordings))
     sizes = tuple(errors.joints.values())
-    units = ("rad",) * len(sizes)
-    fit = Identified(
-        "in_loop",
-        step.model,
-        convergence,
-        errors.motion_rms,
-        "rad",
-        np.nan,
-        (count, count),
-        sizes,
-        ("rad",) * len(sizes),
-    )
+    motion = errors.motion_rms, "rad", np.nan, (count, count), sizes, ("rad",) * len(sizes)
+    fit = Identified("in_loop", step.model, convergence, *motion)
     return Identification({fit.scheme: fit}, (), tuple(one.name for one in recordings), (seconds,))
 
 
