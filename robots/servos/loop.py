@@ -27,6 +27,7 @@ from robots.servos.drive import ServoDrive
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
+ROUNDING = 1e-9  # difference of equal inputs
 GAINS = ("kp", "ki", "kd", "limit", "speed_weight", "period", "lead_time", "stop_output", "max_integral")
 # if controllers read counts: step [rad] and a position of the encoder, and whether the speed is a difference of counts
 COUNTS = ("encoder_step", "origin", "is_sampled")
@@ -172,21 +173,36 @@ class Servos:
             times.append(np.where([drive.derivative == "error" for drive in self.drives], change / periods, 0.0))
         return np.stack([self.goal, scale, self.is_on, times[0], temperature, load_torque, *times[1:]], axis=1)
 
-    def list_inputs(self, terms: Sequence[Term]) -> Array:
-        """Return the inputs per step with the known states of terms, from the middle of each step (N, C + S, B)."""
-        middles = self.start + self.step * (np.arange(len(self.goal)) + 0.5)[:, None]
+    def count_equal_steps(self, every: int) -> int:
+        """Return `every` if all inputs are constant over so many steps, from a multiple of it on; else 1."""
+        if len(self.inputs) % every:
+            return 1
+        if every not in self._equal_steps:
+            rows = self.inputs.reshape(-1, every, *self.inputs.shape[1:])
+            is_equal = bool(np.abs(rows - rows[:, :1]).max(initial=0.0) < ROUNDING)
+            self._equal_steps[every] = every if is_equal else 1
+        return self._equal_steps[every]
+
+    @cached_property
+    def _equal_steps(self) -> dict[int, int]:
+        return {1: 1}
+
+    def list_inputs(self, terms: Sequence[Term], repeats: int) -> Array:
+        """Return the inputs of each `repeats` equal steps with the known states of terms in their middle."""
+        inputs = self.inputs[::repeats]
+        middles = self.start + self.step * repeats * (np.arange(len(inputs)) + 0.5)[:, None]
         known = [series for term in terms for series in term.list_known_states(middles)]
-        return np.concatenate([self.inputs, np.stack(known, axis=1)], axis=1) if known else self.inputs
+        return np.concatenate([inputs, np.stack(known, axis=1)], axis=1) if known else inputs
 
     @cached_property
     def _wrapped_inputs(self) -> dict[Hashable, Array]:
         return {}
 
-    def wrap_inputs(self, step: Recurrence, terms: Sequence[Term]) -> Array:
+    def wrap_inputs(self, step: Recurrence, terms: Sequence[Term], repeats: int) -> Array:
         """Return the inputs of terms in the layout of a compiled step, memoised by its width and known states."""
-        key = step.width, *(type(term) for term in terms if term.has_known_states())
+        key = step.width, repeats, *(type(term) for term in terms if term.has_known_states())
         if key not in self._wrapped_inputs:
-            self._wrapped_inputs[key] = step.wrap_inputs(self.list_inputs(terms))
+            self._wrapped_inputs[key] = step.wrap_inputs(self.list_inputs(terms, repeats))
         return self._wrapped_inputs[key]
 
 
@@ -276,8 +292,9 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     encoder_row = next(k for k, row in enumerate(rows) if row is seen)
     states = np.array([np.broadcast_to(row, shape) for row in rows])
     if program is not None:
-        inputs = servos.wrap_inputs(program, terms)
-        return np.asarray(program(inputs, parameters, states, every, returned=[encoder_row])[:, 0])
+        repeats = servos.count_equal_steps(every)
+        inputs = servos.wrap_inputs(program, terms, repeats)
+        return np.asarray(program(inputs, parameters, states, every, repeats, [encoder_row])[:, 0])
 
     def simulate_step(inputs: Array, rows: Array) -> list[Any]:  # for a user's law that is not symbolic
         output, *past = rows[len(stack_rows(x)) :]
@@ -288,7 +305,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
         options = state, ServoInputs(*inputs[:count]), controller, h, servos.at_output, known
         return _flatten_state(*step_servo(balance, unstack_rows(rows, x), *options), has_integral)
 
-    return repeat_step(simulate_step, servos.list_inputs(terms), states, every)[:, encoder_row]
+    return repeat_step(simulate_step, servos.list_inputs(terms, 1), states, every)[:, encoder_row]
 
 
 def _name_known_states(x: Samples, terms: Sequence[Term], rows: Iterator[Any]) -> dict[str, Any]:
