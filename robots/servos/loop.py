@@ -27,7 +27,7 @@ from robots.servos.drive import ServoDrive
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
-ROUNDING = 1e-9  # difference of equal inputs
+ROUNDING = 2e-3  # difference of equal inputs, relative to their range
 GAINS = ("kp", "ki", "kd", "limit", "speed_weight", "period", "lead_time", "stop_output", "max_integral")
 # if controllers read counts: step [rad] and a position of the encoder, and whether the speed is a difference of counts
 COUNTS = ("encoder_step", "origin", "is_sampled")
@@ -174,12 +174,13 @@ class Servos:
         return np.stack([self.goal, scale, self.is_on, times[0], temperature, load_torque, *times[1:]], axis=1)
 
     def count_equal_steps(self, every: int) -> int:
-        """Return `every` if all inputs are constant over so many steps, from a multiple of it on; else 1."""
+        """Return `every` if all inputs are constant over so many steps, apart from rounding of the clock; else 1."""
         if len(self.inputs) % every:
             return 1
         if every not in self._equal_steps:
             rows = self.inputs.reshape(-1, every, *self.inputs.shape[1:])
-            is_equal = bool(np.abs(rows - rows[:, :1]).max(initial=0.0) < ROUNDING)
+            largest = ROUNDING * np.ptp(self.inputs, axis=(0, 2))[:, None]
+            is_equal = bool((np.abs(rows - rows[:, every // 2, None]) <= largest).all())
             self._equal_steps[every] = every if is_equal else 1
         return self._equal_steps[every]
 
@@ -189,7 +190,7 @@ class Servos:
 
     def list_inputs(self, terms: Sequence[Term], repeats: int) -> Array:
         """Return the inputs of each `repeats` equal steps with the known states of terms in their middle."""
-        inputs = self.inputs[::repeats]
+        inputs = self.inputs[repeats // 2 :: repeats]
         middles = self.start + self.step * repeats * (np.arange(len(inputs)) + 0.5)[:, None]
         known = [series for term in terms for series in term.list_known_states(middles)]
         return np.concatenate([inputs, np.stack(known, axis=1)], axis=1) if known else inputs
@@ -292,7 +293,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     encoder_row = next(k for k, row in enumerate(rows) if row is seen)
     states = np.array([np.broadcast_to(row, shape) for row in rows])
     if program is not None:
-        repeats = servos.count_equal_steps(every)
+        repeats = servos.count_equal_steps(every) if any(term.has_known_states() for term in terms) else 1
         inputs = servos.wrap_inputs(program, terms, repeats)
         return np.asarray(program(inputs, parameters, states, every, repeats, [encoder_row])[:, 0])
 
