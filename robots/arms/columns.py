@@ -48,12 +48,13 @@ def find_joint_columns(
             columns |= dict(zip(names, numbered, strict=True))
         elif missing and quantity in needed:
             reason = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
-            example = f"{'goal' if quantity == 'reference' else quantity}_{missing[0]}"
+            example = f"{quantity}_{missing[0]}"
+            spelling = f"goal_{missing[0]}" if quantity == "reference" else example
             option = format_setting("columns", {example: "NAME:A*0.4" if quantity == "torque" else "NAME"})
             current = " (a current, by its torque constant)" if quantity == "torque" else ""
             raise ColumnError(
                 f"{label}: {len(joints)} {reason} of {quantity}, there is none for {', '.join(missing)} among "
-                f"{', '.join([*plain][:12])}: name them {example} and so on, say which with "
+                f"{', '.join([*plain][:12])}: name them {spelling} and so on, say which with "
                 f"{option}{current}, or hold joints by naming those that move, "
                 f"{format_setting('joints', Blank('A,B,C'))}"
             )

@@ -70,7 +70,7 @@ def describe_unexplained(diagnosis: Diagnosis, region: Region) -> str:
     text = describe_region(region)
     if region.at not in diagnosis.joint_residuals:
         return text
-    unit = diagnosis.model.units(region.at).unit(NEWTON_METRE)
+    unit = get_error_unit(diagnosis, region.at)
     residual = f"{diagnosis.joint_residuals[region.at]:.2g} {unit} at {region.at}"
     return f"{residual}; {text}" if text else residual
 

@@ -78,3 +78,11 @@ def test_drive_of_one_joint_is_a_table_and_unknown_joints_are_refused(tmp_path, 
     study.write_text(study.read_text().replace("[[recording]]", f"[drive.elbov]\nkp = {KP}\n[[recording]]", 1))
     assert main(["diagnose", str(study), "--robot", str(robot)]) == 2
     assert "elbow" in capsys.readouterr().err
+
+
+def test_missing_goal_of_a_joint_is_named(tmp_path, capsys):
+    robot, _ = write_arm(tmp_path, np.random.default_rng(0), runs=1, seconds=3.0)
+    log = tmp_path / "run0.csv"
+    log.write_text(log.read_text().replace("goal_wrist", "gaol_wrist"))
+    assert main(["diagnose", str(log), "--robot", str(robot), "--drive", f"output=torque,kp={KP}"]) == 2
+    assert "goal_wrist" in capsys.readouterr().err
