@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from estimators.arguments import (
@@ -25,9 +27,12 @@ from estimators.data.settings import DATA
 from estimators.data.shared_clock import share_clock
 from estimators.data.split import CutSettings
 from estimators.decisions.criterion import Criterion
-from estimators.diagnosis.cases import choose_case
+from estimators.decisions.errors import Errors, join_errors
+from estimators.diagnosis.case import DividedCase
+from estimators.diagnosis.cases import choose_case, find_division
 from estimators.diagnosis.checks import Subject, examine
 from estimators.results import Comparison, RecordingErrors
+from estimators.signals.differentiation import estimate_encoder_noise
 from estimators.simulation.free_running import HORIZON
 from estimators.simulation.whole_motion import WholeMotion
 from pendulum_env.lookup import refuse_unknown_arguments
@@ -73,6 +78,8 @@ def compare(
     model = check_model(model)
     check_horizon(horizon, model.mechanism.can_simulate)
     recordings = share_clock(select_recordings(recordings, terms=model.terms, log_format=model.log_format))
+    if (division := find_division(model.terms, recordings)) is not None:
+        return _compare_joints(division, model, recordings, criterion)
     recordings = convert_to_model_unit(model, recordings, criterion)
     if recordings[0].units.is_prismatic:
         model = model.convert_units(recordings[0].units)
@@ -103,6 +110,26 @@ def compare(
         data,
         None if joints else horizon or HORIZON,
     )
+
+
+def _compare_joints(
+    division: DividedCase, model: Model, recordings: Sequence[Recording], criterion: Criterion
+) -> Comparison:
+    """Compare the model of a machine whose joints are simulated one by one: errors of the motion in the loop alone."""
+    motions, floors, none = dict[str, WholeMotion](), dict[str, float](), Errors(np.nan, np.nan)
+    for at, part in division.divide(model.terms, recordings, model=model).items():
+        assert part.model is not None
+        every = find_preparation(part.recordings).complete(part.recordings, part.model.log_format, criterion)
+        motions[at] = find_preparation(every).simulate(part.model, share_clock(every))
+        floors[at] = float(np.sqrt(2 / np.pi) * np.mean([estimate_encoder_noise(one) for one in every]))
+    parts = [{at: motion.select_recording(k) for at, motion in motions.items()} for k in range(len(recordings))]
+    names = [*(recording.name for recording in recordings), "all"]
+    *errors, joint = (
+        RecordingErrors(name, join_errors({at: motion.extend(none) for at, motion in part.items()}), floors)
+        for name, part in zip(names, [*parts, motions], strict=True)
+    )
+    data = FitData(tuple(recordings), tuple(recordings), terms=model.terms, criterion=criterion)
+    return Comparison(model, tuple(errors), joint, (), (), data=data, horizon=None)
 
 
 def _prepare_recording(recording: Recording, model: Model, horizon: float | None, block: float) -> RegressionData:

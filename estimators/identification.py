@@ -21,19 +21,23 @@ from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
-from estimators.diagnosis.cases import choose_case
+from estimators.decisions.errors import Step
+from estimators.diagnosis.case import DividedCase, Trial
+from estimators.diagnosis.cases import choose_case, find_division
 from estimators.diagnosis.checks import Subject, examine
+from estimators.diagnosis.options import Options
 from estimators.findings import Finding, Quantity, bias_everything
 from estimators.free_swings import make_swing_terms, restore_known
 from estimators.regression.least_squares import IdentificationError
 from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
-from estimators.schemes.fitting import Identified, fit_schemes
+from estimators.schemes.fitting import Convergence, Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification
 from estimators.schemes.six import LowPass, Regressor, Scheme, select_schemes
 from estimators.weak_form.preparation import prepare_windows
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Bounds, Model, Term
+from pendulum_env.recording import Recording
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -86,6 +90,8 @@ def identify(
     terms, chosen = select_terms(terms), select_schemes(schemes)
     terms, _ = apply_limits(terms, {}, fixed, bounds)
     recordings = select_recordings(recordings, terms=terms)
+    if (division := find_division(terms, recordings)) is not None:
+        return _identify_joints(division, recordings, terms, criterion)
     fit_data = FitData.from_recordings(recordings, terms=terms, criterion=criterion)
     swing_terms = make_swing_terms(terms, fit_data.recordings)
     segments = measure_segments(fit_data.recordings, swing_terms)
@@ -112,6 +118,31 @@ def identify(
         first.torque_constant,
         None if subject.rows is None or not first_model.mechanism.can_simulate else subject.rows.data,
     )
+
+
+def _identify_joints(
+    division: DividedCase, recordings: Sequence[Recording], terms: Sequence[Term], criterion: Criterion
+) -> Identification:
+    """Fit the base model of each joint of a machine whose joints are simulated one by one."""
+    steps = dict[str, Step]()
+    for at, part in division.divide(terms, recordings).items():
+        case = choose_case(part.base, part.recordings)
+        data, options = case.prepare(part.recordings, part.recordings, Options(part.base, {}, criterion))
+        trial = Trial.search(case, data, options)
+        steps[at] = trial.present(trial.final.steps[-1], False)
+    step = division.join_steps(Model(tuple(terms)), steps).with_log_format(collect_log_format(recordings))
+    errors, theta, seconds = (
+        step.errors["train"],
+        step.model.theta,
+        sum(one.time[-1] - one.time[0] for one in recordings),
+    )
+    std = [step.model.estimates[column.name].std for column in step.model.columns]
+    convergence = Convergence(np.array([seconds]), theta[None], np.array([std]))
+    count = sum(map(len, recordings))
+    sizes = tuple(errors.joints.values())
+    motion = errors.motion_rms, "rad", np.nan, (count, count), sizes, ("rad",) * len(sizes)
+    fit = Identified("in_loop", step.model, convergence, *motion)
+    return Identification({fit.scheme: fit}, (), tuple(one.name for one in recordings), (seconds,))
 
 
 def _make_subject(first: Model, results: Sequence[Identified], data: FitData, terms: Sequence[Term]) -> Subject:

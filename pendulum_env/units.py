@@ -13,7 +13,7 @@ from pendulum_env._typing import Array
 
 T = TypeVar("T", float, Array)
 
-PRODUCTS = {"kg m^2": "N m s^2", "J": "N m rad", "W": "N m rad/s"}  # units as multiples of N m
+PRODUCTS = {"kg m^2": "N m s^2", "kg m": "N m s^2/m", "J": "N m rad", "W": "N m rad/s"}  # units as multiples of N m
 RELATIVE = {  # units after division by the inertia [N m s^2/rad]
     "N m s^2": "1",
     "N m s^2/rad^2": "1/rad",

@@ -25,7 +25,7 @@ ARM_EFFECTS = (COUPLING, "rotor")  # only arms have them
 FORMATS = "CSV, Parquet, NPZ, JSON, MATLAB, HDF5, Excel, MCAP or ROS bag"
 KINDS = f"{FORMATS}, LeRobot dataset (FOLDER, FOLDER#12), or a study.toml (several recordings, known loads)"
 OF_ARMS = ("rotors", "joints", "no_gravity")  # options that need --robot
-OF_PENDULUMS = ("drive", "theta", "fixed", "bounds")  # options that exclude --robot
+OF_PENDULUMS = ("theta", "fixed", "bounds")  # options that exclude --robot
 
 
 def add_json(parser: argparse.ArgumentParser, help: str) -> None:

@@ -52,12 +52,14 @@ class ResidualWithoutPlace(Finding):
         noise_ratio: its ratio to the noise floor, or to the noise of the encoder.
         worst: largest error of a recording; None for a single recording.
         recording: name of that recording; empty without a controller.
+        share: position error over the range of the motion; None without a controller.
     """
 
     residual: Quantity
     noise_ratio: float
     worst: Quantity | None = None
     recording: str = ""
+    share: float | None = None
 
 
 def find_failures(

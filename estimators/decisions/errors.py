@@ -12,7 +12,11 @@ from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Term, list_loads
 
 Terms = tuple[Term, ...]
-FILE_NAMES = {"motion": "in_loop", "motion_rms": "in_loop_rms"}  # other names of attributes of `Errors` in files
+FILE_NAMES = {
+    "motion": "in_loop",
+    "motion_rms": "in_loop_rms",
+    "motion_share": "in_loop_share",
+}  # other names of attributes of `Errors` in files
 
 
 @dataclass(frozen=True, repr=False)
@@ -26,10 +30,11 @@ class Errors:
             the inertia is unknown.
         torque_fit: 100 (1 - torque_rms / standard deviation of the torque) [%]; 0 is as good as a constant.
         position_fit: the same of the position in segments [%].
-        joints: torque RMS of each joint by name [N m].
-        shares: torque RMS of each joint over the RMS of its torque; None without a motor.
+        joints: torque RMS of each joint by name [N m]; with controllers, `motion` of each [rad].
+        shares: torque RMS of each joint over the RMS of its torque, None without a motor; or `motion_share` of each.
         motion: mean absolute position error of whole recordings, simulated from the reference of a controller [rad].
         motion_rms: RMS of the same [rad].
+        motion_share: `motion` over the range of the measured positions.
     """
 
     torque_rms: float
@@ -40,16 +45,17 @@ class Errors:
     shares: Mapping[str, float | None] = field(default_factory=dict)
     motion: float = np.nan
     motion_rms: float = np.nan
+    motion_share: float = np.nan
 
     def __repr__(self) -> str:
         errors = [f"{name}={value:.4g}" for name, value in self._totals.items()]
         errors += [f"{joint}={error:.4g}" for joint, error in self.joints.items() if joint]
         return f"<Errors: {', '.join(errors)}>"
 
-    def with_motion_errors(self, error: Array) -> Errors:
-        """Return the errors with those of simulated positions (R,) [rad]."""
+    def with_motion_errors(self, error: Array, measured: Array) -> Errors:
+        """Return the errors with those of simulated positions (R,) [rad], given the measured ones (R,) [rad]."""
         mean, rms = float(np.mean(np.abs(error))), float(np.sqrt(np.mean(error**2)))
-        return replace(self, motion=mean, motion_rms=rms)
+        return replace(self, motion=mean, motion_rms=rms, motion_share=mean / max(float(np.ptp(measured)), 1e-300))
 
     @property
     def is_of_motion(self) -> bool:
@@ -95,8 +101,19 @@ class Errors:
 
     def json(self) -> JSON:
         """Return a dictionary for JSON, without unknown errors."""
-        joints = {at: {"torque_rms": rms, "share": self.shares.get(at)} for at, rms in self.joints.items()}
+        kind = next(iter(self.kinds))
+        joints = {at: {kind: size, "share": self.shares.get(at)} for at, size in self.joints.items()}
         return {**self._totals, "joints": joints}
+
+
+def join_errors(errors: Mapping[str, Errors]) -> Errors:
+    """Join the errors of joints in the loop: mean of their mean errors, RMS of their RMS errors."""
+    motion = {at: one.motion for at, one in errors.items()}
+    rms = float(np.sqrt(np.mean([one.motion_rms**2 for one in errors.values()])))
+    shares = {at: one.motion_share for at, one in errors.items()}
+    return Errors(
+        np.nan, np.nan, joints=motion, shares=shares, motion=float(np.mean([*motion.values()])), motion_rms=rms
+    )
 
 
 def get_error_at(joints: Mapping[str, float], at: str, otherwise: float) -> float:

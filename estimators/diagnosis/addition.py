@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from estimators.arguments import (
@@ -20,7 +20,7 @@ from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import Decision
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import Case, Trial
-from estimators.diagnosis.cases import choose_case
+from estimators.diagnosis.cases import choose_case, find_division
 from estimators.diagnosis.checks import Subject, examine
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import Addition
@@ -44,6 +44,7 @@ from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import Bounds, Model, Term, is_dry, is_hidden
 from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.joints import find_kind
+from pendulum_env.recording import Recording
 from pendulum_env.recording.study import collect_log_format
 
 
@@ -90,6 +91,30 @@ def add(
     kind = find_kind(id, mechanism)
     model.add(kind())  # raises if a term of the model contains it
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that no recording has
+    if (division := find_division(model.terms, every)) is not None:
+        library = {kind.id: kind}
+        part = division.divide(model.terms, recordings, holdout, library, model)[kind.at]
+        assert part.model is not None
+        (own,) = part.library.values()
+        addition = _add_kind(part.model, own, part.recordings, part.holdout, progress, fixed, bounds, criterion)
+        steps = (division.join_steps(model, {kind.at: step}) for step in (addition.before, addition.after))
+        before, after = (step.with_log_format(dict(model.log_format)) for step in steps)
+        floors = dict.fromkeys([kind.at], *addition.floors.values())
+        return replace(addition, before=before, after=replace(after, added=kind.id), floors=floors)
+    return _add_kind(model, kind, recordings, holdout, progress, fixed, bounds, criterion)
+
+
+def _add_kind(
+    model: Model,
+    kind: type[Term],
+    recordings: Sequence[Recording],
+    holdout: Sequence[Recording],
+    progress: Progress,
+    fixed: Mapping[str, float] | None,
+    bounds: Bounds | None,
+    criterion: Criterion,
+) -> Addition:
+    """Refit a model's terms, then with one more effect; arguments as of `add`."""
     if all(recording.is_free for recording in recordings):
         fixed = find_scaling_values(model, fixed)
     terms, library = apply_limits(model.terms, {kind.id: kind}, fixed, bounds)

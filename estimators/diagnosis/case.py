@@ -7,8 +7,8 @@ pendulum, `estimators.diagnosis.pendulum`, is the model for others, which `regis
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -113,6 +113,44 @@ class Case(Preparation, ABC):
     def refit_to_horizon(self, trial: Trial) -> HorizonRefit | None:
         """Refit the final model to free-running motion over the horizon of the options; None without one."""
         return None
+
+
+@dataclass(frozen=True)
+class Part:
+    """Part of a machine that is diagnosed alone: recordings, base terms, library and, if given, model of one joint."""
+
+    recordings: tuple[Recording, ...]
+    holdout: tuple[Recording, ...]
+    base: tuple[Term, ...]
+    library: Mapping[str, type[Term]] = field(default_factory=dict)
+    model: Model | None = None
+
+
+class DividedCase(Preparation, ABC):
+    """Kind of machine whose joints are diagnosed one by one, each by the case of its recordings."""
+
+    @abstractmethod
+    def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
+        """Return whether a base model and recordings belong to the case."""
+
+    @abstractmethod
+    def divide(
+        self,
+        base: Sequence[Term],
+        recordings: Sequence[Recording],
+        holdout: Sequence[Recording] = (),
+        library: Mapping[str, type[Term]] | None = None,
+        model: Model | None = None,
+    ) -> Mapping[str, Part]:
+        """Return the parts of the machine by joint, with their models if a model of the machine is given."""
+
+    @abstractmethod
+    def join_diagnoses(self, data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnosis:
+        """Join the diagnoses of the joints, from data of the machine."""
+
+    @abstractmethod
+    def join_steps(self, model: Model, steps: Mapping[str, Step]) -> Step:
+        """Join the steps of some joints to that of a model of the machine."""
 
 
 @dataclass(frozen=True, eq=False)

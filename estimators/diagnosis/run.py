@@ -17,8 +17,10 @@ from estimators.arguments import (
     select_terms,
     select_visible_effects,
 )
+from estimators.data.fit_data import FitData
 from estimators.decisions.criterion import Criterion
-from estimators.diagnosis.cases import choose_case
+from estimators.diagnosis.case import DividedCase
+from estimators.diagnosis.cases import choose_case, find_division
 from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.diagnosis.explanation import explain
 from estimators.diagnosis.options import Options
@@ -29,6 +31,7 @@ from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Bounds, Term
 from pendulum_env.physics.joints import find_mechanism
+from pendulum_env.recording import Recording
 
 
 @refuse_unknown_arguments
@@ -93,6 +96,9 @@ def diagnose(
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
     rng, progress = np.random.default_rng(0 if rng is None else rng), report_forward(progress)
     options = Options(terms, effects, criterion, rng, progress, limits, horizon)
+    if (division := find_division(terms, (*fitted, *held_out))) is not None:
+        check_horizon(horizon, False)
+        return _diagnose_joints(division, fitted, held_out, options)
     case = choose_case(terms, (*fitted, *held_out))
     check_horizon(horizon, case.has_free_motion)
     if not case.has_free_motion and limits != ExperimentLimits():
@@ -102,3 +108,26 @@ def diagnose(
     progress("timing the torque", 0.0)
     best, tried = choose_treatment(case, data.with_timing() if case.is_timed else data, options)
     return explain(best, tried)
+
+
+def _diagnose_joints(
+    division: DividedCase, fitted: Sequence[Recording], holdout: Sequence[Recording], options: Options
+) -> Diagnosis:
+    """Diagnose the joints of a machine one by one, and join the results."""
+    parts, diagnoses = division.divide(options.base, fitted, holdout, options.library), {}
+    for number, (at, part) in enumerate(parts.items()):
+
+        def report(text: str, share: float, at: str = at, number: int = number) -> None:
+            options.progress(f"{at}: {text}", (number + share) / len(parts))
+
+        diagnoses[at] = diagnose(
+            part.recordings,
+            part.holdout,
+            part.base,
+            report,
+            library=part.library,
+            criterion=options.criterion,
+            rng=options.rng,
+        )
+    data = FitData(tuple(fitted), tuple(holdout), terms=tuple(options.base), criterion=options.criterion)
+    return division.join_diagnoses(data, diagnoses)

@@ -37,7 +37,7 @@ class WholeMotion:
 
     def extend(self, errors: Errors) -> Errors:
         """Extend errors by those of this motion, if it has rows."""
-        return errors.with_motion_errors(self.error) if self else errors
+        return errors.with_motion_errors(self.error, self.measured) if self else errors
 
     def select_recording(self, number: int) -> WholeMotion:
         """Return the motion of one recording."""

@@ -311,6 +311,10 @@ class Term:
         """Return the states after `duration` [s] of motion from x, at constant velocity and command."""
         return memory
 
+    def list_known_states(self, time: Array) -> list[Array]:
+        """Return the states at some instants if they are known functions of time; empty for other terms."""
+        return []
+
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
         """Return the states along N recorded samples, (N,) each; see `trace_variants`."""
         return trace_variants([self], [x], [command], [period])[0][0]
@@ -335,6 +339,11 @@ class Term:
     def has_memory(self) -> bool:
         """Return whether the term has states."""
         return type(self).start is not Term.start
+
+    @classmethod
+    def has_known_states(cls) -> bool:
+        """Return whether the states are known functions of time."""
+        return cls.list_known_states is not Term.list_known_states
 
     @property
     def has_hidden_state(self) -> bool:

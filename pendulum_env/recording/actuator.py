@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 from pendulum_env.errors import UserError
@@ -36,6 +37,14 @@ class Actuator:
     def unit(self) -> str:
         """Return the unit of the torque."""
         return NEWTON_METRE
+
+    def select_joint(self, joint: str) -> Actuator:
+        """Return the actuator of a joint: this one, which all joints have."""
+        return self
+
+    def list_joints(self) -> tuple[str, ...]:
+        """Return the joints that have settings of their own."""
+        return ()
 
     @property
     def output_name(self) -> str:
@@ -86,13 +95,58 @@ class Actuator:
 MOTOR = Actuator()
 
 
+@dataclass(frozen=True)
+class JointActuators(Actuator):
+    """Actuators of the joints of an arm.
+
+    Attributes:
+        common: settings of all joints.
+        own: further settings by joint.
+    """
+
+    common: Mapping[str, Any] = field(hash=False)
+    own: Mapping[str, Mapping[str, Any]] = field(hash=False)
+    is_controller: ClassVar[bool] = True
+
+    def select_joint(self, joint: str) -> Actuator:
+        """Return the actuator of a joint; raises a UserError if it has no settings."""
+        actuator = parse_actuator({**self.common, **self.own.get(joint, {})})
+        if actuator is None:
+            raise UserError(f"has no drive: write [drive] for all joints, or [drive.{joint}]")
+        return actuator
+
+    def list_joints(self) -> tuple[str, ...]:
+        """Return the joints that have settings of their own."""
+        return tuple(self.own)
+
+    def get_settings(self) -> dict[str, Any]:
+        """Return the settings of a study that make the actuators."""
+        return {**self.common, **{joint: dict(settings) for joint, settings in self.own.items()}}
+
+
+@contextmanager
+def name_joint(joint: str) -> Iterator[None]:
+    """Add a joint to errors on the settings of its actuator within a block."""
+    try:
+        yield
+    except UserError as error:
+        raise UserError(f"joint '{joint}': {error}") from None
+
+
 def parse_actuator(settings: Mapping[str, Any]) -> Actuator | None:
     """Make the actuator of the table `drive` of a study by an installed package; None without settings.
 
-    The setting `kind` names the entry point, if several packages have one.
+    A table within it has settings of one joint: `[drive.elbow]`. The setting `kind` names the entry point, if several
+    packages have one.
     """
     if not settings:
         return None
+    if own := {name: value for name, value in settings.items() if isinstance(value, Mapping)}:
+        common = {name: value for name, value in settings.items() if name not in own}
+        for joint, more in own.items():
+            with name_joint(joint):
+                parse_actuator({**common, **more})
+        return JointActuators(common, own)
     kinds, others = list_actuators(), {name: value for name, value in settings.items() if name != "kind"}
     if not kinds:
         raise make_missing_error(ENTRY_POINTS, "has drives")

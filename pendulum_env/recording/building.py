@@ -67,7 +67,7 @@ def build_recordings(
     joints, actuator = list[JointLog](), controller or MOTOR
     for joint, table in tables.items():
         with name_errors(joint):
-            joints.append(_open_log(joint, table, unwrap, actuator, named_columns[joint]))
+            joints.append(_open_log(joint, table, unwrap, actuator.select_joint(joint), named_columns[joint]))
     _clean_rows(joints, can_swing=not actuator.is_controller)
     jumps = dict.fromkeys(tables, 0)
     for item in joints:
@@ -77,14 +77,15 @@ def build_recordings(
             if not item.origin.has_integral:
                 checks.refuse_jumps(position, log.rows, log.starts, item.origin, turn=turn, allow_wrapped=unwrap)
                 if unwrap:
-                    jumps[item.joint] = cleaning.unwrap_positions(log, is_angle=not actuator.acts_on_speed)
+                    is_angle = not actuator.select_joint(item.joint).acts_on_speed
+                    jumps[item.joint] = cleaning.unwrap_positions(log, is_angle=is_angle)
             sampling.drop_short_segments(log)
     sampling.resample_uniformly([item.log for item in joints])
     assert all(np.array_equal(item.log.values["time"], joints[0].log.values["time"]) for item in joints)
     recordings = dict[str, Recording]()
     for item in joints:
         with name_errors(item.joint):
-            recording = _make_recording(item, name, controller, log_format)
+            recording = _make_recording(item, name, controller and controller.select_joint(item.joint), log_format)
             if not jumps[item.joint]:  # jumps of 2 pi confirm the unit
                 recording = replace(
                     recording, notes=(*recording.notes, *_find_doubts(recording, item.origin, has_gravity))
@@ -225,7 +226,8 @@ def _clean_rows(joints: Sequence[JointLog], *, can_swing: bool) -> None:
     for item in joints:
         with name_errors(item.joint):
             checks.refuse_too_few(item.log.values["time"])
-            checks.refuse_motionless(item.log.values["position"])
+            if can_swing or is_single:  # a joint of several may hold its goal
+                checks.refuse_motionless(item.log.values["position"])
     jitter.replace_late_stamps(logs)
     sampling.cut_at_gaps(logs)
 

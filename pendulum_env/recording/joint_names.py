@@ -9,7 +9,7 @@ from pendulum_env.errors import RecordingError
 from pendulum_env.recording.columns import NONE
 from pendulum_env.recording.notes import Note, NoteKind
 
-OF_JOINTS = ("position", "torque", "temperature")  # quantities with a column for each joint
+OF_JOINTS = ("position", "torque", "temperature", "reference")  # quantities with a column for each joint
 
 
 def note_joint(joint: str, note: Note) -> Note:
@@ -23,7 +23,7 @@ def note_joint(joint: str, note: Note) -> Note:
 
 def name_joint(joint: str, text: str) -> str:
     """Add the joint to the column names in a text."""
-    text = re.sub(",(velocity|reference)=none|, '(velocity|reference)': 'none'", "", text)
+    text = re.sub(",(velocity|reference|torque)=none|, '(velocity|reference|torque)': 'none'", "", text)
     text = re.sub(f"^({'|'.join(OF_JOINTS)}) is", lambda match: f"{match[1]}_{joint} is", text)
     return re.sub(f"(?<=[ ',])({'|'.join(OF_JOINTS)})(=|': )", lambda match: f"{match[1]}_{joint}{match[2]}", text)
 

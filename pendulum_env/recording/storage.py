@@ -107,7 +107,7 @@ def read_joint_rows(
     tables = dict[str, RawTable]()
     try:
         for joint, named_columns in columns.items():
-            output = None if controller is None else controller.output_name
+            output = None if controller is None else controller.select_joint(joint).output_name
             find = partial(find_columns, named_columns=named_columns, output=output)
             with name_errors(joint):
                 tables[joint] = read_table(source, find)

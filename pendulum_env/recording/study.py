@@ -9,6 +9,9 @@ torque = "current:A*0.091"
 [drive]                          # controller that follows the reference, of an installed package
 preset = "xl330"
 
+[drive.elbow]                    # of one joint of an arm, in addition
+kp = 800
+
 [[recording]]
 file = "monday.csv"              # relative to the study
 role = "fit"                     # or "holdout"
@@ -290,11 +293,17 @@ def write_study(sources: Sequence[Source], path: str | os.PathLike[str]) -> None
 def _build_source(folder: Path, data: _Recording, study: _Study) -> Source:
     if data.range is not None and data.range[0] >= data.range[1]:
         raise StudyError(f"range is {list(data.range)}: expected [from, to] in seconds from the first sample")
-    settings = {**study.drive, **data.drive}
+    settings = _merge(study.drive, data.drive)
     return Source(
         folder / data.file, data.role, {**study.columns, **_check_columns(data.columns)}, data.unwrap, data.range,
         None if data.load is None else data.load.known, parse_actuator(settings),
     )  # fmt: skip
+
+
+def _merge(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge settings and their tables; `own` ones take precedence."""
+    nested = {name: _merge(common.get(name, {}), value) for name, value in own.items() if isinstance(value, Mapping)}
+    return {**common, **own, **nested}
 
 
 def _check_columns(table: Mapping[str, Any]) -> dict[str, str]:

@@ -13,13 +13,22 @@ from pendulum_env.recording.preview import Preview
 from pendulum_env.recording.vocabulary import find_label
 from pendulum_env.settings import Blank, format_setting
 
-QUANTITIES = ("position", "torque")  # temperature is optional
+QUANTITIES = ("position", "torque")  # others are optional
+OF_DRIVES = ("position", "reference")  # the same with drives
 
 
 def find_joint_columns(
-    label: str, headers: Sequence[str], joints: Sequence[str], held: Collection[str], named_columns: dict[str, str]
+    label: str,
+    headers: Sequence[str],
+    joints: Sequence[str],
+    held: Collection[str],
+    named_columns: dict[str, str],
+    needed: Collection[str] = QUANTITIES,
 ) -> dict[str, str]:
-    """Find the columns of all joints by quantity, `position_<joint>`; those that the user names take precedence."""
+    """Find the columns of all joints by quantity, `position_<joint>`; those that the user names take precedence.
+
+    Each joint needs a column of each quantity in `needed`.
+    """
     known_names = [f"{quantity}_{joint}" for quantity in OF_JOINTS for joint in (*joints, *held)]
     for name in named_columns:
         try:
@@ -37,14 +46,15 @@ def find_joint_columns(
         if missing and not is_named and len(names) == len(numbered):  # numbered in order, not by the joints
             columns = {name: text for name, text in columns.items() if name in named_columns or text not in numbered}
             columns |= dict(zip(names, numbered, strict=True))
-        elif missing and quantity in QUANTITIES:
+        elif missing and quantity in needed:
             reason = "joints need as many columns" if len(joints) > 1 else "joint needs a column"
             example = f"{quantity}_{missing[0]}"
+            spelling = f"goal_{missing[0]}" if quantity == "reference" else example
             option = format_setting("columns", {example: "NAME:A*0.4" if quantity == "torque" else "NAME"})
             current = " (a current, by its torque constant)" if quantity == "torque" else ""
             raise ColumnError(
                 f"{label}: {len(joints)} {reason} of {quantity}, there is none for {', '.join(missing)} among "
-                f"{', '.join([*plain][:12])}: name them {example} and so on, say which with "
+                f"{', '.join([*plain][:12])}: name them {spelling} and so on, say which with "
                 f"{option}{current}, or hold joints by naming those that move, "
                 f"{format_setting('joints', Blank('A,B,C'))}"
             )
@@ -71,9 +81,9 @@ def match_joints(headers: Sequence[str], joints: Sequence[str]) -> dict[str, str
     ignored = set() if numbers <= {*labels.values()} or numbers >= {*labels.values()} else numbers
     for quantity in OF_JOINTS:
         for joint, joint_label in labels.items():
-            name = f"{quantity}_{joint}"
-            if header := plain.get(name):
-                columns_of_joints[name] = add_si_unit(quantity, header) if header == name else header
+            name, other_name = f"{quantity}_{joint}", f"goal_{joint}" if quantity == "reference" else ""
+            if header := plain.get(name) or plain.get(other_name):
+                columns_of_joints[name] = add_si_unit(quantity, header) if header in (name, other_name) else header
             elif joint_label in labelled[quantity] and joint_label not in ignored:
                 columns_of_joints[name] = labelled[quantity][joint_label]
     return columns_of_joints

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from msgspec import Struct
 
+from estimators.data.preparation import list_preparations
 from pendulum_env._typing import JSON
 from pendulum_env.errors import UserError
 from pendulum_env.physics import Model, ModelError
@@ -19,6 +21,8 @@ from pendulum_env.reading import Text, convert, read_json
 from pendulum_env.robot_file import HINT, RobotOptions
 from pendulum_env.settings import format_setting
 from robots.arms.body import Body, find_body
+
+OTHER_MODELS: dict[Any, Callable[[JSON, Body], Any]] = {}  # functions that make models of other schemas
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -61,7 +65,10 @@ class ArmModel(Model):
             ModelError: if the file is missing, or is not a model of this arm.
         """
         try:
-            return cls.from_json_of_body(read_json(path, HINT), body)
+            content = read_json(path, HINT)
+            schema = content.get("schema") if isinstance(content, dict) else None
+            list_preparations()  # imports all cases, which add their models
+            return OTHER_MODELS.get(schema, cls.from_json_of_body)(content, body)
         except UserError as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 

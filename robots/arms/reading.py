@@ -2,13 +2,16 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from pendulum_env._typing import JSON
 from pendulum_env.errors import ColumnError
+from pendulum_env.lookup import find
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.recording.actuator import Actuator, name_joint
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.columns import NONE, check_columns_option, parse_column
 from pendulum_env.recording.formats import Readable, get_label
@@ -21,6 +24,7 @@ from pendulum_env.recording.study import Source
 from pendulum_env.settings import format_setting
 from robots.arms.body import Body
 from robots.arms.columns import (
+    OF_DRIVES,
     QUANTITIES,
     find_joint_columns,
     match_joints,
@@ -70,18 +74,30 @@ def read_joints(
     unwrap: bool,
     columns: Mapping[str, str] | None,
     name: str | None = None,
+    drive: Actuator | None = None,
 ) -> ArmRecording:
-    """Read a recording as `read_arm_recording`, without warnings."""
+    """Read a recording as `read_arm_recording`, without warnings; torque is that of a drive, if given."""
     check_columns_option(columns)
+    check_drives(drive, joints)
     preview = read_preview(source, max_columns=500)  # columns, enough for 64 joints with further signals
-    named_columns = find_joint_columns(get_label(source), preview.headers, joints, held, dict(columns or {}))
-    recordings = _read_each(source, preview, joints, named_columns, unwrap, describe_reading(columns or {}, unwrap))
+    needed = QUANTITIES if drive is None else OF_DRIVES
+    named_columns = find_joint_columns(get_label(source), preview.headers, joints, held, dict(columns or {}), needed)
+    if drive is not None:
+        named_columns = {
+            id: text for id, text in named_columns.items() if not id.startswith("torque_") or id in (columns or {})
+        }
+    log_format = describe_reading(columns or {}, unwrap, drive)
+    recordings = _read_each(source, preview, joints, named_columns, unwrap, log_format, drive)
     _refuse_shared_columns(get_label(source), joints, recordings)
     first = recordings[0]
     measured = [recording.temperature for recording in recordings]
     filled = np.column_stack([np.full(len(first), ROOM) if values is None else values for values in measured])
     notes = [note_joint(joint, note) for joint, part in zip(joints, recordings, strict=True) for note in part.notes]
     columns_of = {joint: named_columns.get(f"position_{joint}", NONE) for joint in held}
+    driven: dict[str, Any] = {}
+    if drive is not None:
+        goals = [recording.reference for recording in recordings if recording.reference is not None]
+        driven = {"reference": np.column_stack(goals), "drives": tuple(map(drive.select_joint, joints))}
     return ArmRecording(
         first.time,
         np.column_stack([recording.position for recording in recordings]),
@@ -104,7 +120,19 @@ def read_joints(
             for recording in recordings
             if recording.origin is not None
         ),
+        **driven,
     )
+
+
+def check_drives(drive: Actuator | None, joints: Sequence[str]) -> None:
+    """Refuse drives of unknown joints, or of some joints alone."""
+    if drive is None:
+        return
+    for joint in drive.list_joints():
+        find("joint of [drive]", joint, dict.fromkeys(joints))
+    for joint in joints:
+        with name_joint(joint):
+            drive.select_joint(joint)
 
 
 @read_logged.register
@@ -116,11 +144,11 @@ def _read_logged(body: Body, source: Readable, log_format: Source, name: str | N
 
 
 def find_logged_joints(
-    source: Readable, joints: Sequence[str], columns: Mapping[str, str] | None = None
+    source: Readable, joints: Sequence[str], columns: Mapping[str, str] | None = None, quantity: str = "torque"
 ) -> tuple[str, ...]:
-    """Find the joints with columns in a file or table; all joints if columns have numbers.
+    """Find the joints with columns of a quantity in a file or table; all joints if columns have numbers.
 
-    A joint without a column of torque is omitted if its position stays within `HELD_RANGE`.
+    A joint without such a column is omitted if its position stays within `HELD_RANGE`.
     """
     preview = read_preview(source, max_columns=500)
     named_columns = {name: text for name, text in (columns or {}).items() if text.strip() != NONE}
@@ -128,8 +156,8 @@ def find_logged_joints(
 
     def is_logged(joint: str) -> bool:
         position = named_columns.get(f"position_{joint}")
-        if f"torque_{joint}" in named_columns or position is None:
-            return f"torque_{joint}" in named_columns
+        if f"{quantity}_{joint}" in named_columns or position is None:
+            return f"{quantity}_{joint}" in named_columns
         return bool(np.ptp(read_held_position(joint, preview, position)) > HELD_RANGE)
 
     return tuple(filter(is_logged, joints)) or tuple(joints)
@@ -155,23 +183,29 @@ def _read_each(
     texts: Mapping[str, str],
     unwrap: bool,
     log_format: JSON,
+    drive: Actuator | None,
 ) -> list[Recording]:
     """Read the recording of each joint from the columns of all joints in `texts`."""
-    label, unused = get_label(source), {"velocity": NONE, "reference": NONE}
+    label, unused = get_label(source), {"velocity": NONE}
     columns = dict[str, dict[str, str]]()
     for joint in joints:
         columns[joint] = {quantity: texts.get(f"{quantity}_{joint}", NONE) for quantity in OF_JOINTS} | unused
         columns[joint] |= {"time": texts["time"]} if "time" in texts else {}
         try:
             with name_errors(joint):
+                if drive is not None and columns[joint]["torque"] == NONE:
+                    del columns[joint]["torque"]
+                    continue
+                if drive is None:
+                    columns[joint]["reference"] = NONE
                 if columns[joint]["torque"] == NONE:
                     raise ColumnError("an arm needs the torque of every joint: name its column")
                 parse_column("torque", columns[joint]["torque"], preview.headers, can_find_gain=False)
         except RecordingError as error:
             raise RecordingError(f"{label}: {error}") from None
-    recordings = read_joint_rows(source, columns, log_format, unwrap=unwrap)
+    recordings = read_joint_rows(source, columns, log_format, unwrap=unwrap, controller=drive)
     for joint, recording in recordings.items():
-        if recording.torque_unit != NEWTON_METRE:
+        if drive is None and recording.torque_unit != NEWTON_METRE:
             option = format_setting("columns", {f"torque_{joint}": texts[f"torque_{joint}"].replace("*?", "*0.4")})
             raise ColumnError(f"{label}: joint '{joint}' has no torque constant: give it, as in {option}")
     return [*recordings.values()]
@@ -183,5 +217,5 @@ def read_arm_source(source: Source, joints: Sequence[str], held: Collection[str]
         raise RecordingError(
             f"{source.file}: `load` is of one joint: leave it out; what an arm carries is identified as its payload"
         )
-    recording = read_joints(source.file, joints, held, source.unwrap, source.columns)
+    recording = read_joints(source.file, joints, held, source.unwrap, source.columns, drive=source.drive)
     return source.select_range(recording)

@@ -10,6 +10,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics.mechanism import LinkLoad
 from pendulum_env.recording import Recording, RecordingError
+from pendulum_env.recording.actuator import Actuator
 from pendulum_env.recording.joint_names import OF_JOINTS
 from pendulum_env.recording.origin import Origin
 
@@ -25,6 +26,7 @@ class ArmRecording(Recording):
         still: positions (M,) of held joints by name, for those with a column.
         payload: known body on a link; its torque is subtracted before a fit. None without one.
         origins: columns of the file of each joint (n,), with those that the user named; empty if unknown.
+        drives: actuator of each joint (n,), if each follows a column of `reference`; empty for logged torque.
 
     Raises:
         RecordingError: as `Recording` does.
@@ -34,6 +36,7 @@ class ArmRecording(Recording):
     still: Mapping[str, Array] = field(default_factory=dict)
     payload: LinkLoad | None = None
     origins: tuple[Origin, ...] = ()
+    drives: tuple[Actuator, ...] = ()
 
     @classmethod
     def from_arrays(cls, name: str, names: Sequence[str], time: Array, position: Array, torque: Array) -> Self:
@@ -59,10 +62,14 @@ class ArmRecording(Recording):
         each = [{id: np.ascontiguousarray(x[:, k]) for id, x in series.items()} for k in range(len(self.names))]
         # the mechanism knows which joints slide, so that their units do not come from a file
         origins = [None if origin.is_prismatic else origin for origin in self.origins] or [None] * len(self.names)
+        drives = self.drives or [None] * len(self.names)
         return tuple(
-            Recording(self.time, origin=origin, **common | columns)
-            for origin, columns in zip(origins, each, strict=True)
-        )
+            Recording(
+                self.time, origin=origin, drive=drive, torque_unit=drive.unit if drive else self.torque_unit,
+                clock_start=self.clock_start, **common | columns
+            )
+            for origin, drive, columns in zip(origins, drives, each, strict=True)
+        )  # fmt: skip
 
     @property
     def link_load(self) -> LinkLoad | None:

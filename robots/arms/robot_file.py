@@ -35,7 +35,12 @@ class ArmFile(RobotFile):
         if self.joints is not None or not sources:
             return self
         all_joints = find_movable_joints(self.file, bolted=True)
-        logged = [find_logged_joints(source.file, all_joints, source.columns) for source in sources]
+        logged = [
+            find_logged_joints(
+                source.file, all_joints, source.columns, "torque" if source.drive is None else "reference"
+            )
+            for source in sources
+        ]
         moving = tuple(joint for joint in all_joints if all(joint in joints for joints in logged))
         return replace(self, joints=moving) if moving and moving != all_joints else self
 

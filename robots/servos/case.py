@@ -62,6 +62,7 @@ from robots.servos.in_loop.rollout_rows import RolloutRows
 from robots.servos.in_loop.rollouts import Rollouts
 from robots.servos.in_loop.servos import are_driven, choose_parts, make_base
 from robots.servos.refit import make_data, refine, refit
+from robots.servos.rest import find_rest_band
 
 
 @applies_to("identify", "diagnose")
@@ -75,6 +76,12 @@ def check_drive(subject: Subject) -> Iterable[Finding]:
     """Find an unknown rate of the speed of a drive, and a scale of the logged torque."""
     recordings, limits, (_, diagnosis) = subject.data.recordings, subject.data.criterion.loop, subject.found
     return filter(None, (find_speed_rate(diagnosis.model, recordings, limits), find_torque_scale(recordings, limits)))
+
+
+@applies_to("diagnose")
+def check_rest(subject: Subject) -> Iterable[Finding]:
+    """Find the distance from its goal within which a servo rests."""
+    return filter(None, [find_rest_band(subject.found[1].model, subject.data.recordings)])
 
 
 class Servo(Case):
@@ -93,6 +100,7 @@ class Servo(Case):
         applies_to("identify")(check_clock),
         check_parameters,
         check_drive,
+        check_rest,
         check_small_effect,
     )
     is_timed = False

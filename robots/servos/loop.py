@@ -7,7 +7,7 @@ controller samples the simulated motion and holds its output until the next samp
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,6 +27,7 @@ from robots.servos.drive import ServoDrive
 if TYPE_CHECKING:
     from pendulum_env.physics.compiled import Recurrence
 
+ROUNDING = 2e-3  # difference of equal inputs, relative to their range
 GAINS = ("kp", "ki", "kd", "limit", "speed_weight", "period", "lead_time", "stop_output", "max_integral")
 # if controllers read counts: step [rad] and a position of the encoder, and whether the speed is a difference of counts
 COUNTS = ("encoder_step", "origin", "is_sampled")
@@ -172,15 +173,38 @@ class Servos:
             times.append(np.where([drive.derivative == "error" for drive in self.drives], change / periods, 0.0))
         return np.stack([self.goal, scale, self.is_on, times[0], temperature, load_torque, *times[1:]], axis=1)
 
+    def count_equal_steps(self, every: int) -> int:
+        """Return `every` if all inputs are constant over so many steps, apart from rounding of the clock; else 1."""
+        if len(self.inputs) % every:
+            return 1
+        if every not in self._equal_steps:
+            rows = self.inputs.reshape(-1, every, *self.inputs.shape[1:])
+            largest = ROUNDING * np.ptp(self.inputs, axis=(0, 2))[:, None]
+            is_equal = bool((np.abs(rows - rows[:, every // 2, None]) <= largest).all())
+            self._equal_steps[every] = every if is_equal else 1
+        return self._equal_steps[every]
+
     @cached_property
-    def _wrapped_inputs(self) -> dict[int, Array]:
+    def _equal_steps(self) -> dict[int, int]:
+        return {1: 1}
+
+    def list_inputs(self, terms: Sequence[Term], repeats: int) -> Array:
+        """Return the inputs of each `repeats` equal steps with the known states of terms in their middle."""
+        inputs = self.inputs[repeats // 2 :: repeats]
+        middles = self.start + self.step * repeats * (np.arange(len(inputs)) + 0.5)[:, None]
+        known = [series for term in terms for series in term.list_known_states(middles)]
+        return np.concatenate([inputs, np.stack(known, axis=1)], axis=1) if known else inputs
+
+    @cached_property
+    def _wrapped_inputs(self) -> dict[Hashable, Array]:
         return {}
 
-    def wrap_inputs(self, step: Recurrence) -> Array:
-        """Return the inputs in the layout of a compiled step, memoised by its width."""
-        if step.width not in self._wrapped_inputs:
-            self._wrapped_inputs[step.width] = step.wrap_inputs(self.inputs)
-        return self._wrapped_inputs[step.width]
+    def wrap_inputs(self, step: Recurrence, terms: Sequence[Term], repeats: int) -> Array:
+        """Return the inputs of terms in the layout of a compiled step, memoised by its width and known states."""
+        key = step.width, repeats, *(type(term) for term in terms if term.has_known_states())
+        if key not in self._wrapped_inputs:
+            self._wrapped_inputs[key] = step.wrap_inputs(self.list_inputs(terms, repeats))
+        return self._wrapped_inputs[key]
 
 
 class ControllerState(NamedTuple):
@@ -269,17 +293,26 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     encoder_row = next(k for k, row in enumerate(rows) if row is seen)
     states = np.array([np.broadcast_to(row, shape) for row in rows])
     if program is not None:
-        return np.asarray(program(servos.wrap_inputs(program), parameters, states, every, returned=[encoder_row])[:, 0])
+        repeats = servos.count_equal_steps(every) if any(term.has_known_states() for term in terms) else 1
+        inputs = servos.wrap_inputs(program, terms, repeats)
+        return np.asarray(program(inputs, parameters, states, every, repeats, [encoder_row])[:, 0])
 
     def simulate_step(inputs: Array, rows: Array) -> list[Any]:  # for a user's law that is not symbolic
         output, *past = rows[len(stack_rows(x)) :]
         past_outputs, (filtered, velocity, *integral) = past[: len(weights) - 1], past[len(weights) - 1 :]
         state = ControllerState(output, tuple(past_outputs), integral[0] if has_integral else 0.0, filtered, velocity)
         controller = Controller(dict(zip(names, gains, strict=True)), [*weights], speed)
-        options = state, ServoInputs(*inputs), controller, h, servos.at_output
+        known = _name_known_states(x, terms, iter(inputs[count:]))
+        options = state, ServoInputs(*inputs[:count]), controller, h, servos.at_output, known
         return _flatten_state(*step_servo(balance, unstack_rows(rows, x), *options), has_integral)
 
-    return repeat_step(simulate_step, servos.inputs, states, every)[:, encoder_row]
+    return repeat_step(simulate_step, servos.list_inputs(terms, 1), states, every)[:, encoder_row]
+
+
+def _name_known_states(x: Samples, terms: Sequence[Term], rows: Iterator[Any]) -> dict[str, Any]:
+    """Return the known states of terms by id, from their rows; `x` has as many states."""
+    known = [term.id for term in terms if term.has_known_states()]
+    return {id: tuple(next(rows) for _ in x.memory[id]) for id in known}
 
 
 def compute_gains(drive: ServoDrive, step: float) -> tuple[float, ...]:
@@ -322,11 +355,15 @@ def step_servo(
     controller: Controller,
     h: ArrayLike,
     at_output: bool,
+    known: Mapping[str, Any],
 ) -> tuple[Samples, ControllerState]:
-    """Advance servos and controllers by one step of h [s], in symbols or arrays."""
+    """Advance servos and controllers by one step of h [s], in symbols or arrays.
+
+    `known` has the known states of terms, by id.
+    """
     encoder = read_encoder(x, balance.terms, at_output)
     torque, state = compute_control(encoder, state, inputs, controller)
-    measured = {BackEmf.id: (inputs.is_on,), TemperatureDependentFriction.id: (inputs.temperature, 0.0)}
+    measured = {BackEmf.id: (inputs.is_on,), TemperatureDependentFriction.id: (inputs.temperature, 0.0), **known}
     memory: Any = {id: measured.get(id, memory) for id, memory in x.memory.items()}
     load = x.load._replace(torque=inputs.load_torque)
     after = step(balance, replace(x, torque=torque, memory=memory, load=load), h)
@@ -400,10 +437,13 @@ def _compile_step(
     try:
         balance, x, nonlinear = write_balance(terms, has_load)
         controller = Controller(gains if has_integral else gains | {"ki": 0.0}, weights, acts_on_speed)
-        after, state_after = step_servo(balance, x, state, inputs, controller, h, at_output)
+        rows: Iterable[Any] = (make_symbol(f"known_{k}") for k in range(sum(map(len, x.memory.values()))))
+        known = _name_known_states(x, terms, iter(rows))
+        after, state_after = step_servo(balance, x, state, inputs, controller, h, at_output, known)
         shared = [*gains.values(), *(x.load[:2] if has_load else ()), *weights, h]
         constants: Any = [*balance.theta, *nonlinear, *shared]
-        rows = (_flatten_state(x, state, has_integral), _flatten_state(after, state_after, has_integral))
-        return compile_recurrence(inputs[:count], constants, *rows)
+        states = (_flatten_state(x, state, has_integral), _flatten_state(after, state_after, has_integral))
+        all_inputs: Any = [*inputs[:count], *(symbol for symbols in known.values() for symbol in symbols)]
+        return compile_recurrence(all_inputs, constants, *states)
     except Exception:  # a user's law may raise any error with symbols
         return None

@@ -1,11 +1,13 @@
 """Texts of findings on servos."""
 
 from estimators.texts import FindingTexts
+from pendulum_env.formatting import measure
 from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.quantity import Quantity
 from robots.servos.back_emf import BACK_EMF_INCLUDED
 from robots.servos.conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
 from robots.servos.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
+from robots.servos.rest import RestBand
 
 
 def _describe_goals(finding: GoalConvention) -> str:
@@ -30,6 +32,15 @@ def _describe_controller(finding: ControllerConvention) -> str:
     return f"The controller is simulated with {settings}. {fit} Give the right one in `[drive]`."
 
 
+def _describe_rest(finding: RestBand) -> str:
+    parts = f"{measure(finding.friction, 2)} of dry friction and {measure(finding.weight, 2)} of weight"
+    return (
+        f"At kp = {finding.kp:.4g} the joint rests within {measure(finding.distance, 2)} of its goal: {parts} over the "
+        f"stiffness. A gain {finding.factor:.2g} times as large brings it within 1 degree; to feed the weight forward "
+        "leaves the friction alone."
+    )
+
+
 def _compare_fits(gain: Quantity, alternative: str) -> str:
     """State whether another convention fits worse; `gain`: of the chosen one [nat], with standard error."""
     times = gain.value / max(gain.std or 0.0, 1e-9)
@@ -52,6 +63,7 @@ TEXTS = FindingTexts(
             "The logged torque is {factor:.2f} times the torque that the described drive asks for, and all "
             "parameters are by the drive. Check its gains and limit, and the unit of the torque column."
         ),
+        RestBand: _describe_rest,
         DoubtfulDrive: (
             "No effect that was tried explains the residual. Check the drive: kp, kd and ki in the units of `output`, "
             "`limit`, `supply`, `rate`, `delay`, and how it integrates and differentiates. Then record under "

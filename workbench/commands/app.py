@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--port", type=options.convert_number(0, 65535), default=8050, help="of this computer (default 8050); 0: any"
     )
     parser.add_argument("--no-browser", action="store_true", help="open none, only print the address")
-    options.add_robot(parser)
+    options.add_robot(parser, pendulums=["drive"])
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

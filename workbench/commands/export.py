@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "that it leaves",
     )
     options.declare(parser, *options.READING)
-    options.add_robot(parser, pendulums=["mass", "armature", "check"], about="with mjcf: the arm")
+    options.add_robot(parser, pendulums=["drive", "mass", "armature", "check"], about="with mjcf: the arm")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

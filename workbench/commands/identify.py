@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 
 from estimators import SCHEMES, Identification, identify, scheme
-from estimators.diagnosis.cases import choose_case
+from estimators.diagnosis.cases import choose_case, find_division
 from estimators.schemes.six import PAPER, Scheme
 from pendulum_env.notebook import summarise
 from pendulum_env.physics import Model
@@ -53,7 +53,8 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
         limits = {"fixed": arguments.fixed, "bounds": arguments.bounds}
         identification = identify(data.recordings, terms, arguments.scheme, **limits)
         primary = identification.primary
-        nearest = choose_case(terms, data.recordings).find_nearest_links(primary.model)
+        is_divided = find_division(terms, data.recordings) is not None
+        nearest = None if is_divided else choose_case(terms, data.recordings).find_nearest_links(primary.model)
         model, fit = _choose_model(identification, arguments)
     for text in describe_links(body):
         terminal.print(text)

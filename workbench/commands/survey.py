@@ -43,7 +43,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "the same files",
     )
     options.declare(parser, *options.READING, "--drive", *options.SEARCH, *options.LIMITS)
-    options.add_robot(parser)
+    options.add_robot(parser, pendulums=["drive"])
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:

@@ -28,6 +28,7 @@ from workbench.narrator.findings import (
     describe_reason,
 )
 
+CLOSE = 0.01  # largest error in the loop of a useful model, relative to the range of the motion
 WRONG_DRIVE = 5.0  # error in the loop that indicates wrong settings of the drive [noise floors]
 SIGNIFICANT = 3.0  # smallest significant size of a table [standard errors]
 COUNTABLE = 100.0  # largest printed significance [standard errors]
@@ -69,7 +70,7 @@ def describe_unexplained(diagnosis: Diagnosis, region: Region) -> str:
     text = describe_region(region)
     if region.at not in diagnosis.joint_residuals:
         return text
-    unit = diagnosis.model.units(region.at).unit(NEWTON_METRE)
+    unit = get_error_unit(diagnosis, region.at)
     residual = f"{diagnosis.joint_residuals[region.at]:.2g} {unit} at {region.at}"
     return f"{residual}; {text}" if text else residual
 
@@ -117,7 +118,9 @@ def describe_result(diagnosis: Diagnosis) -> str:
     groups += [join_words([name_effect(id) for id in group], "or") for group in diagnosis.effects]
     if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_of_motion:
         before, after = (diagnosis.steps[k].errors["holdout"].motion_errors[0] for k in (0, -1))
-        is_coarse = after > WRONG_DRIVE * max(diagnosis.floors.values(), default=0.0)
+        last, floors = diagnosis.steps[-1].errors["holdout"], diagnosis.floors
+        sizes = {at: (last.get_joint_error(at), last.shares.get(at, last.motion_share) or 0.0) for at in floors}
+        is_coarse = any(size > WRONG_DRIVE * floors[at] and share > CLOSE for at, (size, share) in sizes.items())
         if is_coarse and after > before / 3:  # effects do not explain wrong settings of the drive
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
@@ -154,7 +157,11 @@ def describe_errors(diagnosis: Diagnosis) -> str:
     units = {at: get_error_unit(diagnosis, at) for at in diagnosis.floors}
     floors = {at: to_shown_unit(floor, units[at])[0] for at, floor in diagnosis.floors.items()}
     changes = {at: format_fall(first.get_joint_error(at), last.get_joint_error(at), unit) for at, unit in units.items()}
-    falls = [f"{at or kind} {changes[at]} ({source} {floor:.3g})" for at, floor in floors.items()]
+    shares = {at: last.shares.get(at, last.motion_share) if last.is_of_motion else None for at in floors}
+    practical = {
+        at: "" if share is None else f", {format_percent(share)} of the motion" for at, share in shares.items()
+    }
+    falls = [f"{at or kind} {changes[at]} ({source} {floor:.3g}{practical[at]})" for at, floor in floors.items()]
     if diagnosis.model.mechanism.can_simulate and not last.is_of_motion:
         angle = diagnosis.model.units().unit("rad")
         falls.append(f"free-running position {format_fall(first.position_rms, last.position_rms, angle)}")

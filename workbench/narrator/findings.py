@@ -39,6 +39,7 @@ from pendulum_env.formatting import (
     capitalise,
     format_estimate,
     format_p_value,
+    format_percent,
     join_words,
     measure,
     measure_change,
@@ -349,7 +350,8 @@ def _describe_residual(finding: ResidualWithoutPlace) -> str:
     size, times = measure(finding.residual, 2), f"{finding.noise_ratio:.2g} times the noise"
     if finding.recording:
         worst = f", most of it in {finding.recording} ({measure(finding.worst, 2)})" if finding.worst else ""
-        return f"Simulated from its goal, the servo is off by {size}, {times} of the encoder{worst}."
+        share = "" if finding.share is None else f", {format_percent(finding.share)} of the motion"
+        return f"Simulated from its goal, the servo is off by {size}{share}; this is {times} of the encoder{worst}."
     place = f"The residual is {size}, {times} floor, at no one speed, angle or time."
     return f"{place} Something acts faster than the windows resolve, or rarely."
 

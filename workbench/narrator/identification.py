@@ -21,7 +21,9 @@ def tabulate_by_scheme(identification: Identification) -> TextTable:
     """Tabulate the estimates with a row for each parameter and a column for each scheme."""
     models = [scheme.model.estimates for scheme in identification.schemes.values()]
     rows = [(name, *(model[name].shown.text for model in models), models[0][name].shown.unit) for name in models[0]]
-    rows.append(("condition", *(f"{scheme.condition:.3g}" for scheme in identification.schemes.values()), ""))
+    conditions = [scheme.condition for scheme in identification.schemes.values()]
+    if np.isfinite(conditions).all():  # there is none in the loop
+        rows.append(("condition", *(f"{condition:.3g}" for condition in conditions), ""))
     if len(models) > 1:
         errors = np.array([[estimate.std for estimate in model.values()] for model in models])
         times = np.median(errors / np.maximum(errors.min(axis=0), 1e-300), axis=1)

@@ -74,7 +74,7 @@ def narrate_diagnosis(diagnosis: Diagnosis) -> list[Part]:
     units = diagnosis.model.units()
     if not diagnosis.model.mechanism.can_simulate:
         table = tabulate_joints(get_end_errors(diagnosis.steps), diagnosis.floors, diagnosis.model)
-        errors = Part(f"Torque errors on held-out data, {CLEAR}", [table])
+        errors = Part(f"{title_errors(diagnosis.steps[0].errors['holdout'])} on held-out data", [table])
     else:
         errors = Part("Errors", narrate_errors(diagnosis))
     parts = [
@@ -138,6 +138,11 @@ def narrate_refit(refit: HorizonRefit, units: JointUnits) -> Content:
     return [TextTable(headers, rows), narration.describe_refit(refit)]
 
 
+def title_errors(errors: Errors) -> str:
+    """Return the title of a table of the errors of joints."""
+    return "Errors of the motion in the loop" if errors.is_of_motion else f"Torque errors, {CLEAR},"
+
+
 def get_end_errors(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors, Errors]:
     """Return the errors of the first and the last model in a part of the data."""
     return steps[0].errors[part], steps[-1].errors[part]
@@ -183,12 +188,13 @@ def narrate_addition(addition: Addition) -> list[Part]:
     parameters = Part("Parameters", [tabulate_parameters(addition.model)])
     if addition.model.mechanism.can_simulate:
         return [Part(f"Errors, {title}", [tabulate_errors(steps, addition.model.units()), *sentences]), parameters]
+    name = title_errors(addition.after.errors["holdout"])
     fitted, held_out = (
         tabulate_joints(get_end_errors(steps, part), addition.floors, addition.model) for part in ("train", "holdout")
     )
     return [
-        Part(f"Torque errors on fitted data, {title}", [fitted]),
-        Part(f"Torque errors on held-out data, {title}", [held_out, *sentences]),
+        Part(f"{name} on fitted data, {title}", [fitted]),
+        Part(f"{name} on held-out data, {title}", [held_out, *sentences]),
         parameters,
     ]
 
@@ -207,7 +213,7 @@ def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[P
         content.append("Regions of different quantities may show the same moments.")
     if comparison.regions:
         content.append("Run `diagnose` to find the missing effect.")
-    elif not comparison.is_torque_logged:
+    elif (comparison.joint.errors.joints and comparison.joint.errors.is_of_motion) or not comparison.is_torque_logged:
         content.append("No torque was logged: the error in the loop counts.")
     elif not comparison.joint.errors.position_fit < FOLLOWED:  # NaN for an arm
         content.append("The residual is within the noise: the model explains these recordings.")
@@ -221,10 +227,8 @@ def narrate_comparison(comparison: Comparison, is_drawn: bool = False) -> list[P
     title = f"Errors of the model with {join_words([term.id for term in comparison.model.terms])}"
     table = tabulate_recordings(comparison)
     if not body.can_simulate:
-        title = f"Torque errors, {CLEAR}"
-        table = tabulate_joints(
-            (comparison.joint.errors,), comparison.joint.floors, comparison.model, ("torque error",)
-        )
+        title, every = title_errors(comparison.joint.errors).rstrip(","), comparison.joint
+        table = tabulate_joints((every.errors,), every.floors, comparison.model, ("error",))
     return [
         Part(title, [table, *in_words, LEGEND]),
         *narrate_disagreements(comparison.disagreements),

@@ -26,18 +26,19 @@ JOINT_LEGEND = (
 def tabulate_joints(
     columns: Sequence[Errors], floors: Mapping[str, float], model: Model, headers: Sequence[str] = ("before", "after")
 ) -> TextTable:
-    """Tabulate the joints: torque errors of models, noise floor, and last error as a share of the torque."""
+    """Tabulate the joints: errors of models, noise floor, and last error as a share of the torque or the motion."""
+    quantity = "motion" if columns[-1].is_of_motion else "torque"
     rows = [
         (
             at,
             *(f"{errors.joints[at]:.4g}" for errors in columns),
             f"{floors[at]:.4g}",
-            model.units(at).unit(NEWTON_METRE),
+            model.units(at).unit(columns[-1].unit),
             "" if share is None else f"{100 * share:.2g} %",
         )
         for at, share in columns[-1].shares.items()
     ]
-    return TextTable(("joint", *headers, "noise floor", "unit", "share of torque"), rows, left=("unit",))
+    return TextTable(("joint", *headers, "noise floor", "unit", f"share of {quantity}"), rows, left=("unit",))
 
 
 def tabulate_errors(steps: Sequence[Step], units: JointUnits = TURNING) -> TextTable:

@@ -79,6 +79,8 @@ def render_comparison(compared: Comparison) -> str:
 
 def _make_arm_sections(case: ReportData) -> list[Section]:
     """Make the sections on an arm for a diagnosis or a comparison."""
+    if case.diagnosis.steps[0].errors["holdout"].is_of_motion:
+        return [make_joints(case), make_parameters(case)]
     candidates = [make_candidates(case)] if case.diagnosis.candidates else []
     first = make_joints(case), make_recordings(case)
     return [*first, make_failures(case), make_comparison(case), make_parameters(case), *candidates]

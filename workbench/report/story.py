@@ -57,7 +57,7 @@ def make_joints(case: ReportData) -> Section:
     errors = [step.errors["holdout"] for step in case.ends]
     content: list[Any] = [
         *([Part("Added effects", [selected])] if selected else []),
-        f"Torque errors (RMS) on {'held-out data' if has_searched(diagnosis) else 'all data'}, {results.CLEAR}",
+        f"{results.title_errors(errors[-1])} {'on held-out data' if has_searched(diagnosis) else 'on all data'}",
         tabulate_joints(errors, diagnosis.floors, diagnosis.model, [label for label, _ in case.model_labels]),
         JOINT_LEGEND,
     ]

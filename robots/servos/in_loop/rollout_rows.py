@@ -7,6 +7,7 @@ positions in y and their derivatives in phi.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -67,7 +68,7 @@ class RolloutRows:
             block=self.criterion.block,
             noise=lambda at, inertia: noise.floor,
             structure=lambda at, residual, inertia: positions.measure_structure(residual),
-            errors=Errors(np.nan, np.nan).with_motion_errors,
+            errors=partial(Errors(np.nan, np.nan).with_motion_errors, measured=positions.measured),
             predicts_torque=False,
             has_fast_fits=False,
         )

@@ -48,11 +48,12 @@ def are_driven(recordings: Sequence[Recording]) -> bool:
 
 
 def make_base(recordings: Sequence[Recording], base: Sequence[Term] = BASE) -> tuple[Term, ...]:
-    """Return the base model of servos, with a tilt of gravity, since a horn is mounted by hand.
+    """Return the base model of servos, with a tilt of gravity if it has gravity, since a horn is mounted by hand.
 
     Back-EMF is added if a motor driven by a voltage is ever off; otherwise it equals viscous friction.
     """
-    added = [GravityTilt(), *([BackEmf()] if has_unpowered_motor(recordings) else [])]
+    has_gravity = "gravity" in list_ids(base)
+    added = [*([GravityTilt()] if has_gravity else []), *([BackEmf()] if has_unpowered_motor(recordings) else [])]
     return (*base, *(term for term in added if term.id not in list_ids(base)))
 
 

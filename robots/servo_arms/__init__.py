@@ -1,0 +1,1 @@
+"""Arms of servos: each joint is simulated in its loop, while the other joints move as measured."""

@@ -1,0 +1,82 @@
+"""Case of an arm of servos: each joint is diagnosed as a servo in its loop, while the others move as measured.
+
+A joint's likelihood depends on its own parameters alone. So each joint has a search of its own, that of a servo, and
+the results are joined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from estimators.data.fit_data import FitData
+from estimators.decisions.errors import Step
+from estimators.diagnosis.case import DividedCase, Part
+from estimators.diagnosis.result import Diagnosis
+from pendulum_env.physics import Model, Term, list_nameable
+from pendulum_env.physics.joints import find_mechanism
+from pendulum_env.recording import Recording
+from robots.arms.body import Body, find_body
+from robots.arms.recording import ArmRecording
+from robots.servo_arms.joining import join_diagnoses, join_steps
+from robots.servo_arms.joints import divide_arm
+from robots.servo_arms.links import remove_weight
+from robots.servo_arms.model import ServoArmModel
+
+QUICK = (  # effects that a diagnosis tries, if any of them is in the library; others need minutes for each joint
+    "stribeck",
+    "load_dependent_friction",
+    "coulomb_asymmetry",
+    "viscous_asymmetry",
+    "quadratic_drag",
+    "torque_saturation",
+    "dead_time",
+    "actuator_lag",
+    "presliding",
+)
+
+
+class ServoArm(DividedCase):
+    """Arms of servos with known controllers, joint by joint, by simulations in the loop."""
+
+    def prepares(self, recordings: Sequence[Recording]) -> bool:
+        """Return whether recordings are of an arm whose joints have drives."""
+        return bool(recordings) and len(select_driven_arms(recordings)) == len(recordings)
+
+    def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
+        """Return whether the first term has the links of an arm, and its joints have drives."""
+        return isinstance(find_mechanism(base), Body) and self.prepares(recordings)
+
+    def divide(
+        self,
+        base: Sequence[Term],
+        recordings: Sequence[Recording],
+        holdout: Sequence[Recording] = (),
+        library: Mapping[str, type[Term]] | None = None,
+        model: Model | None = None,
+    ) -> Mapping[str, Part]:
+        """Return the joints as servos with their effects, and with the servos of a model."""
+        known, parts, library = list_nameable(), {}, library or {}
+        servos = model.servos if isinstance(model, ServoArmModel) else {}
+        arms = select_driven_arms(recordings), select_driven_arms(holdout)
+        for joint in divide_arm(find_body(base), *arms, servos):
+            ids = [id for id in (kind.id.partition("@")[0] for kind in library.values() if kind.at == joint.name)]
+            ids = [id for id in ids if id in QUICK] or [id for id in ids if id in known]
+            kinds = {id: remove_weight(known[id]) for id in ids}
+            parts[joint.name] = Part(joint.recordings, joint.holdout, joint.base, kinds, joint.model)
+        return parts
+
+    def join_diagnoses(self, data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnosis:
+        """Join the diagnoses of the joints."""
+        return join_diagnoses(data, diagnoses)
+
+    def join_steps(self, model: Model, steps: Mapping[str, Step]) -> Step:
+        """Join the steps of some joints to that of a model of the arm."""
+        return join_steps(steps, find_body(model.terms), of=model)
+
+
+def select_driven_arms(recordings: Sequence[Recording]) -> list[ArmRecording]:
+    """Select the recordings of arms whose joints have drives."""
+    return [one for one in recordings if isinstance(one, ArmRecording) and one.drives]
+
+
+SERVO_ARM = ServoArm()

@@ -1,0 +1,67 @@
+"""Rest of a servo near its goal: the band within dry friction, and the sag under its load."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.findings import Finding, Quantity
+from estimators.signals.motion import get_known_load
+from pendulum_env.physics import Model, Samples
+from pendulum_env.recording import Recording
+from robots.servos.torque import find_drive, get_bus_voltage, list_drives
+
+WEIGHTS = ("gravity", "gravity_tilt", "links")  # ids of the terms of weight
+AIM = np.deg2rad(1.0)  # [rad], distance from the goal below which a rest is close
+SLOW = 0.05  # [rad/s], largest speed of a sample at which the weight is that at rest
+TYPICAL = 95  # percentile of the weight over the samples, without outliers
+
+
+@dataclass(frozen=True)
+class RestBand(Finding):
+    """Distance from its goal within which a servo rests.
+
+    Attributes:
+        distance: largest one, of friction and weight together.
+        friction: the part by dry friction over the stiffness.
+        weight: the part by the weight over the stiffness, in the recorded postures.
+        kp: gain of the drive.
+        factor: the gain over `kp` with which the distance would be one degree.
+    """
+
+    distance: Quantity
+    friction: Quantity
+    weight: Quantity
+    kp: float
+    factor: float
+
+
+def find_rest_band(model: Model, recordings: Sequence[Recording]) -> RestBand | None:
+    """Find the distance from its goal within which a servo rests; None if it is small, or an integral removes it.
+
+    At rest, |K (goal - q) - w| <= F with the stiffness K, the weight w and the dry friction F: the goal is at most
+    (F + |w|) / K away. The recording with the least stiffness counts.
+    """
+    driven = [one for one in recordings if any(d.acts_on_position and not d.ki for d in list_drives([one]))]
+    if not driven or len(driven) < len(recordings):
+        return None
+    stiffness = [find_drive(one).kp * float(np.mean(find_drive(one).scale(get_bus_voltage(one)))) for one in driven]
+    softest = int(np.argmin(stiffness))
+    recording, factor = driven[softest], stiffness[softest]
+    speed = np.abs(np.gradient(recording.position, recording.time))
+    rows = speed <= max(SLOW, float(np.percentile(speed, 10)))
+    rest = np.zeros(int(rows.sum()))
+    x = Samples(recording.time[rows], recording.position[rows], rest, rest, load=get_known_load(recording).select(rows))
+    columns = [(term.id, column) for term in model.terms for column in term.columns]
+    pairs = [(id, column, value) for (id, column), value in zip(columns, model.theta, strict=True)]
+    weight = np.abs(rest + sum(value * column.force(x) for id, column, value in pairs if id in WEIGHTS))
+    held = Samples(x.time, x.position, rest, weight, load=x.load)
+    friction = rest + sum(max(value, 0.0) * column.dry(held) for id, column, value in pairs if id not in WEIGHTS)
+    parts = [float(np.percentile(np.abs(part), TYPICAL)) / factor for part in (friction, weight, friction + weight)]
+    if not parts[2] > AIM:
+        return None
+    unit = model.units().unit("rad")
+    band, sag, distance = (Quantity(part, unit=unit) for part in parts)
+    return RestBand(distance, band, sag, find_drive(recording).kp, parts[2] / AIM)
