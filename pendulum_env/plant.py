@@ -85,10 +85,10 @@ def draw_effect(kind: type[Term], rng: np.random.Generator) -> dict[str, float]:
 def draw_parameter(
     kind: type[Term], name: str, low: float, high: float, rng: np.random.Generator, count: int | None = None
 ) -> Array:
-    """Draw a parameter of an effect within a range, or `count` of them (count,); integers include both bounds."""
+    """Draw a parameter of an effect between two bounds, or `count` of them (count,); integers include both."""
     if any(parameter.integer for parameter in kind.nonlinear_parameters if parameter.name == name):
         return np.asarray(rng.integers(round(low), round(high) + 1, count), dtype=float)
-    return np.asarray(rng.uniform(low, high, count))
+    return np.asarray(low + (high - low) * rng.random(count))  # bounds of a negative parameter fall
 
 
 def hide(plant: Model, text: str) -> Model:

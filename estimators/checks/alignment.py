@@ -159,7 +159,10 @@ class Alignment:
         return self.joint in ("", joint)
 
     def reduce_delay(self, dead_time: float, std: float) -> Alignment:
-        """Return the law with a shorter delay: a dead time [s] after a correction is the excess of its delay."""
+        """Return the law with a shorter delay: a dead time after a correction is the excess of its delay.
+
+        `dead_time` and its standard error `std` are in seconds. If the dead time is longer, torque acts late.
+        """
         channel = replace(self.channel, delay=self.delay - dead_time)
         return replace(self, channel=channel, delay_std=std, rival=None, is_half_sample=False)
 
@@ -240,10 +243,11 @@ class Alignment:
 
 def require_gain(after: Alignment, before: Alignment, penalty: float = 0.0) -> Iterator[Gate]:
     """Test the gain in prediction, by its scatter between blocks of time."""
-    gain, limits = after.density - before.density, after.criterion
-    least, count = limits.timing.least_blocks, len(gain)
+    limits, is_shared = after.criterion, len(after.density) == len(before.density)
+    least, count = limits.timing.least_blocks, len(after.density) * is_shared  # other windows: none
     yield Gate("blocks", count, least, count >= least)
     if count >= least:
+        gain = after.density - before.density
         total, spread = float(gain.sum()), float(np.sqrt(count) * gain.std())
         p_value = float(ndtr(-(total - penalty) / max(spread, 1e-300)))
         yield from limit_gain(Gain(total, spread, p_value), penalty, limits.p_value)

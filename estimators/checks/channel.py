@@ -138,18 +138,20 @@ class ChannelFits(ChannelRows):
     def compute_amplification(self, law: Channel, residual: Array) -> Array:
         """Compute the noise of each row (R,) by that of the log, relative to a law that leaves the log as it is.
 
-        The part of the weighted `residual` (R,) that exceeds the noise of the log has other causes under both laws. An
-        inverse filter amplifies the error of this noise as well: its floor may differ by `equal_error_share`.
-        The answer of a controller to its encoder looks like noise of the log, and acts: the ratio is then 1.
+        It is sqrt((rest + after) / (rest + before)), with the noise of the log under the law and without it. The rest
+        is the part of the weighted `residual` (R,) that exceeds this noise and has other causes under both laws. An
+        inverse filter amplifies the error of the noise as well: its floor may differ by `equal_error_share`. The answer
+        of a controller to its encoder looks like noise of the log, and acts: the ratio is then 1.
         """
         if self.has_feedback:
             return np.ones(len(residual))
-        entry, squares = self.rows.data.recording_of_window, (residual / self.rows.data.weights) ** 2
-        power = np.bincount(entry, squares, len(self.rows.data.windows)) / np.maximum(np.bincount(entry), 1)
+        windows, entry = self.rows.data.windows, self.rows.data.recording_of_window
+        squares = np.bincount(entry, (residual / self.rows.data.weights) ** 2, len(windows))
+        power = squares / np.maximum(np.bincount(entry, minlength=len(windows)), 1)
         after, before = (self._compute_log_power(each) for each in (law, Channel()))
         least = (1 - self.criterion.equal_error_share) ** 2 * after
-        rest = np.maximum(power - least, 0.0) + self.numerical_error**2 / len(residual)
-        return np.asarray(np.sqrt((rest + after) / (rest + before))[entry])
+        rest = np.maximum(power - least, 0.0) + compute_numerical_error(windows) ** 2
+        return np.asarray(np.sqrt((rest + after) / np.maximum(rest + before, 1e-300))[entry])
 
     def _compute_log_power(self, law: Channel) -> Array:
         """Compute the variance of the torque in the windows of each entry by noise of the log, under a law [(N m)^2].
@@ -162,8 +164,8 @@ class ChannelFits(ChannelRows):
             own = undelayed if self.joint in ("", w.at) else Channel()
             log, period = w.recording.torque, 1.0 / w.recording.rate
             acting = own.remove_filter(log, period)
-            if has_white_noise(acting, own.remove_filter(impulse, period)):
-                log, own = acting, replace(own, lag=min(own.lag, 0.0))
+            if own.lag > 0 and has_white_noise(acting, own.remove_filter(impulse, period)):
+                log, own = acting, replace(own, lag=0.0)
             response = np.convolve(own.trace(w.samples, impulse, period)[0], w.kernel)
             powers.append(float(response @ response) * estimate_log_noise(log, w.recording.position) ** 2)
         return np.array(powers)

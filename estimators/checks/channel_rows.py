@@ -230,21 +230,31 @@ class ChannelRows:
         return min(filter(self.keeps_inertia, map(self.make_law, delays)), key=self.compute_misfit)
 
     @cached_property
-    def _inertia_weights(self) -> Array:
-        """Weights (R,) whose product with the weighted torque is the inertia of the base model of a single joint."""
-        return np.asarray(np.linalg.pinv(self.rows.data.equations(BASE).phi * self.rows.data.weights[:, None])[0])
+    def _inertia(self) -> tuple[Array, float]:
+        """Weights (R,) whose product with the weighted torque is the inertia, and its least significant value.
+
+        The inertia is that of the base model of a single joint.
+        """
+        columns, torque = (
+            self.rows.data.equations(BASE).phi * self.rows.data.weights[:, None],
+            self.compute_torque(Channel()),
+        )
+        inverse = np.linalg.pinv(columns)
+        rms = float(np.sqrt(np.mean((torque - columns @ (inverse @ torque)) ** 2)))
+        return np.asarray(inverse[0]), self.criterion.timing.z_score * rms * float(np.linalg.norm(inverse[0]))
 
     def keeps_inertia(self, law: Channel) -> bool:
         """Return whether the inertia of the base model stays above `kept_inertia` of itself, if torque acts late.
 
         The speed of a joint with inertia J and viscous friction b follows torque with the lag J/b. A late action can
         imitate this inertia. Torque that switches at reversals is constant in windows clear of them if it acts late
-        enough, and friction explains it. Joints with links are not tested.
+        enough, and friction explains it. An inertia that is not significant, and joints with links are not tested.
         """
         if law.is_late or self.rows.data.shared_columns:
             return True
-        logged, corrected = (float(self._inertia_weights @ self.compute_torque(each)) for each in (Channel(), law))
-        return corrected >= self.criterion.kept_inertia * logged
+        weights, least = self._inertia
+        logged, corrected = (float(weights @ self.compute_torque(each)) for each in (Channel(), law))
+        return logged <= least or corrected >= self.criterion.kept_inertia * logged
 
     @property
     def period(self) -> float:

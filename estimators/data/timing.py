@@ -95,9 +95,12 @@ class Timing:
         )
 
     def predicts_as_well(self, other: Timing) -> bool:
-        """Return whether torque was late, and no law of another timing predicts its recording significantly better."""
-        pairs = zip(self.alignments, other.alignments, strict=True)
-        return self.has_moved and not any(counterpart.beats(alignment) for alignment, counterpart in pairs)
+        """Return whether torque was late, and no law of another timing of the same windows predicts it better."""
+        pairs = [*zip(self.alignments, other.alignments, strict=True)]
+        is_shared = all(len(alignment.density) == len(counterpart.density) for alignment, counterpart in pairs)
+        return (
+            self.has_moved and is_shared and not any(counterpart.beats(alignment) for alignment, counterpart in pairs)
+        )
 
     @property
     def corrections(self) -> list[TorqueTiming]:

@@ -15,6 +15,7 @@ from pendulum_env.recording import Recording
 from pendulum_env.recording.rounding import find_least_change, list_changes
 
 FOURTH = {1: np.array([1.0, -4, 6, -4, 1]), 2: np.array([1.0, 0, -4, 0, 6, 0, -4, 0, 1])}  # differences, by step
+LARGER = float(np.log(1.25))  # largest excess of coarse differences over those of noise, in the logarithm
 STILL = 1e-9  # [rad], largest change of position from sample to sample at rest
 
 
@@ -88,12 +89,17 @@ def estimate_noise_slope(position: Array, torque: Array) -> float:
 def has_white_noise(series: Array, response: Array) -> bool:
     """Return whether the noise of a filtered signal (N,) is white, instead of white before the filter.
 
-    Fourth differences of every sample and of every second one have the same scatter under white noise. White noise
-    before a filter with an impulse response (L,) has another ratio; the nearer of both decides.
+    Fourth differences of every sample and of every second one have the same scatter under white noise, in ratio. White
+    noise before a filter with an impulse response (L,) has another ratio; the nearer of both decides. If the signal
+    itself changes faster, coarse differences exceed those of either noise. Jumps in most stretches of nine samples hide
+    the noise.
     """
-    fine, coarse = estimate_scatter(series), estimate_scatter(series[::2])
-    of_fine, of_coarse = (np.linalg.norm(np.convolve(response, FOURTH[step])) for step in (1, 2))
-    return bool(fine**2 * of_coarse < coarse**2 * of_fine)
+    scatters = estimate_scatter(series), estimate_scatter(series[::2])
+    fine, coarse = np.log(np.maximum(scatters, 1e-300))
+    of_fine, of_coarse = (float(np.linalg.norm(np.convolve(response, FOURTH[step]))) for step in (1, 2))
+    ratio, filtered_ratio = coarse - fine, float(np.log(of_coarse / of_fine))
+    is_noise = ratio <= max(filtered_ratio, 0.0) + LARGER
+    return bool(is_noise and abs(ratio) < abs(ratio - filtered_ratio))
 
 
 def find_near_reversals(velocity: Array, moving: Mask, distance: int) -> Mask:

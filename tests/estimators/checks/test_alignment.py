@@ -8,12 +8,14 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, random_case
-from estimators.checks.alignment import Alignment, TorqueTiming
+from estimators.checks.alignment import NO_ALIGNMENT, Alignment, TorqueTiming
 from estimators.checks.channel import estimate_alignment, estimate_alignments
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
+from estimators.data.timing import Timing
 from estimators.decisions.criterion import Criterion
 from estimators.signals.channel import Channel
+from estimators.signals.differentiation import has_white_noise
 from pendulum_env.physics import BASE
 from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording, read_recording
@@ -102,6 +104,41 @@ def test_the_noise_of_slow_torque_tells_that_a_filter_has_passed_it():
     residual = fit_terms(data, BASE)[1].residual
     floor = data.data.windows[0].noise.compute_std(TRUTH[0])
     assert float(np.sqrt(np.mean(residual**2))) == pytest.approx(floor, rel=0.1)
+
+
+@pytest.mark.parametrize(("excitation", "rate"), [("two_tone", 100.0), ("two_tone", 1000.0), ("prbs", 1000.0)])
+def test_white_noise_is_told_from_noise_that_an_inverse_filter_amplified(excitation, rate):
+    experiment = Experiment(rate=rate, seconds=20.0, excitation=excitation, seed=3, torque_noise=0.0)
+    clean, law = recorded(Plant(), experiment)[0].torque, Channel(lag=3 / rate)
+    noise = 0.02 * np.random.default_rng(0).standard_normal(len(clean))
+    response = law.remove_filter(np.eye(1, 201, 100)[0], 1 / rate)
+    amplified = law.remove_filter(noise, 1 / rate)
+    assert not has_white_noise(clean + amplified, response)
+    assert has_white_noise(clean + noise, response) or rate == 100.0  # where the torque changes as fast as noise
+    smoothing = np.array([0.25, 0.5, 0.25])
+    assert has_white_noise(noise, smoothing) and not has_white_noise(np.convolve(noise, smoothing), smoothing)
+
+
+def test_a_resting_recording_has_no_windows_and_takes_part(recording_at_rest):
+    late = [logged_late(run("multisine", 500.0, seed), 5) for seed in (3, 4)]
+    found = estimate_alignment([*late, recording_at_rest])
+    assert found.delay == pytest.approx(0.01, abs=4e-4)
+
+
+@pytest.fixture
+def recording_at_rest() -> Recording:
+    time = np.arange(2000) / 500.0
+    torque = 0.1 * np.random.default_rng(0).standard_normal(len(time))
+    return read_recording({"time": time, "position": 1e-3 * (time > 2.0), "torque": torque})
+
+
+def test_a_dead_time_beside_a_correction_is_the_excess_of_its_delay():
+    late = replace(estimate_alignment([logged_late(run("multisine", 500.0), 5)]), delay_std=1e-4)
+    timing = Timing((late,), ("run",)).reduce_delays("", 0.004, 2e-4)
+    (shorter,) = timing.alignments
+    assert shorter.delay == pytest.approx(late.delay - 0.004)
+    assert shorter.delay_std == 2e-4
+    assert not timing.predicts_as_well(Timing((NO_ALIGNMENT,), ("run",)))  # other windows cannot be compared
 
 
 def run_relay(rate: float = 200.0, substeps: int = 50) -> Recording:

@@ -143,7 +143,7 @@ def find_noise(criterion: Criterion) -> bool:
 
 
 def make_alignment(criterion: Criterion, gain: float = 0.0) -> Alignment:
-    density = gain + 0.1 * np.arange(10.0).reshape(2, 5)
+    density = gain + 0.1 * np.arange(5.0)
     return Alignment(Channel(delay=1e-3), 1e-4, 0.0, density=density, criterion=criterion)
 
 

@@ -66,7 +66,7 @@ def test_folds_and_score_have_the_same_blocks_of_the_given_length(name, block):
 @pytest.mark.parametrize("name", ["pendulum", "arm"])
 def test_laws_of_the_torque_channel_are_compared_by_the_same_blocks(name):
     run, base = CASES[name]()
-    counts = [estimate_alignment([run], base, Criterion(block=block)).density.shape[1] for block in (1.0, 2.0)]
+    counts = [estimate_alignment([run], base, Criterion(block=block)).density.size for block in (1.0, 2.0)]
     assert counts[0] == pytest.approx(run.duration, abs=1.0) and counts[1] == pytest.approx(counts[0] / 2, abs=1.0)
 
 

@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from pendulum_env.physics.library import MEASURED, effects
 from pendulum_env.registration import PENDULUM
 from pendulum_env.wrappers import HideEffects, HideEffectsVector, RandomizePlant, RandomizePlantVector
 
@@ -26,6 +27,12 @@ def test_presence_and_sizes_follow_the_seed_and_the_ranges():
         HideEffects(RandomizePlant(gym.make(PENDULUM)), RANGES).reset(seed=7)[1]["plant"]["gravity"]
         == (RandomizePlant(HideEffects(gym.make(PENDULUM), RANGES)).reset(seed=7)[1]["plant"]["gravity"])
     )
+
+
+@pytest.mark.parametrize("id", [id for id, kind in effects().items() if kind().columns and id not in MEASURED])
+def test_every_effect_with_a_size_is_drawn(id):
+    plant = HideEffects(gym.make(PENDULUM), [id], probability=1.0).reset(seed=1)[1]["plant"]
+    assert any(plant[column.name] != 0.0 for column in effects()[id]().columns)
 
 
 def move(env, steps=300):
