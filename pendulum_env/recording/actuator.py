@@ -125,7 +125,7 @@ class JointActuators(Actuator):
 
 
 @contextmanager
-def name_joint(joint: str) -> Iterator[None]:
+def name_joint_errors(joint: str) -> Iterator[None]:
     """Add a joint to errors on the settings of its actuator within a block."""
     try:
         yield
@@ -144,7 +144,7 @@ def parse_actuator(settings: Mapping[str, Any]) -> Actuator | None:
     if own := {name: value for name, value in settings.items() if isinstance(value, Mapping)}:
         common = {name: value for name, value in settings.items() if name not in own}
         for joint, more in own.items():
-            with name_joint(joint):
+            with name_joint_errors(joint):
                 parse_actuator({**common, **more})
         return JointActuators(common, own)
     kinds, others = list_actuators(), {name: value for name, value in settings.items() if name != "kind"}

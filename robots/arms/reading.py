@@ -11,7 +11,7 @@ from pendulum_env.errors import ColumnError
 from pendulum_env.lookup import find
 from pendulum_env.physics.term import ROOM
 from pendulum_env.recording import Recording, RecordingError
-from pendulum_env.recording.actuator import Actuator, name_joint
+from pendulum_env.recording.actuator import Actuator, name_joint_errors
 from pendulum_env.recording.channel import NEWTON_METRE
 from pendulum_env.recording.columns import NONE, check_columns_option, parse_column
 from pendulum_env.recording.formats import Readable, get_label
@@ -131,7 +131,7 @@ def check_drives(drive: Actuator | None, joints: Sequence[str]) -> None:
     for joint in drive.list_joints():
         find("joint of [drive]", joint, dict.fromkeys(joints))
     for joint in joints:
-        with name_joint(joint):
+        with name_joint_errors(joint):
             drive.select_joint(joint)
 
 
