@@ -145,8 +145,8 @@ class RolloutFits:
 
     def _fit_likeliest(self, starts: Sequence[Point], typical: Array, share: float) -> LinearErrors:
         """Fit from each start; return the likeliest fit. Of long recordings, only the likeliest start is finished."""
-        if len(starts) > 1 and len(self.rollouts.positions.measured) > LOOP.fit.long:
-            hasty = [fit_rollouts(self.rollouts, start, typical, share=LOOP.fit.hastily) for start in starts]
+        if len(starts) > 1 and len(self.rollouts.positions.measured) > LOOP.fit.long_count:
+            hasty = [fit_rollouts(self.rollouts, start, typical, share=LOOP.fit.hasty_share) for start in starts]
             starts = [min(hasty, key=lambda fit: compute_likelihood_scale(self.rollouts, fit.error)).point]
         fits = [fit_rollouts(self.rollouts, start, typical, share=share) for start in starts]
         return min(fits, key=lambda fit: compute_likelihood_scale(self.rollouts, fit.error))

@@ -48,8 +48,8 @@ class FitSettings:
     friction: tuple[float, ...] = (0.3, 1.0, 3.0)  # other starts of dry friction, relative to the parameter
     settled: float = 1e-7  # relative change of an error scale that has converged
     typical: float = 0.05  # share of the RMS torque at which a parameter matters
-    hastily: float = 0.3  # the same for starts of which the likeliest is fitted further, of long recordings
-    long: int = 20000  # number of compared positions of long recordings
+    hasty_share: float = 0.3  # the same for starts of which the likeliest is fitted further, of long recordings
+    long_count: int = 20000  # number of compared positions of long recordings
     hopeless: float = 15.0  # [nat], gain of the linear fit below which one iteration suffices
 
 
