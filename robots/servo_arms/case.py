@@ -1,6 +1,6 @@
 """Case of an arm of servos: each joint is diagnosed as a servo in its loop, while the others move as measured.
 
-A joint's likelihood depends on its own parameters alone. So each joint has a search of its own, that of a servo, and
+Each joint fits its own copy of the parameters of the links. So each joint has a search of its own, that of a servo, and
 the results are joined.
 """
 
