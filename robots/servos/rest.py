@@ -14,6 +14,8 @@ from pendulum_env.recording import Recording
 from robots.servos.torque import find_drive, get_bus_voltage, list_drives
 
 WEIGHTS = ("gravity", "gravity_tilt", "links")  # ids of the terms of weight
+PASSING = ("presliding", "friction_drift")  # ids of effects that leave the dry friction of a long rest as it is
+ROUNDS = 50  # of dry friction that depends on the torque; errors fall by its coefficient, at most 0.7, in each
 AIM = np.deg2rad(1.0)  # [rad], distance from the goal below which a rest is close
 SLOW = 0.05  # [rad/s], largest speed of a sample at which the weight is that at rest
 TYPICAL = 95  # percentile of the weight over the samples, without outliers
@@ -42,7 +44,8 @@ def find_rest_band(model: Model, recordings: Sequence[Recording]) -> RestBand | 
     """Find the distance from its goal within which a servo rests; None if it is small, or an integral removes it.
 
     At rest, |K (goal - q) - w| <= F with the stiffness K, the weight w and the dry friction F: the goal is at most
-    (F + |w|) / K away. The recording with the least stiffness counts.
+    (F + |w|) / K away. The recording with the least stiffness counts. Dry friction that depends on the torque is that at
+    the torque F + |w|.
     """
     driven = [one for one in recordings if any(d.acts_on_position and not d.ki for d in list_drives([one]))]
     if not driven or len(driven) < len(recordings):
@@ -57,8 +60,10 @@ def find_rest_band(model: Model, recordings: Sequence[Recording]) -> RestBand | 
     columns = [(term.id, column) for term in model.terms for column in term.columns]
     pairs = [(id, column, value) for (id, column), value in zip(columns, model.theta, strict=True)]
     weight = np.abs(rest + sum(value * column.force(x) for id, column, value in pairs if id in WEIGHTS))
-    held = Samples(x.time, x.position, rest, weight, load=x.load)
-    friction = rest + sum(max(value, 0.0) * column.dry(held) for id, column, value in pairs if id not in WEIGHTS)
+    friction, left_out = rest, (*WEIGHTS, *PASSING)
+    for _ in range(ROUNDS):
+        held = Samples(x.time, x.position, rest, weight + friction, load=x.load)
+        friction = rest + sum(max(value, 0.0) * column.dry(held) for id, column, value in pairs if id not in left_out)
     parts = [float(np.percentile(np.abs(part), TYPICAL)) / factor for part in (friction, weight, friction + weight)]
     if not parts[2] > AIM:
         return None
