@@ -18,7 +18,7 @@ from pendulum_env.physics.mechanism import LinkedMechanism, Mechanism
 from pendulum_env.physics.model_file import ModelFile, build_terms
 from pendulum_env.reading import Text, convert
 from robots.arms.model import OTHER_MODELS
-from robots.servo_arms.links import SERIES, LinkTable, LinkTorque, make_link_torque, remove_weight
+from robots.servo_arms.links import SERIES, LinkTable, LinkTorque, list_names, make_link_torque, remove_weight
 
 SCHEMA = "pendulum-ident/servo-arm@1"
 
@@ -73,6 +73,11 @@ class ServoArmModel(Model):
         for at, servo in file.servos.items():
             data = convert(servo, ModelFile)
             names = tuple(name.partition(".")[2] for name in data.theta if name.startswith(f"{LinkTorque.id}."))
+            if foreign := [name for name in names if name not in list_names(body.names)]:
+                raise ModelError(
+                    f"{LinkTorque.id}.{foreign[0]} at '{at}' is of other links than this robot has: give the robot file "
+                    "that it was made with"
+                )
             weight = make_link_torque(LinkTorque, LinkTable(names, np.zeros(1), np.zeros((1, SERIES * len(names)))))
             terms = build_terms(data, lambda id: weight if id == LinkTorque.id else remove_weight(find_term(id)))  # noqa: B023
             models[at] = Model.from_content(data, terms)
