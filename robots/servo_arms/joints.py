@@ -10,9 +10,11 @@ import numpy as np
 import scipy
 
 from pendulum_env._typing import Array
+from pendulum_env.errors import UserError
 from pendulum_env.physics import Model, Term
 from pendulum_env.physics.base import Coulomb, Inertia, Viscous
 from pendulum_env.recording import Recording
+from pendulum_env.settings import Blank, format_setting
 from robots.arms.body import Body
 from robots.arms.recording import ArmRecording
 from robots.servo_arms.links import (
@@ -50,7 +52,15 @@ def divide_arm(
     """Return the joints of an arm as servos, with known models of servos by joint.
 
     Recordings follow each other on one clock, by which the torque of the links finds the motion of the other joints.
+
+    Raises:
+        UserError: if a joint is linear.
     """
+    if sliding := [joint for joint in body.joints if joint in body.prismatic_joints]:
+        raise UserError(
+            f"joint '{sliding[0]}' is linear, and servos turn: hold it by naming the joints that turn, "
+            f"{format_setting('joints', Blank('A,B,C'))}"
+        )
     every, count = _put_on_one_clock([*recordings, *holdout]), len(recordings)
     names = {at: list_link_columns(model.terms) for at, model in servos.items()}
     links, joints = _list_links(body, every, count, names), []

@@ -25,7 +25,7 @@ def folder(tmp_path_factory):
 @pytest.fixture
 def refuse(folder, run_refused, monkeypatch):
     monkeypatch.chdir(folder)
-    return lambda words: run_refused(*words.split(), "--robot", "arm.urdf")
+    return lambda words, robot="arm.urdf": run_refused(*words.split(), "--robot", robot)
 
 
 def test_columns_of_other_links_are_named(folder, refuse):
@@ -34,3 +34,10 @@ def test_columns_of_other_links_are_named(folder, refuse):
     content["servos"]["wrist"]["theta"]["links.mx_hand"] = {"value": 0.1}
     (folder / "other.json").write_text(json.dumps(content))
     assert "links.mx_hand" in refuse("compare other.json arm.toml")
+
+
+@pytest.mark.parametrize("command", ["identify", "diagnose"])
+def test_linear_joints_are_refused(folder, refuse, command):
+    text = (folder / "arm.urdf").read_text()
+    (folder / "linear.urdf").write_text(text.replace('name="wrist" type="revolute"', 'name="wrist" type="prismatic"'))
+    assert "'wrist' is linear" in refuse(f"{command} arm.toml", "linear.urdf")
