@@ -40,8 +40,8 @@ from estimators.selection.path import find_model_path
 from estimators.selection.policies import BEAT_CHANCE, CONFIRM, SWAP
 from estimators.selection.search import SearchResult
 from estimators.selection.state import SearchState
-from pendulum_env.lookup import refuse_unknown_arguments
-from pendulum_env.physics import Bounds, Model, Term, is_dry, is_hidden
+from pendulum_env.lookup import find, refuse_unknown_arguments
+from pendulum_env.physics import Bounds, Model, Term, is_dry, is_hidden, list_nameable
 from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.joints import find_kind
 from pendulum_env.recording import Recording
@@ -92,15 +92,16 @@ def add(
     model.add(kind())  # raises if a term of the model contains it
     select_visible_effects({kind.id: kind}, recordings)  # raises if it needs a quantity that no recording has
     if (division := find_division(model.terms, every)) is not None:
-        library = {kind.id: kind}
-        part = division.divide(model.terms, recordings, holdout, library, model)[kind.at]
+        name = kind.id.partition("@")[0]
+        find("effect of a servo", name, list_nameable())
+        part = division.divide(model.terms, recordings, holdout, {kind.id: kind}, model)[kind.at]
         assert part.model is not None
-        (own,) = part.library.values()
+        own = part.library[name]
         addition = _add_kind(part.model, own, part.recordings, part.holdout, progress, fixed, bounds, criterion)
         steps = (division.join_steps(model, {kind.at: step}) for step in (addition.before, addition.after))
         before, after = (step.with_log_format(dict(model.log_format)) for step in steps)
-        floors = dict.fromkeys([kind.at], *addition.floors.values())
-        return replace(addition, before=before, after=replace(after, added=kind.id), floors=floors)
+        (floor,) = addition.floors.values()  # of the one joint
+        return replace(addition, before=before, after=replace(after, added=kind.id), floors={kind.at: floor})
     return _add_kind(model, kind, recordings, holdout, progress, fixed, bounds, criterion)
 
 

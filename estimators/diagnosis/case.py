@@ -144,6 +144,10 @@ class DividedCase(Preparation, ABC):
     ) -> Mapping[str, Part]:
         """Return the parts of the machine by joint, with their models if a model of the machine is given."""
 
+    def select_quick(self, library: Mapping[str, type[Term]]) -> Mapping[str, type[Term]]:
+        """Select the effects that a diagnosis tries; by default all."""
+        return library
+
     @abstractmethod
     def join_diagnoses(self, data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnosis:
         """Join the diagnoses of the joints, from data of the machine."""

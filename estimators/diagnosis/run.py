@@ -114,7 +114,8 @@ def _diagnose_joints(
     division: DividedCase, fitted: Sequence[Recording], holdout: Sequence[Recording], options: Options
 ) -> Diagnosis:
     """Diagnose the joints of a machine one by one, and join the results."""
-    parts, diagnoses = division.divide(options.base, fitted, holdout, options.library), {}
+    library, diagnoses = division.select_quick(options.library), {}
+    parts = division.divide(options.base, fitted, holdout, library)
     for number, (at, part) in enumerate(parts.items()):
 
         def report(text: str, share: float, at: str = at, number: int = number) -> None:

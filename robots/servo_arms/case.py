@@ -59,11 +59,15 @@ class ServoArm(DividedCase):
         servos = model.servos if isinstance(model, ServoArmModel) else {}
         arms = select_driven_arms(recordings), select_driven_arms(holdout)
         for joint in divide_arm(find_body(base), *arms, servos):
-            ids = [id for id in (kind.id.partition("@")[0] for kind in library.values() if kind.at == joint.name)]
-            ids = [id for id in ids if id in QUICK] or [id for id in ids if id in known]
-            kinds = {id: remove_weight(known[id]) for id in ids}
+            ids = (_get_effect(kind) for kind in library.values() if kind.at == joint.name)
+            kinds = {id: remove_weight(known[id]) for id in ids if id in known}
             parts[joint.name] = Part(joint.recordings, joint.holdout, joint.base, kinds, joint.model)
         return parts
+
+    def select_quick(self, library: Mapping[str, type[Term]]) -> Mapping[str, type[Term]]:
+        """Select the quick effects of each joint; all effects of a joint without a quick one."""
+        joints = {kind.at for kind in library.values() if _get_effect(kind) in QUICK}
+        return {id: kind for id, kind in library.items() if kind.at not in joints or _get_effect(kind) in QUICK}
 
     def join_diagnoses(self, data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnosis:
         """Join the diagnoses of the joints."""
@@ -72,6 +76,11 @@ class ServoArm(DividedCase):
     def join_steps(self, model: Model, steps: Mapping[str, Step]) -> Step:
         """Join the steps of some joints to that of a model of the arm."""
         return join_steps(steps, find_body(model.terms), of=model)
+
+
+def _get_effect(kind: type[Term]) -> str:
+    """Return the id of an effect without its joint."""
+    return kind.id.partition("@")[0]
 
 
 def select_driven_arms(recordings: Sequence[Recording]) -> list[ArmRecording]:

@@ -7,7 +7,12 @@ import pytest
 
 from pendulum_env.physics import Model
 from pendulum_env.physics.base import Coulomb, Inertia, Viscous
+from pendulum_env.physics.joints import find_kinds
+from pendulum_env.recording.study import read_sources
+from robots.arms import arm_base
 from robots.arms.body import read_body
+from robots.arms.reading import read_arm_source
+from robots.servo_arms.case import SERVO_ARM
 from robots.servo_arms.model import ServoArmModel
 from tests.robots.servo_arms.simulated_arm import DRY, JOINTS, ROTOR, VISCOUS, write_arm
 
@@ -20,6 +25,11 @@ def folder(tmp_path_factory):
     model = ServoArmModel.join(dict.fromkeys(JOINTS, servo), read_body(folder / "arm.urdf"))
     (folder / "model.json").write_text(json.dumps(model.json()))
     return folder
+
+
+@pytest.fixture(scope="module")
+def arms(folder):
+    return [read_arm_source(source, JOINTS) for source in read_sources(folder / "arm.toml")]
 
 
 @pytest.fixture
@@ -41,3 +51,16 @@ def test_linear_joints_are_refused(folder, refuse, command):
     text = (folder / "arm.urdf").read_text()
     (folder / "linear.urdf").write_text(text.replace('name="wrist" type="revolute"', 'name="wrist" type="prismatic"'))
     assert "'wrist' is linear" in refuse(f"{command} arm.toml", "linear.urdf")
+
+
+@pytest.mark.parametrize("effect", ["torque_by_angle@wrist", "coupling@elbow,wrist"])
+def test_effects_that_no_servo_has_are_refused_with_known_ones(refuse, effect):
+    assert "stribeck" in refuse(f"add model.json {effect} arm.toml")
+
+
+def test_a_diagnosis_tries_the_quick_effects_of_a_joint_alone(folder, arms):
+    body = read_body(folder / "arm.urdf")
+    library = {kind.id: kind for kind in find_kinds(["stribeck@lift", "cogging@lift", "cogging@wrist"], body)}
+    assert set(SERVO_ARM.select_quick(library)) == {"stribeck@lift", "cogging@wrist"}
+    part = SERVO_ARM.divide(arm_base(body), arms, library=library)["lift"]
+    assert set(part.library) == {"stribeck", "cogging"}  # as `add` needs
