@@ -33,8 +33,9 @@ from estimators.schemes.balance import Segments, adapt_to_arms, measure_segments
 from estimators.schemes.fitting import Convergence, Identified, fit_schemes
 from estimators.schemes.identifiability import refuse_idle_joints, withhold_estimates
 from estimators.schemes.result import Identification
-from estimators.schemes.six import LowPass, Regressor, Scheme, select_schemes
+from estimators.schemes.six import SCHEMES, LowPass, Regressor, Scheme, select_schemes
 from estimators.weak_form.preparation import prepare_windows
+from pendulum_env.errors import UserError
 from pendulum_env.lookup import refuse_unknown_arguments
 from pendulum_env.physics import BASE, Bounds, Model, Term
 from pendulum_env.recording import Recording
@@ -91,6 +92,10 @@ def identify(
     terms, _ = apply_limits(terms, {}, fixed, bounds)
     recordings = select_recordings(recordings, terms=terms)
     if (division := find_division(terms, recordings)) is not None:
+        if chosen != SCHEMES:
+            raise UserError(
+                "schemes are fits of torque, and these joints are simulated by their drives: leave them out"
+            )
         return _identify_joints(division, recordings, terms, criterion)
     fit_data = FitData.from_recordings(recordings, terms=terms, criterion=criterion)
     swing_terms = make_swing_terms(terms, fit_data.recordings)

@@ -129,6 +129,8 @@ class Part:
 class DividedCase(Preparation, ABC):
     """Kind of machine whose joints are diagnosed one by one, each by the case of its recordings."""
 
+    has_free_motion: ClassVar[bool] = False
+
     @abstractmethod
     def accepts(self, base: Sequence[Term], recordings: Sequence[Recording]) -> bool:
         """Return whether a base model and recordings belong to the case."""

@@ -96,13 +96,13 @@ def diagnose(
     effects, limits = select_visible_effects(effects, fitted), ExperimentLimits(max_torque, max_angle, max_speed)
     rng, progress = np.random.default_rng(0 if rng is None else rng), report_forward(progress)
     options = Options(terms, effects, criterion, rng, progress, limits, horizon)
-    if (division := find_division(terms, (*fitted, *held_out))) is not None:
-        check_horizon(horizon, False)
-        return _diagnose_joints(division, fitted, held_out, options)
-    case = choose_case(terms, (*fitted, *held_out))
+    every = (*fitted, *held_out)
+    case = find_division(terms, every) or choose_case(terms, every)
     check_horizon(horizon, case.has_free_motion)
     if not case.has_free_motion and limits != ExperimentLimits():
         raise UserError("bounds of an experiment are for pendulums under a known torque: leave them out")
+    if isinstance(case, DividedCase):
+        return _diagnose_joints(case, fitted, held_out, options)
     progress("reading the motion", 0.0)
     data, options = case.prepare(fitted, held_out, options)
     progress("timing the torque", 0.0)

@@ -12,8 +12,9 @@ from estimators.data.fit_data import FitData
 from estimators.decisions.errors import Step
 from estimators.diagnosis.case import DividedCase, Part
 from estimators.diagnosis.result import Diagnosis
-from pendulum_env.physics import Model, Term, list_nameable
-from pendulum_env.physics.joints import find_mechanism
+from pendulum_env.errors import UserError
+from pendulum_env.physics import Model, Term, list_ids, list_nameable
+from pendulum_env.physics.joints import find_mechanism, list_base_terms
 from pendulum_env.recording import Recording
 from robots.arms.body import Body, find_body
 from robots.arms.recording import ArmRecording
@@ -54,11 +55,20 @@ class ServoArm(DividedCase):
         library: Mapping[str, type[Term]] | None = None,
         model: Model | None = None,
     ) -> Mapping[str, Part]:
-        """Return the joints as servos with their effects, and with the servos of a model."""
+        """Return the joints as servos with their effects, and with the servos of a model.
+
+        Raises:
+            UserError: if a joint is linear, or terms without a model are not those of the base.
+        """
+        body = find_body(base)
+        if model is None and (added := set(list_ids(base)).difference(list_ids(list_base_terms(body)))):
+            raise UserError(
+                f"{min(added)} is beside the base terms of an arm of servos: leave it out, or add it to a model"
+            )
         known, parts, library = list_nameable(), {}, library or {}
         servos = model.servos if isinstance(model, ServoArmModel) else {}
         arms = select_driven_arms(recordings), select_driven_arms(holdout)
-        for joint in divide_arm(find_body(base), *arms, servos):
+        for joint in divide_arm(body, *arms, servos):
             ids = (_get_effect(kind) for kind in library.values() if kind.at == joint.name)
             kinds = {id: remove_weight(known[id]) for id in ids if id in known}
             parts[joint.name] = Part(joint.recordings, joint.holdout, joint.base, kinds, joint.model)

@@ -5,11 +5,13 @@ import json
 import numpy as np
 import pytest
 
-from pendulum_env.physics import Model
+from estimators import diagnose, identify
+from pendulum_env.errors import UserError
+from pendulum_env.physics import Model, find_term
 from pendulum_env.physics.base import Coulomb, Inertia, Viscous
 from pendulum_env.physics.joints import find_kinds
 from pendulum_env.recording.study import read_sources
-from robots.arms import arm_base
+from robots.arms import arm_base, place_term
 from robots.arms.body import read_body
 from robots.arms.reading import read_arm_source
 from robots.servo_arms.case import SERVO_ARM
@@ -64,3 +66,15 @@ def test_a_diagnosis_tries_the_quick_effects_of_a_joint_alone(folder, arms):
     assert set(SERVO_ARM.select_quick(library)) == {"stribeck@lift", "cogging@wrist"}
     part = SERVO_ARM.divide(arm_base(body), arms, library=library)["lift"]
     assert set(part.library) == {"stribeck", "cogging"}  # as `add` needs
+
+
+def test_arguments_without_effect_are_refused(folder, arms, refuse):
+    assert "schemes" in refuse("identify arm.toml --scheme energy")
+    base = arm_base(read_body(folder / "arm.urdf"))
+    longer = (*base, place_term(find_term("stribeck")(), "lift"))
+    with pytest.raises(UserError, match="stribeck@lift"):
+        identify(arms, longer)
+    with pytest.raises(UserError, match="stribeck@lift"):
+        diagnose(arms, base=longer)
+    with pytest.raises(UserError, match="bounds of an experiment"):
+        diagnose(arms, base=base, max_torque=1.0)
