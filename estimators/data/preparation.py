@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding
 from estimators.simulation.whole_motion import NOT_SIMULATED, WholeMotion
+from pendulum_env._typing import JSON
 from pendulum_env.physics import Model, Term
 from pendulum_env.plugins import load_plugins, make_missing_error
 from pendulum_env.recording import Recording
@@ -31,7 +32,12 @@ class Preparation:
     """Preparation of recordings; that of a pendulum under a known torque changes nothing.
 
     A kind of actuator whose torque depends on open settings overrides these methods.
+
+    Attributes:
+        models: functions that make a model of a mechanism from the content of a file, by its schema.
     """
+
+    models: ClassVar[Mapping[str, Callable[[JSON, Any], Any]]] = {}
 
     def prepares(self, recordings: Sequence[Recording]) -> bool:
         """Return whether recordings belong to the kind."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,8 +20,6 @@ from pendulum_env.reading import Text, convert, read_json
 from pendulum_env.robot_file import HINT, RobotOptions
 from pendulum_env.settings import format_setting
 from robots.arms.body import Body, find_body
-
-OTHER_MODELS: dict[Any, Callable[[JSON, Body], Any]] = {}  # functions that make models of other schemas
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,8 +64,8 @@ class ArmModel(Model):
         try:
             content = read_json(path, HINT)
             schema = content.get("schema") if isinstance(content, dict) else None
-            list_preparations()  # imports all cases, which add their models
-            return OTHER_MODELS.get(schema, cls.from_json_of_body)(content, body)
+            others = {name: make for item in list_preparations() for name, make in item.models.items()}
+            return others.get(str(schema), cls.from_json_of_body)(content, body)
         except UserError as error:
             raise ModelError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 

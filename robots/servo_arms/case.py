@@ -7,6 +7,7 @@ the results are joined.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 from estimators.data.fit_data import FitData
 from estimators.decisions.errors import Step
@@ -21,7 +22,7 @@ from robots.arms.recording import ArmRecording
 from robots.servo_arms.joining import join_diagnoses, join_steps
 from robots.servo_arms.joints import divide_arm
 from robots.servo_arms.links import remove_weight
-from robots.servo_arms.model import ServoArmModel
+from robots.servo_arms.model import SCHEMA, ServoArmModel
 
 QUICK = (  # effects that a diagnosis tries, if any of them is in the library; others need minutes for each joint
     "stribeck",
@@ -38,6 +39,8 @@ QUICK = (  # effects that a diagnosis tries, if any of them is in the library; o
 
 class ServoArm(DividedCase):
     """Arms of servos with known controllers, joint by joint, by simulations in the loop."""
+
+    models: ClassVar = {SCHEMA: ServoArmModel.from_json_of_body}
 
     def prepares(self, recordings: Sequence[Recording]) -> bool:
         """Return whether recordings are of an arm whose joints have drives."""

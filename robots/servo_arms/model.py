@@ -17,7 +17,6 @@ from pendulum_env.physics.library import find_term
 from pendulum_env.physics.mechanism import LinkedMechanism, Mechanism
 from pendulum_env.physics.model_file import ModelFile, build_terms
 from pendulum_env.reading import Text, convert
-from robots.arms.model import OTHER_MODELS
 from robots.servo_arms.links import SERIES, LinkTable, LinkTorque, list_names, make_link_torque, remove_weight
 
 SCHEMA = "pendulum-ident/servo-arm@1"
@@ -75,8 +74,8 @@ class ServoArmModel(Model):
             names = tuple(name.partition(".")[2] for name in data.theta if name.startswith(f"{LinkTorque.id}."))
             if foreign := [name for name in names if name not in list_names(body.names)]:
                 raise ModelError(
-                    f"{LinkTorque.id}.{foreign[0]} at '{at}' is of other links than this robot has: give the robot file "
-                    "that it was made with"
+                    f"{LinkTorque.id}.{foreign[0]} at '{at}' is of other links than this robot has: give the robot "
+                    "file that it was made with"
                 )
             weight = make_link_torque(LinkTorque, LinkTable(names, np.zeros(1), np.zeros((1, SERIES * len(names)))))
             terms = build_terms(data, lambda id: weight if id == LinkTorque.id else remove_weight(find_term(id)))  # noqa: B023
@@ -90,6 +89,3 @@ class _ServoArmFile(Struct):
     joints: tuple[Text, ...]
     servos: dict[str, Any]
     log_format: dict[str, Any] = {}
-
-
-OTHER_MODELS[SCHEMA] = ServoArmModel.from_json_of_body

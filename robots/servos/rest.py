@@ -44,8 +44,8 @@ def find_rest_band(model: Model, recordings: Sequence[Recording]) -> RestBand | 
     """Find the distance from its goal within which a servo rests; None if it is small, or an integral removes it.
 
     At rest, |K (goal - q) - w| <= F with the stiffness K, the weight w and the dry friction F: the goal is at most
-    (F + |w|) / K away. The recording with the least stiffness counts. Dry friction that depends on the torque is that at
-    the torque F + |w|.
+    (F + |w|) / K away. The recording with the least stiffness counts. Dry friction that depends on the torque is that
+    at the torque F + |w|.
     """
     driven = [one for one in recordings if any(d.acts_on_position and not d.ki for d in list_drives([one]))]
     if not driven or len(driven) < len(recordings):

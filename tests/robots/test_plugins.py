@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from pendulum_env.physics import BASE
 from pendulum_env.plant import paper_plant
 from pendulum_env.recording.actuator import parse_actuator
 from pendulum_env.robot_file import find_link_reader
+from robots.arms.model import ArmModel
 from robots.servos import ServoDrive
 from robots.servos.export import ServoExporter
 from tests.cases import CASES, recording
@@ -106,6 +108,15 @@ def test_a_registered_case_takes_its_recordings(heavy):
         assert found.model.estimates[name].value == pytest.approx(factor * estimate.value, rel=0.02)
     assert compare(light.model, named).model is light.model and set(identify(named)) == set(identify(run))
     assert np.isfinite(add(light.steps[0].model, "stribeck", named).after.errors["holdout"].torque_rms)
+
+
+def test_a_case_makes_the_models_of_its_schema(monkeypatch, tmp_path):
+    class Own(Pendulum):
+        models: ClassVar = {"own@1": lambda content, body: content["value"]}
+
+    monkeypatch.setattr(preparation, "_registered", [Own()])
+    (tmp_path / "model.json").write_text('{"schema": "own@1", "value": 3}')
+    assert ArmModel.load(tmp_path / "model.json", None) == 3
 
 
 def test_a_package_that_fails_is_a_warning_and_no_error(monkeypatch):
