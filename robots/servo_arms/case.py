@@ -14,7 +14,7 @@ from estimators.decisions.errors import Step
 from estimators.diagnosis.case import DividedCase, Part
 from estimators.diagnosis.result import Diagnosis
 from pendulum_env.errors import UserError
-from pendulum_env.physics import Model, Term, list_ids, list_nameable
+from pendulum_env.physics import Model, ModelError, Term, list_ids, list_nameable
 from pendulum_env.physics.joints import find_mechanism, list_base_terms
 from pendulum_env.recording import Recording
 from robots.arms.body import Body, find_body
@@ -61,15 +61,17 @@ class ServoArm(DividedCase):
         """Return the joints as servos with their effects, and with the servos of a model.
 
         Raises:
-            UserError: if a joint is linear, or terms without a model are not those of the base.
+            UserError: if a joint is linear, terms without a model are not those of the base, or a model is of torques.
         """
         body = find_body(base)
         if model is None and (added := set(list_ids(base)).difference(list_ids(list_base_terms(body)))):
             raise UserError(
                 f"{min(added)} is beside the base terms of an arm of servos: leave it out, or add it to a model"
             )
+        if not isinstance(model, ServoArmModel | None):
+            raise ModelError("the model is of known torques, the recordings are of servos: identify them for a model")
         known, parts, library = list_nameable(), {}, library or {}
-        servos = model.servos if isinstance(model, ServoArmModel) else {}
+        servos = {} if model is None else model.servos
         arms = select_driven_arms(recordings), select_driven_arms(holdout)
         for joint in divide_arm(body, *arms, servos):
             ids = (_get_effect(kind) for kind in library.values() if kind.at == joint.name)

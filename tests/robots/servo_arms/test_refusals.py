@@ -13,6 +13,7 @@ from pendulum_env.physics.joints import find_kinds
 from pendulum_env.recording.study import read_sources
 from robots.arms import arm_base, place_term
 from robots.arms.body import read_body
+from robots.arms.model import ArmModel
 from robots.arms.reading import read_arm_source
 from robots.servo_arms.case import SERVO_ARM
 from robots.servo_arms.model import ServoArmModel
@@ -78,3 +79,11 @@ def test_arguments_without_effect_are_refused(folder, arms, refuse):
         diagnose(arms, base=longer)
     with pytest.raises(UserError, match="bounds of an experiment"):
         diagnose(arms, base=base, max_torque=1.0)
+
+
+def test_a_model_of_torques_is_no_model_of_servos(folder, refuse):
+    base = arm_base(read_body(folder / "arm.urdf"))
+    model = ArmModel.build(base, [0.1] * sum(len(term.columns) for term in base))
+    (folder / "torques.json").write_text(json.dumps(model.json()))
+    for words in ("compare torques.json arm.toml", "add torques.json stribeck@lift arm.toml"):
+        assert "the recordings are of servos" in refuse(words)
