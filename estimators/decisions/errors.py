@@ -10,6 +10,7 @@ import numpy as np
 from estimators.findings import Change, Finding, Quantity
 from pendulum_env._typing import JSON, Array
 from pendulum_env.physics import Model, Term, list_loads
+from pendulum_env.quantity import get_finite
 
 Terms = tuple[Term, ...]
 FILE_NAMES = {
@@ -34,7 +35,7 @@ class Errors:
         shares: torque RMS of each joint over the RMS of its torque, None without a motor; or `motion_share` of each.
         motion: mean absolute position error of whole recordings, simulated from the reference of a controller [rad].
         motion_rms: RMS of the same [rad].
-        motion_share: `motion` over the range of the measured positions.
+        motion_share: `motion` over the range of the measured positions; NaN if the joint moves by less than it.
     """
 
     torque_rms: float
@@ -54,8 +55,8 @@ class Errors:
 
     def with_motion_errors(self, error: Array, measured: Array) -> Errors:
         """Return the errors with those of simulated positions (R,) [rad], given the measured ones (R,) [rad]."""
-        mean, rms = float(np.mean(np.abs(error))), float(np.sqrt(np.mean(error**2)))
-        return replace(self, motion=mean, motion_rms=rms, motion_share=mean / max(float(np.ptp(measured)), 1e-300))
+        mean, rms, span = float(np.mean(np.abs(error))), float(np.sqrt(np.mean(error**2))), float(np.ptp(measured))
+        return replace(self, motion=mean, motion_rms=rms, motion_share=mean / span if span > mean else np.nan)
 
     @property
     def is_of_motion(self) -> bool:
@@ -93,6 +94,11 @@ class Errors:
         """Return the torque error at a joint [N m]; without joints, the error of motion [rad]."""
         return get_error_at(self.joints, joint, self.total)
 
+    def get_share(self, joint: str) -> float | None:
+        """Return the error at a joint over the RMS of its torque, or over the range of its motion; None if unknown."""
+        share = self.shares.get(joint, self.motion_share)
+        return None if share is None else get_finite(share)
+
     @property
     def _totals(self) -> dict[str, float]:
         """Return the known errors of all joints together, by name in files."""
@@ -102,7 +108,7 @@ class Errors:
     def json(self) -> JSON:
         """Return a dictionary for JSON, without unknown errors."""
         kind = next(iter(self.kinds))
-        joints = {at: {kind: size, "share": self.shares.get(at)} for at, size in self.joints.items()}
+        joints = {at: {kind: size, "share": self.get_share(at)} for at, size in self.joints.items()}
         return {**self._totals, "joints": joints}
 
 

@@ -113,7 +113,8 @@ def find_loop_regions(trial: Trial) -> Sequence[Region]:
         error, floor = float(np.mean(np.abs(residual))), data.noise.encoder_error
         unit = last.model.units().unit("rad")
         largest = Quantity(mean_errors[worst], unit=unit) if len(mean_errors) > 1 else None
-        share = error / max(float(np.ptp(data.positions.measured)), 1e-300)
+        span = float(np.ptp(data.positions.measured))
+        share = error / span if span > error else None  # of a joint that moves
         worst_name = data.recordings[worst].name
         cause = ResidualWithoutPlace(Quantity(error, unit=unit), error / floor, largest, worst_name, share)
         return [replace(make_region_everywhere(cause, part.samples, error, floor), held_out_recordings=names)]

@@ -119,7 +119,7 @@ def describe_result(diagnosis: Diagnosis) -> str:
     if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_of_motion:
         before, after = (diagnosis.steps[k].errors["holdout"].motion_errors[0] for k in (0, -1))
         last, floors = diagnosis.steps[-1].errors["holdout"], diagnosis.floors
-        sizes = {at: (last.get_joint_error(at), last.shares.get(at, last.motion_share) or 0.0) for at in floors}
+        sizes = {at: (last.get_joint_error(at), last.get_share(at) or 0.0) for at in floors}
         is_coarse = any(size > WRONG_DRIVE * floors[at] and share > CLOSE for at, (size, share) in sizes.items())
         if is_coarse and after > before / 3:  # effects do not explain wrong settings of the drive
             verb = "explains" if len(groups) == 1 else "explain"
@@ -157,7 +157,7 @@ def describe_errors(diagnosis: Diagnosis) -> str:
     units = {at: get_error_unit(diagnosis, at) for at in diagnosis.floors}
     floors = {at: to_shown_unit(floor, units[at])[0] for at, floor in diagnosis.floors.items()}
     changes = {at: format_fall(first.get_joint_error(at), last.get_joint_error(at), unit) for at, unit in units.items()}
-    shares = {at: last.shares.get(at, last.motion_share) if last.is_of_motion else None for at in floors}
+    shares = {at: last.get_share(at) if last.is_of_motion else None for at in floors}
     practical = {
         at: "" if share is None else f", {format_percent(share)} of the motion" for at, share in shares.items()
     }

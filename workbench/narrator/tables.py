@@ -36,7 +36,7 @@ def tabulate_joints(
             model.units(at).unit(columns[-1].unit),
             "" if share is None else f"{100 * share:.2g} %",
         )
-        for at, share in columns[-1].shares.items()
+        for at, share in ((joint, columns[-1].get_share(joint)) for joint in columns[-1].shares)
     ]
     return TextTable(("joint", *headers, "noise floor", "unit", f"share of {quantity}"), rows, left=("unit",))
 
