@@ -91,7 +91,10 @@ def refuse_torque_counts(values: Array, origin: Origin) -> None:
 
 
 def is_without_sign(column: FileColumn, current: Array, position: Array) -> bool:
-    """Return whether a current (N,) lacks its sign: it falls to zero, never below, while the joint moves to and fro."""
+    """Return whether a current (N,) lacks its sign: it falls to zero, never below, but drives the joint to and fro.
+
+    Most rows of either direction of motion have current. Other motion is free, or due to the weight alone.
+    """
     if not column.is_raw:
         return False
     is_known = np.isfinite(current) & np.isfinite(position)
@@ -99,8 +102,10 @@ def is_without_sign(column: FileColumn, current: Array, position: Array) -> bool
     is_zero = current <= BOUNDS.zero_current * current.max(initial=0.0)
     if current.min(initial=0.0) < 0 or np.count_nonzero(is_zero) <= BOUNDS.zero_share * len(current):
         return False
-    counts = sorted((np.count_nonzero(travel > 0), np.count_nonzero(travel < 0)))
-    return bool(counts[0] > BOUNDS.reversed_share * counts[1])
+    ways = [~is_zero[travel > 0], ~is_zero[travel < 0]]
+    counts = sorted(map(np.count_nonzero, ways))
+    is_driven = all(2 * np.count_nonzero(way) > len(way) for way in ways)
+    return bool(is_driven and counts[0] > BOUNDS.reversed_share * counts[1])
 
 
 def refuse_torque_of_motor_off(torque: Array, enabled: Array, origin: Origin) -> None:

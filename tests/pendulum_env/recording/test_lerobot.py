@@ -219,3 +219,12 @@ def test_a_current_without_sign_is_no_torque(tmp_path: Path, swing: Recording) -
     assert left_out.torque.min() < 0  # computed from the goals
     signed = read_recording({**table, "current": 1000 * swing.torque}, columns={"torque": "current:mA*0.1"})
     np.testing.assert_allclose(signed.torque, 0.1 * swing.torque)
+
+
+@pytest.mark.parametrize("driven", ["never", "first push", "upward"])
+def test_a_current_that_drives_one_way_or_never_has_its_sign(swing: Recording, driven: str) -> None:
+    rising = np.gradient(swing.position) > 0
+    is_on = {"never": 0 * swing.time, "first push": swing.time < 0.1 * swing.duration, "upward": rising}[driven]
+    table = {"time": swing.time, "position": swing.position, "current": is_on * (1.0 + np.abs(swing.torque))}
+    recording = read_recording(table, columns={"torque": "current:A*0.1"})
+    np.testing.assert_allclose(recording.torque, 0.1 * table["current"], atol=1e-12)
