@@ -193,6 +193,17 @@ def test_lists_in_cells_are_columns(tmp_path: Path, swing: Recording) -> None:
         np.testing.assert_allclose(recording.torque, swing.torque, atol=1e-12)
 
 
+@pytest.mark.parametrize(("first", "last"), [("[nan, 0.1]", "[null 0.2]"), ("", "[]"), ("[-inf, nan]", "NaN")])
+def test_lists_may_lack_elements_and_cells_their_lists(tmp_path: Path, swing: Recording, first: str, last: str) -> None:
+    lists = [f"[{q}, {tau}]" for q, tau in zip(swing.position, swing.torque, strict=True)]
+    lists[0], lists[-1] = first, last
+    rows = [f'{t},"{cell}",{k}' for k, (t, cell) in enumerate(zip(swing.time, lists, strict=True))]
+    (tmp_path / "run.csv").write_text("\n".join(["timestamp,states,row", *rows]) + "\n")
+    recording = read_recording(tmp_path / "run.csv", columns={"position": "states[0]", "torque": "states[1]"})
+    np.testing.assert_allclose(recording.position, swing.position[1:-1], atol=1e-12)
+    np.testing.assert_allclose(recording.torque, swing.torque[1:-1], atol=1e-12)
+
+
 def test_goals_of_a_second_file_are_joined_by_their_stamps(tmp_path: Path, swing: Recording) -> None:
     goals, start = np.round(swing.position, 1), 1.7e9
     states = np.column_stack([start + swing.time, swing.position])
@@ -204,6 +215,8 @@ def test_goals_of_a_second_file_are_joined_by_their_stamps(tmp_path: Path, swing
     np.testing.assert_allclose(recording.position, swing.position[3:], atol=1e-6)
     np.testing.assert_allclose(recording.reference, goals[3:], atol=1e-6)
     np.savetxt(tmp_path / "goals.csv", controls + 0.005, delimiter=",", header="timestamp,elbow", comments="")
+    with pytest.raises(RecordingError, match="no such file"):
+        read_recording(tmp_path / "my+run.csv", columns=columns)
     with pytest.raises(RecordingError, match=r"only 0 of \d+ times"):
         read_recording(tmp_path / "states.csv+goals.csv", columns=columns)
 
