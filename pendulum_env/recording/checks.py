@@ -19,7 +19,7 @@ from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
-from pendulum_env.recording.vocabulary import UNITS
+from pendulum_env.recording.vocabulary import UNITS, UNKNOWN_UNIT
 from pendulum_env.settings import format_setting
 
 
@@ -87,6 +87,16 @@ def refuse_torque_counts(values: Array, origin: Origin) -> None:
         raise ColumnError(
             f"torque has whole numbers alone, as a drive counts it: read column {column.header!r} with {options[0]} "
             f"or {options[1]}, or {options[2]} with the torque of a count [N m]"
+        )
+
+
+def refuse_unknown_unit(origin: Origin) -> None:
+    """Refuse a position whose dataset does not tell the unit, and whose values do not either."""
+    column = origin.columns["position"]
+    if column.header.endswith(UNKNOWN_UNIT) and not column.has_unit:
+        options = [_format_columns(origin.change_column("position", unit=unit)) for unit in ("rad", "deg")]
+        raise ColumnError(
+            f"the unit of column {column.header!r} is unclear: read it with {options[0]} or {options[1]}"
         )
 
 

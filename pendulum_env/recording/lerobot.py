@@ -25,6 +25,7 @@ from pendulum_env.recording.arrays import build_table
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.rounding import find_least_change
 from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series
+from pendulum_env.recording.vocabulary import UNKNOWN_UNIT
 from pendulum_env.settings import Blank, format_setting
 
 INFO, CALIBRATION = Path("meta", "info.json"), "calibration.json"
@@ -35,7 +36,7 @@ LARGEST_PERCENT, LARGEST_RADIANS = 100.5, 7.0  # magnitudes above which values h
 STAMP_ERROR = 1e-3  # [s], largest rounding error of stamps in single precision
 OF_STATE = {"pos": "position", "vel": "velocity"}  # quantities by the ending of a name, `elbow_flex.pos`
 CONVERTED = ("position", "velocity", "goal")
-UNITS = ("degrees", "radians", "percent", "percent without range")
+UNITS = ("degrees", "radians", "percent", "percent without range", "unknown")
 MOST_FILES = 5  # files whose positions decide the units, so that all episodes have the same
 
 
@@ -122,14 +123,23 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
             kind = _name_quantity(feature, ending)
             header, unit = f"{kind}_{joint}", units.get(joint) if kind in CONVERTED else None
             if unit is not None and unit.gain is None:
-                header += " [percent of range]"
+                header += UNKNOWN_UNIT if unit.unit == "unknown" else " [percent of range]"
             elif unit is not None and unit.gain is not None:
                 cells = unit.gain * cells + (unit.offset if kind != "velocity" else 0.0)
             columns[header] = cells
     try:
         table = build_table(columns, find)
     except ColumnError as error:
-        if any(unit.gain is not None for unit in units.values()) or not str(error).startswith("no column for"):
+        if not str(error).startswith("no column for"):
+            raise
+        if unknown := [joint for joint, unit in units.items() if unit.unit == "unknown"]:
+            column = f"position_{unknown[0]}"
+            options = [format_setting("columns", {column: f"{column}:{unit}"}) for unit in ("rad", "deg")]
+            raise ColumnError(
+                f"units of {', '.join(unknown)} are unknown, since most joints stay below 2 pi and others exceed it: "
+                f"name each one, as in {options[0]} or {options[1]}"
+            ) from None
+        if any(unit.gain is not None for unit in units.values()):
             raise
         column = f"position_{next(iter(units))}"
         option = format_setting("columns", {column: f"{column}:deg*0.9"})
@@ -145,29 +155,51 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
 def find_units(positions: Mapping[str, Array], calibration: Mapping[str, _Range]) -> dict[str, JointUnit]:
     """Find the unit of each joint from its positions (N,), by joint.
 
-    Values up to 2 pi are radians. A dataset has degrees if values exceed 100, or most moving joints change by counts of
-    an encoder. A gripper from 0 to 100 has percent also then.
+    The joints other than grippers decide. Values up to 2 pi are radians. A dataset has degrees if values exceed 100, or
+    most moving joints change by counts of an encoder. Otherwise, if most joints stay below 2 pi, the units are unknown.
+    A gripper from 0 to 100 has percent also beside radians or degrees; one beyond that has degrees, or an unknown unit.
+
+    Raises RecordingError if there are no joints.
     """
-    ends = {joint: (float(np.nanmin(x)), float(np.nanmax(x))) for joint, x in positions.items()}
-    largest = max(abs(end) for pair in ends.values() for end in pair)
-    if largest <= LARGEST_RADIANS:
-        return dict.fromkeys(positions, JointUnit("radians", 1.0))
-    steps = {joint: find_least_change(x[np.isfinite(x)]) * COUNTS / 360.0 for joint, x in positions.items()}
-    moving = [joint for joint, step in steps.items() if step > 0]
-    n_counting = sum(_are_counts(steps[joint]) for joint in moving)
-    has_degrees = largest > LARGEST_PERCENT or 2 * n_counting > len(moving)
+    if not positions:
+        raise RecordingError("the dataset has no positions of joints, `observation.state`: name another one")
+    finite = {joint: x[np.isfinite(x)] for joint, x in positions.items()}
+    arm = [joint for joint in positions if "gripper" not in joint.lower()] or list(positions)
+    largest = {joint: float(np.abs(x).max(initial=0.0)) for joint, x in finite.items()}
+    steps = {joint: find_least_change(finite[joint]) * COUNTS / 360.0 for joint in arm}
+    moving = [joint for joint in arm if steps[joint] > 0]
+    has_counts = 2 * sum(_are_counts(steps[joint]) for joint in moving) > len(moving)
+    known = [joint for joint in arm if len(finite[joint])] or arm
+    n_small = sum(largest[joint] <= LARGEST_RADIANS for joint in known)
+    if n_small == len(known):
+        unit = "radians"
+    elif has_counts:
+        unit = "degrees"
+    elif 2 * n_small > len(known):
+        unit = "unknown"
+    else:
+        unit = "degrees" if max(largest[joint] for joint in arm) > LARGEST_PERCENT else "percent"
     units = dict[str, JointUnit]()
-    for joint, (low, high) in ends.items():
-        is_gripper = "gripper" in joint.lower() and low >= 0.0 and high <= LARGEST_PERCENT
-        if has_degrees and not is_gripper:
-            units[joint] = JointUnit("degrees", np.pi / 180.0)
-        elif (ends_in_counts := calibration.get(joint)) is None:
-            units[joint] = JointUnit("percent without range", None)
-        else:
-            turn = (ends_in_counts.range_max - ends_in_counts.range_min) / COUNTS * 2.0 * np.pi  # [rad]
-            gain = turn / (100.0 if is_gripper else 200.0) * (-1.0 if ends_in_counts.drive_mode else 1.0)
-            units[joint] = JointUnit("percent", gain, turn if is_gripper and gain < 0 else 0.0)
+    for joint, x in finite.items():
+        is_gripper = "gripper" in joint.lower() and x.min(initial=0.0) >= 0.0 and largest[joint] <= LARGEST_PERCENT
+        own = unit
+        if is_gripper and (unit == "degrees" or largest[joint] > LARGEST_RADIANS):
+            own = "percent"
+        elif joint not in arm and unit != "degrees" and largest[joint] > LARGEST_RADIANS:
+            own = "unknown"
+        units[joint] = _convert(own, calibration.get(joint), is_gripper)
     return units
+
+
+def _convert(unit: str, ends: _Range | None, is_gripper: bool) -> JointUnit:
+    """Return the conversion of a unit to radians; of percent, from the ends of the range [counts]."""
+    if unit != "percent":
+        return JointUnit(unit, {"radians": 1.0, "degrees": np.pi / 180.0}.get(unit))
+    if ends is None:
+        return JointUnit("percent without range", None)
+    turn = (ends.range_max - ends.range_min) / COUNTS * 2.0 * np.pi  # [rad]
+    gain = turn / (100.0 if is_gripper else 200.0) * (-1.0 if ends.drive_mode else 1.0)
+    return JointUnit("percent", gain, turn if is_gripper and gain < 0 else 0.0)
 
 
 def _are_counts(step: float) -> bool:
@@ -226,6 +258,8 @@ def _read_columns(file: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     with pq.ParquetFile(file, pre_buffer=False) as parquet:
         known = [name for name in names if name in parquet.schema_arrow.names]
         table = parquet.read(columns=known, use_threads=False)
+    if not table.num_rows:
+        raise RecordingError(f"{file.name} of the dataset has no rows: download it again")
     series = {name: convert_series(table[name]) for name in known}
     return {name: values for name, values in series.items() if values.dtype.kind == "f"}
 

@@ -13,7 +13,7 @@ import pytest
 from estimators.arguments import select_recordings
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.lerobot import list_recordings
+from pendulum_env.recording.lerobot import find_units, list_recordings
 from pendulum_env.recording.preview import read_preview
 from pendulum_env.recording.study import read_sources, read_study
 from tests.notes import list_notes
@@ -146,6 +146,41 @@ def test_percent_without_a_calibration_needs_the_ranges(tmp_path: Path) -> None:
     columns = {name: f"{column}:deg*{half!r}" for name, column in READ.items() if column != "none"}
     recording = read_recording(f"{folder}#0", columns={**columns, "torque": None})
     np.testing.assert_allclose(recording.position, (make_counts(0)[:, 1] - 1944.5) * COUNT, atol=1e-5)
+
+
+@pytest.mark.parametrize(("top", "unit"), [(255.0, "unknown"), (100.0, "percent without range"), (1.5, "radians")])
+def test_a_gripper_does_not_change_the_unit_of_an_arm(top: float, unit: str) -> None:
+    t = np.arange(FRAMES) / FPS
+    arm = {f"joint_{k}": 1.5 * np.sin((1.0 + 0.3 * k) * t) for k in range(3)}
+    lost = {"lost": np.full(FRAMES, np.nan)}
+    units = find_units({**arm, **lost, "gripper": top * np.sin(t) ** 2}, {})
+    assert [units[joint].unit for joint in arm] == 3 * ["radians"] and units["gripper"].unit == unit
+    with pytest.raises(RecordingError, match="no positions"):
+        find_units({}, {})
+
+
+def test_a_channel_in_another_unit_than_most_needs_units_by_name(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "pick", names=["lift", "elbow_flex", "wrist"])
+    angle = np.sin(np.arange(FRAMES) / FPS * 3.0)
+    for file in folder.rglob("*.parquet"):
+        state = pa.FixedSizeListArray.from_arrays(pa.array(np.outer(angle, [300.0, 1.2, 0.7]).ravel()), 3)
+        table = pq.read_table(file)
+        pq.write_table(
+            table.set_column(table.schema.get_field_index("observation.state"), "observation.state", state), file
+        )
+    for columns in ({"torque": None}, {"position": "position_elbow_flex", "torque": None}):
+        with pytest.raises(ColumnError, match=r":rad.* or .*:deg"):
+            read_recording(f"{folder}#0", columns=columns)
+    recording = read_recording(f"{folder}#0", columns={"position": "position_elbow_flex:rad", "torque": None})
+    np.testing.assert_allclose(recording.position, 1.2 * angle, atol=1e-6)
+
+
+def test_a_dataset_without_rows_is_refused(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "pick")
+    for file in folder.rglob("*.parquet"):
+        pq.write_table(pq.read_table(file).slice(0, 0), file)
+    with pytest.raises(RecordingError, match="no rows"):
+        read_recording(f"{folder}#0", columns=READ)
 
 
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
