@@ -95,9 +95,7 @@ def refuse_unknown_unit(origin: Origin) -> None:
     column = origin.columns["position"]
     if column.header.endswith(UNKNOWN_UNIT) and not column.has_unit:
         options = [_format_columns(origin.change_column("position", unit=unit)) for unit in ("rad", "deg")]
-        raise ColumnError(
-            f"the unit of column {column.header!r} is unclear: read it with {options[0]} or {options[1]}"
-        )
+        raise ColumnError(f"the unit of column {column.header!r} is unclear: read it with {options[0]} or {options[1]}")
 
 
 def is_without_sign(column: FileColumn, current: Array, position: Array) -> bool:

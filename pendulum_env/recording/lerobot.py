@@ -9,8 +9,9 @@ calibration file, `calibration.json` in the folder or in `meta`. Its homing offs
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,9 @@ STAMP_ERROR = 1e-3  # [s], largest rounding error of stamps in single precision
 OF_STATE = {"pos": "position", "vel": "velocity"}  # quantities by the ending of a name, `elbow_flex.pos`
 CONVERTED = ("position", "velocity", "goal")
 UNITS = ("degrees", "radians", "percent", "percent without range", "unknown")
+N_CACHED = 16  # datasets whose files and units are kept until they change
 MOST_FILES = 5  # files whose positions decide the units, so that all episodes have the same
+_Stamps = tuple[tuple[Path, int, int], ...]  # path, modification time [ns], size
 
 
 class _Feature(Struct):
@@ -113,9 +116,8 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
     vectors = {name: values for name, values in series.items() if values.ndim == 2}
     if "observation.state" not in vectors:
         raise RecordingError("the dataset has no positions, `observation.state`: name another one")
-    names = map(_split_name, _list_names(info, "observation.state", vectors))
-    states = zip(names, _read_states([*files.values()]).T, strict=True)
-    units = find_units({joint: x for (joint, kind), x in states if kind == "pos"}, _read_calibration(folder))
+    names = tuple(_list_names(info, "observation.state", vectors))
+    units = _read_units(folder, names, _stamp(_choose_files(files.values())), _stamp(_list_calibrations(folder)))
     columns = {"time": _find_time(series, info.fps)}
     for feature, values in vectors.items():
         for name, cells in zip(_list_names(info, feature, vectors), values.T, strict=True):
@@ -214,13 +216,29 @@ def _read_info(folder: Path) -> _Info:
 
 def _read_calibration(folder: Path) -> dict[str, _Range]:
     """Read the calibration of the joints, empty without a file."""
-    files = (folder / CALIBRATION, folder / "meta" / CALIBRATION)
-    file = next((file for file in files if file.is_file()), None)
+    file = next((file for file in _list_calibrations(folder) if file.is_file()), None)
     return {} if file is None else convert(read_json(file, "copy it again"), dict[str, _Range], CALIBRATION)
 
 
-def _find_files(folder: Path) -> dict[int, Path]:
+def _list_calibrations(folder: Path) -> tuple[Path, ...]:
+    """List the places of the calibration file."""
+    return (folder / CALIBRATION, folder / "meta" / CALIBRATION)
+
+
+def _stamp(paths: Iterable[Path]) -> _Stamps:
+    """Return the paths that are there, with their modification time [ns] and size."""
+    stats = ((path, path.stat()) for path in paths if path.exists())
+    return tuple((path, stat.st_mtime_ns, stat.st_size) for path, stat in stats)
+
+
+def _find_files(folder: Path) -> Mapping[int, Path]:
     """Find the data file of each episode that is there: by its name, or by `meta/episodes` of version 3."""
+    return _list_files(folder, _stamp([*(folder / "data").glob("**/"), *(folder / "meta").rglob("*")]))
+
+
+@lru_cache(maxsize=N_CACHED)
+def _list_files(folder: Path, stamps: _Stamps) -> Mapping[int, Path]:
+    """List the data file of each episode; the stamps are those of the folders and files that tell them."""
     files = sorted((folder / "data").rglob("*.parquet"))
     numbers = {file: match for file in files if (match := re.fullmatch(r"episode_(\d+)", file.stem))}
     if numbers:
@@ -243,11 +261,19 @@ def _read_series(file: Path, info: _Info, episode: int) -> dict[str, NDArray[Any
     return {name: values if len(rows) == 1 else values[rows] for name, values in series.items()}
 
 
-def _read_states(files: Sequence[Path]) -> Array:
-    """Read the positions (N, n) of up to `MOST_FILES` of the files, spread over the dataset."""
+def _choose_files(files: Iterable[Path]) -> list[Path]:
+    """Choose up to `MOST_FILES` of the files, spread over the dataset."""
     unique = sorted(set(files))
     chosen = np.unique(np.linspace(0, len(unique) - 1, MOST_FILES).round().astype(int))
-    return np.concatenate([_read_columns(unique[k], ["observation.state"])["observation.state"] for k in chosen])
+    return [unique[k] for k in chosen]
+
+
+@lru_cache(maxsize=N_CACHED)
+def _read_units(folder: Path, names: tuple[str, ...], files: _Stamps, calibrations: _Stamps) -> dict[str, JointUnit]:
+    """Find the unit of each joint from its positions in some files; the stamps tell whether a file has changed."""
+    states = np.concatenate([_read_columns(file, ["observation.state"])["observation.state"] for file, *_ in files])
+    joints = zip(map(_split_name, names), states.T, strict=True)
+    return find_units({joint: x for (joint, kind), x in joints if kind == "pos"}, _read_calibration(folder))
 
 
 def _read_columns(file: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:

@@ -183,6 +183,21 @@ def test_a_dataset_without_rows_is_refused(tmp_path: Path) -> None:
         read_recording(f"{folder}#0", columns=READ)
 
 
+def test_a_dataset_is_scanned_once_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, opened, parquet_file = write_dataset(tmp_path / "pick"), list[str](), pq.ParquetFile
+    position = read_recording(f"{folder}#0", columns=READ).position
+    monkeypatch.setattr(pq, "ParquetFile", lambda file, **k: opened.append(Path(file).name) or parquet_file(file, **k))
+    read_recording(f"{folder}#1", columns=READ)
+    assert opened == ["episode_000001.parquet"]
+    for file in folder.rglob("*.parquet"):  # in radians now
+        table = pq.read_table(file)
+        state = pa.array([np.radians(row).tolist() for row in table["observation.state"].to_pylist()])
+        pq.write_table(table.set_column(1, "observation.state", state), file)
+    np.testing.assert_allclose(read_recording(f"{folder}#0", columns=READ).position, position, rtol=1e-5, atol=1e-6)
+    (folder / "data/chunk-000/episode_000002.parquet").unlink()
+    assert len(list_recordings(folder)) == 2
+
+
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
 def test_each_episode_is_a_recording(tmp_path: Path, version: str) -> None:
     folder = write_dataset(tmp_path / "pick", version)
