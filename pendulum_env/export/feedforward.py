@@ -62,25 +62,29 @@ def compute_feedforward(
 def find_limit(model: Model) -> tuple[float, str]:
     """Return the largest torque [N m] that balances the joint, and a phrase on the angles where no torque does so.
 
-    They are infinity and an empty phrase, if there is a solution at all `ANGLES` and `SPEEDS`; see `select_terms` for
-    the model.
+    The limit is infinity if there is a solution at all `ANGLES` and `SPEEDS`, and also far beyond these speeds. The
+    phrase is empty if there is one at `SPEEDS`. See `select_terms` for the model.
     """
-    position, velocity = _make_grid()
-    before, torque = (
-        compute_feedforward(model, position, velocity, np.sign(velocity), rounds=n) for n in (ROUNDS - 1, ROUNDS)
+    near = _make_grid()
+    fast = SPEEDS[-1] * np.outer([1.0, -1.0], 2.0 ** np.arange(1, 8)).ravel()
+    far = (np.tile(ANGLES, len(fast)), np.repeat(fast, len(ANGLES)))
+    position, velocity = (np.concatenate(pair) for pair in zip(near, far, strict=True))
+    first, before, torque = (
+        compute_feedforward(model, position, velocity, np.sign(velocity), rounds=n) for n in (1, ROUNDS - 1, ROUNDS)
     )
-    scale = np.abs(compute_feedforward(model, position, velocity, np.sign(velocity), rounds=1)).max()
-    is_solved = np.abs(torque - before) <= TOLERANCE * scale
+    count = len(near[0])
+    is_solved = np.abs(torque - before) <= TOLERANCE * np.abs(first[:count]).max()
     if is_solved.all():
         return math.inf, ""
     limit = float(np.abs(torque[is_solved]).max(initial=0.0))
-    has_none = ~is_solved.reshape(len(ANGLES), -1).all(axis=1)
+    has_none = ~is_solved[:count].reshape(len(ANGLES), -1).all(axis=1)
+    if not has_none.any():
+        return limit, ""
     ends = np.flatnonzero(np.diff(has_none, prepend=False, append=False))
     ranges = ", ".join(f"{ANGLES[a]:.2f} to {ANGLES[b - 1]:.2f}" for a, b in ends.reshape(-1, 2))
     unit = model.units().unit
     return limit, (
-        f"limited to {limit:.3g} {unit('N m')}, because no torque balances the joint at {ranges} {unit('rad')} for "
-        f"some speeds up to {SPEEDS[-1]:g} {unit('rad/s')}"
+        f"no torque balances the joint at {ranges} {unit('rad')} for some speeds up to {SPEEDS[-1]:g} {unit('rad/s')}"
     )
 
 
@@ -103,7 +107,11 @@ def export(joints: Sequence[tuple[str, Model]], language: Language) -> Exported:
     template = load_environment().get_template(f"feedforward.{'c' if language == 'c' else 'py'}.txt")
     parts = [_describe_joint(name, model, language) for name, model in joints]
     notes = [f"{part['name']} does not compensate {text}" for part in parts for text in part["losses"]]
-    notes += [f"{part['name']} is {part['unsolved']}" for part in parts if part["unsolved"]]
+    notes += [
+        f"{part['name']} is limited to {part['limit']:.3g} {part['unit']}: {part['unsolved']}"
+        for part in parts
+        if part["unsolved"]
+    ]
     used = {op for part in parts for program in (part["torque"], part["weight"]) for op in program.used}
     return Exported(template.render(joints=parts, used=used, number=partial(write_number, language)), tuple(notes))
 
@@ -145,7 +153,7 @@ def _describe_joint(name: str, model: Model, language: Language) -> dict[str, An
         "rounds": ROUNDS if "torque" in programs[0].names else 1,
         "tables": tables if np.ptp(by_angle, axis=1).max() > 0 and not model.is_prismatic else tables[1:],
         "losses": [escape_text(text) for text in losses],
-        "limit": limit if unsolved else None,
+        "limit": limit if math.isfinite(limit) else None,
         "unsolved": unsolved,
         "range": "positions from -3.14 to 3.14 m" if model.is_prismatic else "a turn",
         "speed": f"{SPEEDS[-1]:g} {unit('rad/s')}",
