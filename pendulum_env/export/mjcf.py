@@ -121,9 +121,10 @@ class Friction:
         (viscous, dry), _ = scipy.optimize.nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
         kinds = [f"{term.id} ({term.law})" for term in approximated_terms] or ["friction below zero"]
         error = float(np.abs(viscous * SPEEDS + dry - law).max())
+        units = model.units()
         close = (
-            f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} rad/s, within {error:.2g} "
-            f"{model.units().unit('N m')}"
+            f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} {units.unit('rad/s')}, within "
+            f"{error:.2g} {units.unit('N m')}"
         )
         return cls(float(viscous), float(dry), (*omissions, *(f"{kind}: {close}" for kind in kinds)))
 

@@ -53,6 +53,10 @@ class JointParameters:
         """Return the name of the joint for text in any language."""
         return escape_text(self.joint).replace("--", "- -")
 
+    def unit(self, si: str) -> str:
+        """Return the unit of a quantity of the joint; see `JointUnits.unit`."""
+        return self.model.units().unit(si)
+
     @property
     def title(self) -> str:
         """Return the title of the joint."""

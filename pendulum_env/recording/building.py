@@ -117,6 +117,7 @@ def _open_log(
     digits, step = count_significant_digits(values["position"]), find_least_change(values["position"])
     columns["position"] = replace(columns["position"], digits=digits, step=step)
     origin = Origin(columns, named_columns, _are_counts(columns["position"], values["position"]))
+    checks.refuse_unknown_unit(origin)
     _convert_to_si(values, origin)
     actuator.check_columns(values)
     unit = columns["torque"].result_unit if "torque" in columns else actuator.unit

@@ -19,7 +19,7 @@ from pendulum_env.recording.expression import Expression
 from pendulum_env.recording.notes import Note
 from pendulum_env.recording.origin import Origin
 from pendulum_env.recording.record import Recording
-from pendulum_env.recording.vocabulary import UNITS
+from pendulum_env.recording.vocabulary import UNITS, UNKNOWN_UNIT
 from pendulum_env.settings import format_setting
 
 
@@ -90,8 +90,19 @@ def refuse_torque_counts(values: Array, origin: Origin) -> None:
         )
 
 
+def refuse_unknown_unit(origin: Origin) -> None:
+    """Refuse a position whose dataset does not tell the unit, and whose values do not either."""
+    column = origin.columns["position"]
+    if column.header.endswith(UNKNOWN_UNIT) and not column.has_unit:
+        options = [_format_columns(origin.change_column("position", unit=unit)) for unit in ("rad", "deg")]
+        raise ColumnError(f"the unit of column {column.header!r} is unclear: read it with {options[0]} or {options[1]}")
+
+
 def is_without_sign(column: FileColumn, current: Array, position: Array) -> bool:
-    """Return whether a current (N,) lacks its sign: it falls to zero, never below, while the joint moves to and fro."""
+    """Return whether a current (N,) lacks its sign: it falls to zero, never below, but drives the joint to and fro.
+
+    Most rows of either direction of motion have current. Other motion is free, or due to the weight alone.
+    """
     if not column.is_raw:
         return False
     is_known = np.isfinite(current) & np.isfinite(position)
@@ -99,8 +110,10 @@ def is_without_sign(column: FileColumn, current: Array, position: Array) -> bool
     is_zero = current <= BOUNDS.zero_current * current.max(initial=0.0)
     if current.min(initial=0.0) < 0 or np.count_nonzero(is_zero) <= BOUNDS.zero_share * len(current):
         return False
-    counts = sorted((np.count_nonzero(travel > 0), np.count_nonzero(travel < 0)))
-    return bool(counts[0] > BOUNDS.reversed_share * counts[1])
+    ways = [~is_zero[travel > 0], ~is_zero[travel < 0]]
+    counts = sorted(map(np.count_nonzero, ways))
+    is_driven = all(2 * np.count_nonzero(way) > len(way) for way in ways)
+    return bool(is_driven and counts[0] > BOUNDS.reversed_share * counts[1])
 
 
 def refuse_torque_of_motor_off(torque: Array, enabled: Array, origin: Origin) -> None:

@@ -1,7 +1,7 @@
 """Read columns of a file by its suffix, or of a table in memory by its type."""
 
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -90,14 +90,18 @@ def find_format(path: Path, suffixes: Collection[str]) -> str:
         return ".db3"
     if DATASET in suffixes and find_dataset(path):
         return DATASET
-    name = path.name.lower()
-    for suffix in suffixes:
-        if name.endswith(suffix) and len(name) > len(suffix):
-            return suffix
+    if suffix := _find_suffix(path.name, suffixes):
+        return suffix
     if os.path.isdir(path):
         raise RecordingError("is a folder: name a recording in it, or all of them with `survey`")
     recipe = RECIPES.get(path.suffix.lower(), "convert the recording to one of these")
     raise RecordingError(f"the name does not end in {', '.join(suffixes)}: {recipe}")
+
+
+def _find_suffix(name: str, suffixes: Iterable[str]) -> str:
+    """Return the first of some suffixes that a file's name has, after at least one letter; empty if it has none."""
+    fitting = (suffix for suffix in suffixes if name.lower().endswith(suffix) and len(name) > len(suffix))
+    return next(fitting, "")
 
 
 def is_there(path: Path) -> bool:
@@ -108,7 +112,8 @@ def is_there(path: Path) -> bool:
 def _list_parts(path: Path) -> list[Path]:
     """List the files of a path: `states.csv+goals.csv` are two files of one folder."""
     names = path.name.split("+")
-    return [path] if len(names) != 2 or os.path.exists(path) else [path.with_name(name) for name in names]
+    are_files = len(names) == 2 and all(_find_suffix(name, READERS) for name in names)
+    return [path] if not are_files or os.path.exists(path) else [path.with_name(name) for name in names]
 
 
 def _join_goals(states: Path, goals: Path) -> dict[str, Array]:

@@ -9,8 +9,9 @@ calibration file, `calibration.json` in the folder or in `meta`. Its homing offs
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from pendulum_env.recording.arrays import build_table
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.rounding import find_least_change
 from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series
+from pendulum_env.recording.vocabulary import UNKNOWN_UNIT
 from pendulum_env.settings import Blank, format_setting
 
 INFO, CALIBRATION = Path("meta", "info.json"), "calibration.json"
@@ -35,8 +37,10 @@ LARGEST_PERCENT, LARGEST_RADIANS = 100.5, 7.0  # magnitudes above which values h
 STAMP_ERROR = 1e-3  # [s], largest rounding error of stamps in single precision
 OF_STATE = {"pos": "position", "vel": "velocity"}  # quantities by the ending of a name, `elbow_flex.pos`
 CONVERTED = ("position", "velocity", "goal")
-UNITS = ("degrees", "radians", "percent", "percent without range")
+UNITS = ("degrees", "radians", "percent", "percent without range", "unknown")
+N_CACHED = 16  # datasets whose files and units are kept until they change
 MOST_FILES = 5  # files whose positions decide the units, so that all episodes have the same
+_Stamps = tuple[tuple[Path, int, int], ...]  # path, modification time [ns], size
 
 
 class _Feature(Struct):
@@ -112,9 +116,8 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
     vectors = {name: values for name, values in series.items() if values.ndim == 2}
     if "observation.state" not in vectors:
         raise RecordingError("the dataset has no positions, `observation.state`: name another one")
-    names = map(_split_name, _list_names(info, "observation.state", vectors))
-    states = zip(names, _read_states([*files.values()]).T, strict=True)
-    units = find_units({joint: x for (joint, kind), x in states if kind == "pos"}, _read_calibration(folder))
+    names = tuple(_list_names(info, "observation.state", vectors))
+    units = _read_units(folder, names, _stamp(_choose_files(files.values())), _stamp(_list_calibrations(folder)))
     columns = {"time": _find_time(series, info.fps)}
     for feature, values in vectors.items():
         for name, cells in zip(_list_names(info, feature, vectors), values.T, strict=True):
@@ -122,14 +125,23 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
             kind = _name_quantity(feature, ending)
             header, unit = f"{kind}_{joint}", units.get(joint) if kind in CONVERTED else None
             if unit is not None and unit.gain is None:
-                header += " [percent of range]"
+                header += UNKNOWN_UNIT if unit.unit == "unknown" else " [percent of range]"
             elif unit is not None and unit.gain is not None:
                 cells = unit.gain * cells + (unit.offset if kind != "velocity" else 0.0)
             columns[header] = cells
     try:
         table = build_table(columns, find)
     except ColumnError as error:
-        if any(unit.gain is not None for unit in units.values()) or not str(error).startswith("no column for"):
+        if not str(error).startswith("no column for"):
+            raise
+        if unknown := [joint for joint, unit in units.items() if unit.unit == "unknown"]:
+            column = f"position_{unknown[0]}"
+            options = [format_setting("columns", {column: f"{column}:{unit}"}) for unit in ("rad", "deg")]
+            raise ColumnError(
+                f"units of {', '.join(unknown)} are unknown, since most joints stay below 2 pi and others exceed it: "
+                f"name each one, as in {options[0]} or {options[1]}"
+            ) from None
+        if any(unit.gain is not None for unit in units.values()):
             raise
         column = f"position_{next(iter(units))}"
         option = format_setting("columns", {column: f"{column}:deg*0.9"})
@@ -145,29 +157,51 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
 def find_units(positions: Mapping[str, Array], calibration: Mapping[str, _Range]) -> dict[str, JointUnit]:
     """Find the unit of each joint from its positions (N,), by joint.
 
-    Values up to 2 pi are radians. A dataset has degrees if values exceed 100, or most moving joints change by counts of
-    an encoder. A gripper from 0 to 100 has percent also then.
+    The joints other than grippers decide. Values up to 2 pi are radians. A dataset has degrees if values exceed 100, or
+    most moving joints change by counts of an encoder. Otherwise, if most joints stay below 2 pi, the units are unknown.
+    A gripper from 0 to 100 has percent also beside radians or degrees; one beyond that has degrees, or an unknown unit.
+
+    Raises RecordingError if there are no joints.
     """
-    ends = {joint: (float(np.nanmin(x)), float(np.nanmax(x))) for joint, x in positions.items()}
-    largest = max(abs(end) for pair in ends.values() for end in pair)
-    if largest <= LARGEST_RADIANS:
-        return dict.fromkeys(positions, JointUnit("radians", 1.0))
-    steps = {joint: find_least_change(x[np.isfinite(x)]) * COUNTS / 360.0 for joint, x in positions.items()}
-    moving = [joint for joint, step in steps.items() if step > 0]
-    n_counting = sum(_are_counts(steps[joint]) for joint in moving)
-    has_degrees = largest > LARGEST_PERCENT or 2 * n_counting > len(moving)
+    if not positions:
+        raise RecordingError("the dataset has no positions of joints, `observation.state`: name another one")
+    finite = {joint: x[np.isfinite(x)] for joint, x in positions.items()}
+    arm = [joint for joint in positions if "gripper" not in joint.lower()] or list(positions)
+    largest = {joint: float(np.abs(x).max(initial=0.0)) for joint, x in finite.items()}
+    steps = {joint: find_least_change(finite[joint]) * COUNTS / 360.0 for joint in arm}
+    moving = [joint for joint in arm if steps[joint] > 0]
+    has_counts = 2 * sum(_are_counts(steps[joint]) for joint in moving) > len(moving)
+    known = [joint for joint in arm if len(finite[joint])] or arm
+    n_small = sum(largest[joint] <= LARGEST_RADIANS for joint in known)
+    if n_small == len(known):
+        unit = "radians"
+    elif has_counts:
+        unit = "degrees"
+    elif 2 * n_small > len(known):
+        unit = "unknown"
+    else:
+        unit = "degrees" if max(largest[joint] for joint in arm) > LARGEST_PERCENT else "percent"
     units = dict[str, JointUnit]()
-    for joint, (low, high) in ends.items():
-        is_gripper = "gripper" in joint.lower() and low >= 0.0 and high <= LARGEST_PERCENT
-        if has_degrees and not is_gripper:
-            units[joint] = JointUnit("degrees", np.pi / 180.0)
-        elif (ends_in_counts := calibration.get(joint)) is None:
-            units[joint] = JointUnit("percent without range", None)
-        else:
-            turn = (ends_in_counts.range_max - ends_in_counts.range_min) / COUNTS * 2.0 * np.pi  # [rad]
-            gain = turn / (100.0 if is_gripper else 200.0) * (-1.0 if ends_in_counts.drive_mode else 1.0)
-            units[joint] = JointUnit("percent", gain, turn if is_gripper and gain < 0 else 0.0)
+    for joint, x in finite.items():
+        is_gripper = "gripper" in joint.lower() and x.min(initial=0.0) >= 0.0 and largest[joint] <= LARGEST_PERCENT
+        own = unit
+        if is_gripper and (unit == "degrees" or largest[joint] > LARGEST_RADIANS):
+            own = "percent"
+        elif joint not in arm and unit != "degrees" and largest[joint] > LARGEST_RADIANS:
+            own = "unknown"
+        units[joint] = _convert(own, calibration.get(joint), is_gripper)
     return units
+
+
+def _convert(unit: str, ends: _Range | None, is_gripper: bool) -> JointUnit:
+    """Return the conversion of a unit to radians; of percent, from the ends of the range [counts]."""
+    if unit != "percent":
+        return JointUnit(unit, {"radians": 1.0, "degrees": np.pi / 180.0}.get(unit))
+    if ends is None:
+        return JointUnit("percent without range", None)
+    turn = (ends.range_max - ends.range_min) / COUNTS * 2.0 * np.pi  # [rad]
+    gain = turn / (100.0 if is_gripper else 200.0) * (-1.0 if ends.drive_mode else 1.0)
+    return JointUnit("percent", gain, turn if is_gripper and gain < 0 else 0.0)
 
 
 def _are_counts(step: float) -> bool:
@@ -182,13 +216,29 @@ def _read_info(folder: Path) -> _Info:
 
 def _read_calibration(folder: Path) -> dict[str, _Range]:
     """Read the calibration of the joints, empty without a file."""
-    files = (folder / CALIBRATION, folder / "meta" / CALIBRATION)
-    file = next((file for file in files if file.is_file()), None)
+    file = next((file for file in _list_calibrations(folder) if file.is_file()), None)
     return {} if file is None else convert(read_json(file, "copy it again"), dict[str, _Range], CALIBRATION)
 
 
-def _find_files(folder: Path) -> dict[int, Path]:
+def _list_calibrations(folder: Path) -> tuple[Path, ...]:
+    """List the places of the calibration file."""
+    return (folder / CALIBRATION, folder / "meta" / CALIBRATION)
+
+
+def _stamp(paths: Iterable[Path]) -> _Stamps:
+    """Return the paths that are there, with their modification time [ns] and size."""
+    stats = ((path, path.stat()) for path in paths if path.exists())
+    return tuple((path, stat.st_mtime_ns, stat.st_size) for path, stat in stats)
+
+
+def _find_files(folder: Path) -> Mapping[int, Path]:
     """Find the data file of each episode that is there: by its name, or by `meta/episodes` of version 3."""
+    return _list_files(folder, _stamp([*(folder / "data").glob("**/"), *(folder / "meta").rglob("*")]))
+
+
+@lru_cache(maxsize=N_CACHED)
+def _list_files(folder: Path, stamps: _Stamps) -> Mapping[int, Path]:
+    """List the data file of each episode; the stamps are those of the folders and files that tell them."""
     files = sorted((folder / "data").rglob("*.parquet"))
     numbers = {file: match for file in files if (match := re.fullmatch(r"episode_(\d+)", file.stem))}
     if numbers:
@@ -211,11 +261,19 @@ def _read_series(file: Path, info: _Info, episode: int) -> dict[str, NDArray[Any
     return {name: values if len(rows) == 1 else values[rows] for name, values in series.items()}
 
 
-def _read_states(files: Sequence[Path]) -> Array:
-    """Read the positions (N, n) of up to `MOST_FILES` of the files, spread over the dataset."""
+def _choose_files(files: Iterable[Path]) -> list[Path]:
+    """Choose up to `MOST_FILES` of the files, spread over the dataset."""
     unique = sorted(set(files))
     chosen = np.unique(np.linspace(0, len(unique) - 1, MOST_FILES).round().astype(int))
-    return np.concatenate([_read_columns(unique[k], ["observation.state"])["observation.state"] for k in chosen])
+    return [unique[k] for k in chosen]
+
+
+@lru_cache(maxsize=N_CACHED)
+def _read_units(folder: Path, names: tuple[str, ...], files: _Stamps, calibrations: _Stamps) -> dict[str, JointUnit]:
+    """Find the unit of each joint from its positions in some files; the stamps tell whether a file has changed."""
+    states = np.concatenate([_read_columns(file, ["observation.state"])["observation.state"] for file, *_ in files])
+    joints = zip(map(_split_name, names), states.T, strict=True)
+    return find_units({joint: x for (joint, kind), x in joints if kind == "pos"}, _read_calibration(folder))
 
 
 def _read_columns(file: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
@@ -226,6 +284,8 @@ def _read_columns(file: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     with pq.ParquetFile(file, pre_buffer=False) as parquet:
         known = [name for name in names if name in parquet.schema_arrow.names]
         table = parquet.read(columns=known, use_threads=False)
+    if not table.num_rows:
+        raise RecordingError(f"{file.name} of the dataset has no rows: download it again")
     series = {name: convert_series(table[name]) for name in known}
     return {name: values for name, values in series.items() if values.dtype.kind == "f"}
 

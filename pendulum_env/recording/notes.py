@@ -31,7 +31,7 @@ class NoteKind(StrEnum):
     UNSIGNED = "unsigned"  # headers
     TORQUE_BY_OUTPUT = "torque_by_output"  # text: the output; headers: its unit
     OTHER_TOPIC = "other_topic"  # headers: the topic, then the topic of position
-    DATASET_UNIT = "dataset_unit"  # headers: joints; text: degrees, radians, percent, or percent without range
+    DATASET_UNIT = "dataset_unit"  # headers: joints; text: degrees, radians, percent, percent without range, or unknown
     SPARSE = "sparse"  # count, rows, empty or infinite
 
     # rows of the file

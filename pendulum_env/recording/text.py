@@ -32,7 +32,11 @@ TRUE, FALSE = (  # cells for 1 and 0
     for words in (("true", "on", "yes"), ("false", "off", "no"))
 )
 ARRIVAL = re.compile(rb"^\d\d:\d\d:\d\d\.\d{3} -> ", re.MULTILINE)  # that a serial monitor prints before a line
-LIST = re.compile(rb"""["']?\[([-+.,;\seE\d]*\d[-+.,;\seE\d]*)\]["']?""")  # cell with a list of numbers
+ELEMENT = rb"[-+]?(?:[.\d][-+.e\d]*|nan|inf(?:inity)?|null|none)"
+LIST = re.compile(  # cell with a list of numbers
+    rb"""["']?\[\s*(%s(?:[,;\s]+%s)*)[,;\s]*\]["']?""" % (ELEMENT, ELEMENT), re.IGNORECASE
+)
+NO_LIST = (*EMPTY, "nan", "NaN", "[]")  # cells of a column of lists that have none
 DAY = 86400.0  # [s]
 TextOpener = Callable[[], pa.NativeFile]  # the text, from its beginning
 
@@ -107,15 +111,22 @@ def _split_lists(open_text: TextOpener, layout: Layout) -> TextOpener:
     """Separate the elements of cells with lists, `"[0.1, 0.2]"`, which become columns `x[0]` and `x[1]`."""
     with open_text() as stream:
         content = stream.read()[layout.offset :]
-    lists = LIST.finditer(content)
-    headers, delimiter = list[str](), layout.delimiter.encode()
-    for name, cell in zip(layout.headers, layout.first_cells, strict=True):
-        width = len(re.split(rb"[,;\s]+", next(lists)[1].strip())) if LIST.match(cell.encode()) else 0
-        headers += [f"{name}[{k}]" for k in range(width)] or [name]
-    head = io.StringIO()
-    csv.writer(head, delimiter=layout.delimiter, lineterminator="\n").writerow(headers)
-    rows = LIST.sub(lambda cell: delimiter.join(re.split(rb"[,;\s]+", cell[1].strip())), content)
-    return lambda: pa.BufferReader(pa.py_buffer(head.getvalue().encode() + rows))
+    joined = LIST.sub(lambda cell: b"[%s]" % b"|".join(re.split(rb"[,;\s]+", cell[1])), content)
+    lists = [LIST.fullmatch(cell.encode()) for cell in layout.first_cells]
+    widths = [len(re.split(rb"[,;\s]+", cell[1])) if cell else 0 for cell in lists]
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter=layout.delimiter, lineterminator="\n")
+    names = zip(layout.headers, widths, strict=True)
+    writer.writerow([part for name, width in names for part in [f"{name}[{k}]" for k in range(width)] or [name]])
+    for row in csv.reader(io.StringIO(joined.decode(errors="surrogateescape")), delimiter=layout.delimiter):
+        cells = list[str]()
+        for cell, width in zip(row, [*widths, *[0] * len(row)], strict=False):
+            if width and cell.strip() in NO_LIST:
+                cells += [""] * width
+            else:
+                cells += cell[1:-1].split("|") if width and cell.startswith("[") else [cell]
+        writer.writerow(cells)
+    return lambda: pa.BufferReader(pa.py_buffer(text.getvalue().encode(errors="surrogateescape")))
 
 
 def _is_aligned(line: bytes) -> bool:

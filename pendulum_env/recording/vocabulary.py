@@ -9,6 +9,7 @@ from functools import cache
 
 from pendulum_env.recording.expression import normalise_name
 
+UNKNOWN_UNIT = " [unknown unit]"  # end of a header of values whose unit a dataset does not tell
 HEADER = "time,position,torque"  # standard header, in s, rad and N m
 
 ALIASES = {

@@ -14,6 +14,7 @@ from pendulum_env.physics import Model, Samples
 from pendulum_env.physics.actuation import BackEmf
 from pendulum_env.plant import hide, paper_plant
 from pendulum_env.recording import read_recording
+from pendulum_env.units import JointUnits
 from robots.servos import ServoDrive
 from tests.workbench.exported import compile_library, load_module, needs_compiler
 from workbench.export import Request, export
@@ -177,3 +178,33 @@ def test_the_check_tells_the_torque_that_the_feedforward_leaves(tmp_path, run_co
     ):
         before, after = check_feedforward(model, recordings).errors.values()
         assert low <= after <= high < before  # cogging has 0.35 N m RMS
+
+
+@needs_compiler
+def test_a_saturated_motor_has_a_limit_where_it_cannot_hold_the_weight(tmp_path):
+    model, limit = joint("torque_saturation:limit=0.8"), 0.8
+    written, other = (export(model, "feedforward", Request(language=kind)) for kind in ("python", "c"))
+    compiled = compile_library(other.content, tmp_path).feedforward
+    compiled.restype, compiled.argtypes = ctypes.c_double, [ctypes.c_double] * 3
+    torque = load_module(written.content).feedforward(Q, 0.0 * Q, 1.0 + 0.0 * Q)
+    np.testing.assert_allclose([compiled(q, 0.0, 1.0) for q in Q], torque, atol=1e-12)
+    needed = 0.9 * np.sin(Q) + 0.08
+    assert np.abs(torque).max() < 3.0 * limit  # where no torque is enough
+    is_easy = np.abs(needed) < 0.8 * limit
+    np.testing.assert_allclose(limit * np.tanh(torque[is_easy] / limit), needed[is_easy], atol=1e-3)
+    low, high = map(float, re.search(r", ([\d.]+) to ([\d.]+) rad", written.notes[0]).groups())
+    assert 0.5 < low < np.arcsin(0.8) and np.pi / 2 < high < np.pi
+    strong = export(joint("torque_saturation:limit=3"), "feedforward", Request(language="python"))
+    assert not strong.notes and abs(load_module(strong.content).feedforward(1.0, 500.0, 1.0)) < 9.0
+
+
+@pytest.mark.parametrize("format_name", ["snippet", "feedforward"])
+def test_units_are_those_of_the_joint(format_name):
+    for units, expected, foreign in (
+        (JointUnits(is_prismatic=True), " m/s" if format_name == "feedforward" else " N s/m,", "rad"),
+        (JointUnits("A"), " A", "N m"),
+    ):
+        model = joint("stribeck").convert_units(units)
+        text = export(model, format_name).content.split("== mjlab")[0]
+        words = [line for line in text.splitlines() if not re.search("BAM|[Ll]inks", line)]
+        assert expected in text and not [line for line in words if re.search(rf"\b{foreign}\b", line)]

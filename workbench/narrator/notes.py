@@ -57,6 +57,7 @@ DATASET_UNITS = {
     "degrees": "degrees, as the steps show,",
     "percent": "percent of the calibrated range",
     "percent without range": "percent of the range",
+    "unknown": "an unknown unit",
 }
 ROWS = (NoteKind.SPOILT, NoteKind.TIME_REPEATED, NoteKind.GLITCHES, NoteKind.STALE)
 PLACES = dict.fromkeys(ROWS, _name_rows) | dict.fromkeys((NoteKind.GAPS, NoteKind.FILLED), _name_times)

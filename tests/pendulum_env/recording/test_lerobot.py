@@ -13,7 +13,7 @@ import pytest
 from estimators.arguments import select_recordings
 from pendulum_env.errors import ColumnError
 from pendulum_env.recording import Recording, RecordingError, read_recording
-from pendulum_env.recording.lerobot import list_recordings
+from pendulum_env.recording.lerobot import find_units, list_recordings
 from pendulum_env.recording.preview import read_preview
 from pendulum_env.recording.study import read_sources, read_study
 from tests.notes import list_notes
@@ -148,6 +148,56 @@ def test_percent_without_a_calibration_needs_the_ranges(tmp_path: Path) -> None:
     np.testing.assert_allclose(recording.position, (make_counts(0)[:, 1] - 1944.5) * COUNT, atol=1e-5)
 
 
+@pytest.mark.parametrize(("top", "unit"), [(255.0, "unknown"), (100.0, "percent without range"), (1.5, "radians")])
+def test_a_gripper_does_not_change_the_unit_of_an_arm(top: float, unit: str) -> None:
+    t = np.arange(FRAMES) / FPS
+    arm = {f"joint_{k}": 1.5 * np.sin((1.0 + 0.3 * k) * t) for k in range(3)}
+    lost = {"lost": np.full(FRAMES, np.nan)}
+    units = find_units({**arm, **lost, "gripper": top * np.sin(t) ** 2}, {})
+    assert [units[joint].unit for joint in arm] == 3 * ["radians"] and units["gripper"].unit == unit
+    with pytest.raises(RecordingError, match="no positions"):
+        find_units({}, {})
+
+
+def test_a_channel_in_another_unit_than_most_needs_units_by_name(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "pick", names=["lift", "elbow_flex", "wrist"])
+    angle = np.sin(np.arange(FRAMES) / FPS * 3.0)
+    for file in folder.rglob("*.parquet"):
+        state = pa.FixedSizeListArray.from_arrays(pa.array(np.outer(angle, [300.0, 1.2, 0.7]).ravel()), 3)
+        table = pq.read_table(file)
+        pq.write_table(
+            table.set_column(table.schema.get_field_index("observation.state"), "observation.state", state), file
+        )
+    for columns in ({"torque": None}, {"position": "position_elbow_flex", "torque": None}):
+        with pytest.raises(ColumnError, match=r":rad.* or .*:deg"):
+            read_recording(f"{folder}#0", columns=columns)
+    recording = read_recording(f"{folder}#0", columns={"position": "position_elbow_flex:rad", "torque": None})
+    np.testing.assert_allclose(recording.position, 1.2 * angle, atol=1e-6)
+
+
+def test_a_dataset_without_rows_is_refused(tmp_path: Path) -> None:
+    folder = write_dataset(tmp_path / "pick")
+    for file in folder.rglob("*.parquet"):
+        pq.write_table(pq.read_table(file).slice(0, 0), file)
+    with pytest.raises(RecordingError, match="no rows"):
+        read_recording(f"{folder}#0", columns=READ)
+
+
+def test_a_dataset_is_scanned_once_until_it_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, opened, parquet_file = write_dataset(tmp_path / "pick"), list[str](), pq.ParquetFile
+    position = read_recording(f"{folder}#0", columns=READ).position
+    monkeypatch.setattr(pq, "ParquetFile", lambda file, **k: opened.append(Path(file).name) or parquet_file(file, **k))
+    read_recording(f"{folder}#1", columns=READ)
+    assert opened == ["episode_000001.parquet"]
+    for file in folder.rglob("*.parquet"):  # in radians now
+        table = pq.read_table(file)
+        state = pa.array([np.radians(row).tolist() for row in table["observation.state"].to_pylist()])
+        pq.write_table(table.set_column(1, "observation.state", state), file)
+    np.testing.assert_allclose(read_recording(f"{folder}#0", columns=READ).position, position, rtol=1e-5, atol=1e-6)
+    (folder / "data/chunk-000/episode_000002.parquet").unlink()
+    assert len(list_recordings(folder)) == 2
+
+
 @pytest.mark.parametrize("version", ["v2.1", "v3.0"])
 def test_each_episode_is_a_recording(tmp_path: Path, version: str) -> None:
     folder = write_dataset(tmp_path / "pick", version)
@@ -193,6 +243,17 @@ def test_lists_in_cells_are_columns(tmp_path: Path, swing: Recording) -> None:
         np.testing.assert_allclose(recording.torque, swing.torque, atol=1e-12)
 
 
+@pytest.mark.parametrize(("first", "last"), [("[nan, 0.1]", "[null 0.2]"), ("", "[]"), ("[-inf, nan]", "NaN")])
+def test_lists_may_lack_elements_and_cells_their_lists(tmp_path: Path, swing: Recording, first: str, last: str) -> None:
+    lists = [f"[{q}, {tau}]" for q, tau in zip(swing.position, swing.torque, strict=True)]
+    lists[0], lists[-1] = first, last
+    rows = [f'{t},"{cell}",{k}' for k, (t, cell) in enumerate(zip(swing.time, lists, strict=True))]
+    (tmp_path / "run.csv").write_text("\n".join(["timestamp,states,row", *rows]) + "\n")
+    recording = read_recording(tmp_path / "run.csv", columns={"position": "states[0]", "torque": "states[1]"})
+    np.testing.assert_allclose(recording.position, swing.position[1:-1], atol=1e-12)
+    np.testing.assert_allclose(recording.torque, swing.torque[1:-1], atol=1e-12)
+
+
 def test_goals_of_a_second_file_are_joined_by_their_stamps(tmp_path: Path, swing: Recording) -> None:
     goals, start = np.round(swing.position, 1), 1.7e9
     states = np.column_stack([start + swing.time, swing.position])
@@ -204,6 +265,8 @@ def test_goals_of_a_second_file_are_joined_by_their_stamps(tmp_path: Path, swing
     np.testing.assert_allclose(recording.position, swing.position[3:], atol=1e-6)
     np.testing.assert_allclose(recording.reference, goals[3:], atol=1e-6)
     np.savetxt(tmp_path / "goals.csv", controls + 0.005, delimiter=",", header="timestamp,elbow", comments="")
+    with pytest.raises(RecordingError, match="no such file"):
+        read_recording(tmp_path / "my+run.csv", columns=columns)
     with pytest.raises(RecordingError, match=r"only 0 of \d+ times"):
         read_recording(tmp_path / "states.csv+goals.csv", columns=columns)
 
@@ -219,3 +282,12 @@ def test_a_current_without_sign_is_no_torque(tmp_path: Path, swing: Recording) -
     assert left_out.torque.min() < 0  # computed from the goals
     signed = read_recording({**table, "current": 1000 * swing.torque}, columns={"torque": "current:mA*0.1"})
     np.testing.assert_allclose(signed.torque, 0.1 * swing.torque)
+
+
+@pytest.mark.parametrize("driven", ["never", "first push", "upward"])
+def test_a_current_that_drives_one_way_or_never_has_its_sign(swing: Recording, driven: str) -> None:
+    rising = np.gradient(swing.position) > 0
+    is_on = {"never": 0 * swing.time, "first push": swing.time < 0.1 * swing.duration, "upward": rising}[driven]
+    table = {"time": swing.time, "position": swing.position, "current": is_on * (1.0 + np.abs(swing.torque))}
+    recording = read_recording(table, columns={"torque": "current:A*0.1"})
+    np.testing.assert_allclose(recording.torque, 0.1 * table["current"], atol=1e-12)
