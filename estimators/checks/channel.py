@@ -32,7 +32,7 @@ from estimators.signals.channel import LONGEST, REACH, Channel
 from estimators.signals.differentiation import estimate_log_noise, has_white_noise
 from estimators.weak_form.floors import compute_numerical_error
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
-from pendulum_env._typing import Array
+from pendulum_env._typing import Array, Mask
 from pendulum_env.physics import Samples, Term
 from pendulum_env.recording import Recording
 
@@ -74,14 +74,14 @@ class ChannelFits(ChannelRows):
         if self.by_torque is not None:
             by_torque[:, : self.by_torque.shape[1]] = self.by_torque
         balance = Balance(design, self.compute_torque(law), by_torque, -limits, limits, np.ones(len(design)))
-        block, entry, of_block = self.rows.data.blocks(self.rows.data.block)
+        block, _, of_block = self.rows.data.blocks(self.rows.data.block)
         moved, recording = np.unique(of_block[block], return_inverse=True)
         clusters = [self.rows.data.clusters] + [recording] * (len(moved) >= CHANNEL.min_recordings)
         fits = [balance.fit(labels) for labels in clusters]
         errors = np.max([fit.std for fit in fits], axis=0).tolist()
         stds = dict(zip(slopes, errors[self.phi.shape[1] :], strict=True))
         delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
-        density = cross_validate_density(balance, Blocks(block, entry, of_block, block))
+        density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
         density += np.bincount(block, np.log(self.rows.data.weights))  # of the torque, not of the weighted residual
         density += np.bincount(block, np.log(self.compute_amplification(law, fits[0].residual)))  # of the log
         gain = float(fits[0].theta[0]), errors[0]
@@ -140,35 +140,43 @@ class ChannelFits(ChannelRows):
 
         It is sqrt((rest + after) / (rest + before)), with the noise of the log under the law and without it. The rest
         is the part of the weighted `residual` (R,) that exceeds this noise and has other causes under both laws. An
-        inverse filter amplifies the error of the noise as well: its floor may differ by `equal_error_share`. The answer
-        of a controller to its encoder looks like noise of the log, and acts: the ratio is then 1.
+        inverse filter amplifies the error of the noise as well: its floor may differ by `equal_error_share`. Torque
+        that changes as fast as noise looks like noise. Unless the noise is white without the filter, its amplification
+        therefore excuses a residual above that of the law `start`, and no more. The answer
+        of a controller to its encoder looks like noise of the log, and acts: the ratio is then 1, as for joints with
+        links.
         """
-        if self.has_feedback:
+        if self.has_feedback or self.rows.data.shared_columns:
             return np.ones(len(residual))
         windows, entry = self.rows.data.windows, self.rows.data.recording_of_window
-        squares = np.bincount(entry, (residual / self.rows.data.weights) ** 2, len(windows))
-        power = squares / np.maximum(np.bincount(entry, minlength=len(windows)), 1)
-        after, before = (self._compute_log_power(each) for each in (law, Channel()))
+        residuals = residual, self.compute_residual(self.compute_torque(self.start))
+        squares = [np.bincount(entry, (each / self.rows.data.weights) ** 2, len(windows)) for each in residuals]
+        power, start_power = np.array(squares) / np.maximum(np.bincount(entry, minlength=len(windows)), 1)
+        (after, is_white), (before, _) = (self._compute_log_power(each) for each in (law, Channel()))
         least = (1 - self.criterion.equal_error_share) ** 2 * after
         rest = np.maximum(power - least, 0.0) + compute_numerical_error(windows) ** 2
-        return np.asarray(np.sqrt((rest + after) / np.maximum(rest + before, 1e-300))[entry])
+        ratio = (rest + after) / np.maximum(rest + before, 1e-300)
+        growth = np.maximum(power / np.maximum(start_power, 1e-300), 1.0)
+        is_noise = is_white & (least <= power)  # no more than the residual
+        return np.asarray(np.sqrt(np.where(is_noise, ratio, np.minimum(ratio, growth)))[entry])
 
-    def _compute_log_power(self, law: Channel) -> Array:
+    def _compute_log_power(self, law: Channel) -> tuple[Array, Mask]:
         """Compute the variance of the torque in the windows of each entry by noise of the log, under a law [(N m)^2].
 
-        A filter of the log filters its noise, too, if the noise without the filter is white.
+        A filter of the log filters its noise, too, if the noise without the filter is white, which the mask shows.
         """
-        reach, powers = int(np.ceil(5 * REACH / self.period)), list[float]()
+        reach, powers, are_white = int(np.ceil(5 * REACH / self.period)), list[float](), list[bool]()
         impulse, undelayed = np.eye(1, 2 * reach + 1, reach)[0], replace(law, delay=0.0)
         for w in self.rows.data.windows:
             own = undelayed if self.joint in ("", w.at) else Channel()
             log, period = w.recording.torque, 1.0 / w.recording.rate
             acting = own.remove_filter(log, period)
-            if own.lag > 0 and has_white_noise(acting, own.remove_filter(impulse, period)):
+            are_white.append(own.lag > 0 and has_white_noise(acting, own.remove_filter(impulse, period)))
+            if are_white[-1]:
                 log, own = acting, replace(own, lag=0.0)
             response = np.convolve(own.trace(w.samples, impulse, period)[0], w.kernel)
             powers.append(float(response @ response) * estimate_log_noise(log, w.recording.position) ** 2)
-        return np.array(powers)
+        return np.array(powers), np.array(are_white)
 
 
 def estimate_alignment(

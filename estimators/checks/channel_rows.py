@@ -185,10 +185,11 @@ class ChannelRows:
         return fitted_rows
 
     def select_joint(self) -> Self:
-        """Return the rows with a law of the joint whose delay explains most; unchanged with one joint."""
-        joints = self.rows.data.joints
+        """Return the rows with a law of the joint whose delay explains most; unchanged if that of all explains more."""
+        joints, most = self.rows.data.joints, (1 - self.criterion.equal_error_share) * self.compute_misfit(self.start)
         of_joints = [replace(self, joint=joint) for joint in joints if len(joints) > 1]
-        return min(of_joints, key=lambda rows: rows.compute_misfit(rows.start), default=self)
+        misfits = [rows.compute_misfit(rows.start) for rows in of_joints]
+        return of_joints[int(np.argmin(misfits))] if min(misfits, default=np.inf) <= most else self
 
     def with_jump_errors(self) -> Self:
         """Return the rows with weights for jumps of sampled torque: their time within a sample is unknown."""

@@ -3,4 +3,4 @@
 from estimators.texts import FindingTexts
 from robots.servo_arms.joining import AtJoint
 
-TEXTS = FindingTexts({AtJoint: lambda finding: f"{finding.joint}: {finding.finding}"})
+TEXTS = FindingTexts({AtJoint: lambda finding: f"Joint {finding.joint}: {finding.finding}"})

@@ -46,8 +46,10 @@ from pendulum_env.physics.table import TABLES, PowerOfSpeed
 from pendulum_env.units import JointUnits, show_angles
 from robots.arms.carried_payload import CarriedPayload
 from robots.arms.conclusion import MissingRotors
+from robots.servo_arms.joining import AtJoint
 from robots.servos.conclusion import DoubtfulDrive, ResultOfLongSteps, ScaledTorque, UnknownSpeedRate
 from robots.servos.in_loop.conventions import ControllerConvention, GoalConvention, UnseenCounts
+from robots.servos.rest import RestBand
 from workbench.narrator.diagnosis import describe_detectable, describe_region, describe_suggestion
 from workbench.narrator.findings import describe
 
@@ -105,6 +107,8 @@ EXAMPLES = (  # of every family, in the forms that have texts of their own
     ErrorNearReversals(ANGLE),
     ResidualWithoutPlace(TORQUE, 5.0, None, "run 0"),
     ResidualWithoutPlace(TORQUE, 5.0),
+    AtJoint("elbow", RestBand(ANGLE, ANGLE, ANGLE, 16.0, 4.5)),
+    RestBand(ANGLE, ANGLE, ANGLE, 16.0, 4.5),
     HeldOutResidual(NAMES),
     Contact("elbow", 12, TORQUE, ANGLE, Quantity(17.7, unit="s"), "run 0"),
     ExplainingTable("friction_by_speed", {}),

@@ -82,7 +82,7 @@ def test_markup_is_well_formed_small_and_runs_nothing_and_plain_text_is_short(re
 
 def test_text_of_a_diagnosis_is_that_of_the_command_line(results, capsys):
     print_diagnosis(results["diagnosis"], Terminal(), hint="")
-    lines = capsys.readouterr().out.split("\n")
+    lines = [line.rstrip() for line in capsys.readouterr().out.split("\n")]
     assert str(results["diagnosis"]).split("\n") == lines[1:-1]
 
 
