@@ -49,17 +49,16 @@ class Reference:
     @property
     def functions(self) -> list[Any]:
         """Public functions of the packages."""
-        return [offered for offered in self._offered if inspect.isroutine(offered)]
+        return [item for item in self._list_public() if inspect.isroutine(item)]
 
-    @property
-    def _offered(self) -> list[Any]:
+    def _list_public(self) -> list[Any]:
         modules = [importlib.import_module(package) for package in self.packages]
         return [getattr(module, name) for module in modules for name in module.__all__]
 
     def list_names(self) -> list[str]:
         """Return the full names of the functions and classes, functions first."""
-        classes = filter(inspect.isclass, self._offered)
-        names = [f"{offered.__module__}.{offered.__name__}" for offered in (*self.functions, *classes)]
+        classes = filter(inspect.isclass, self._list_public())
+        names = [f"{item.__module__}.{item.__name__}" for item in (*self.functions, *classes)]
         return list(dict.fromkeys([*names, *self.further]))
 
     def markdown(self) -> str:

@@ -125,10 +125,6 @@ class Alignment:
         """Return whether it predicts significantly better."""
         return decide(self, other, OVERRULE).passed
 
-    def predicts_better(self, other: Alignment) -> bool:
-        """Return whether it predicts better, significantly or not."""
-        return decide(self, other, PREDICT).passed
-
     @property
     def is_significant(self) -> bool:
         """Return whether delay and lag differ significantly from zero, see `require_size`."""
@@ -270,12 +266,6 @@ def require_size(after: Alignment, before: Alignment) -> Iterator[Gate]:
         yield Gate(name, abs(value), limit, limit < abs(value) and -REACH < value < most, "s", std)
 
 
-def require_total(after: Alignment, before: Alignment) -> Iterator[Gate]:
-    """Test the gain in prediction without its scatter."""
-    gain = float((after.density - before.density).sum())
-    yield Gate("gain", gain, 0.0, gain > 0, "nat")
-
-
 def require_long_delay(after: Alignment, before: Alignment) -> Iterator[Gate]:
     """Test the delay against a small share of a sample, or else the misfit, which it must reduce."""
     limit, delay = after.criterion.timing.negligible * after.period, abs(after.delay)
@@ -286,8 +276,6 @@ def require_long_delay(after: Alignment, before: Alignment) -> Iterator[Gate]:
         yield Gate("misfit", after.misfit, most, after.misfit <= most)
 
 
-# One law of the channel predicts better than another, significantly or not.
-PREDICT = Policy("predict", (require_total,))
 # One law of the channel predicts significantly better than another.
 OVERRULE = Policy("overrule", (require_evidence,))
 # Torque and motion are shifted in time.

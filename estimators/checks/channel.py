@@ -142,23 +142,36 @@ class ChannelFits(ChannelRows):
         is the part of the weighted `residual` (R,) that exceeds this noise and has other causes under both laws. An
         inverse filter amplifies the error of the noise as well: its floor may differ by `equal_error_share`. Torque
         that changes as fast as noise looks like noise. Unless the noise is white without the filter, its amplification
-        therefore excuses a residual above that of the law `start`, and no more. The answer
-        of a controller to its encoder looks like noise of the log, and acts: the ratio is then 1, as for joints with
-        links.
+        therefore excuses a residual above that of the law `start`, and no more. The answer of a controller to its
+        encoder looks like noise of the log, and acts: the ratio is then 1, as for joints with links.
         """
         if self.has_feedback or self.rows.data.shared_columns:
             return np.ones(len(residual))
-        windows, entry = self.rows.data.windows, self.rows.data.recording_of_window
-        residuals = residual, self.compute_residual(self.compute_torque(self.start))
-        squares = [np.bincount(entry, (each / self.rows.data.weights) ** 2, len(windows)) for each in residuals]
-        power, start_power = np.array(squares) / np.maximum(np.bincount(entry, minlength=len(windows)), 1)
-        (after, is_white), (before, _) = (self._compute_log_power(each) for each in (law, Channel()))
+        power, before = self._compute_power(residual), self._power_of_log
+        after, is_white = self._compute_log_power(law)
         least = (1 - self.criterion.equal_error_share) ** 2 * after
-        rest = np.maximum(power - least, 0.0) + compute_numerical_error(windows) ** 2
+        rest = np.maximum(power - least, 0.0) + compute_numerical_error(self.rows.data.windows) ** 2
         ratio = (rest + after) / np.maximum(rest + before, 1e-300)
-        growth = np.maximum(power / np.maximum(start_power, 1e-300), 1.0)
+        growth = np.maximum(power / np.maximum(self._start_power, 1e-300), 1.0)
         is_noise = is_white & (least <= power)  # no more than the residual
-        return np.asarray(np.sqrt(np.where(is_noise, ratio, np.minimum(ratio, growth)))[entry])
+        amplification = np.sqrt(np.where(is_noise, ratio, np.minimum(ratio, growth)))
+        return np.asarray(amplification[self.rows.data.recording_of_window])
+
+    def _compute_power(self, residual: Array) -> Array:
+        """Compute the mean square of a weighted residual (R,) in the windows of each entry [(N m)^2]."""
+        entry, count = self.rows.data.recording_of_window, len(self.rows.data.windows)
+        squares = np.bincount(entry, (residual / self.rows.data.weights) ** 2, count)
+        return np.asarray(squares / np.maximum(np.bincount(entry, minlength=count), 1))
+
+    @cached_property
+    def _start_power(self) -> Array:
+        """Mean square of the residual under the law `start` in the windows of each entry [(N m)^2]."""
+        return self._compute_power(self.compute_residual(self.compute_torque(self.start)))
+
+    @cached_property
+    def _power_of_log(self) -> Array:
+        """Variance of the torque in the windows of each entry by noise of the log as it is [(N m)^2]."""
+        return self._compute_log_power(Channel())[0]
 
     def _compute_log_power(self, law: Channel) -> tuple[Array, Mask]:
         """Compute the variance of the torque in the windows of each entry by noise of the log, under a law [(N m)^2].
@@ -271,9 +284,8 @@ def _choose_hold(fits: ChannelFits) -> Alignment:
         return law
     half_sample = sampled.half_sample_fit
     if not law.is_late:
-        is_half = (
-            half_sample.agrees(free_delay) and half_sample.predicts_better(law) and not free_delay.beats(half_sample)
-        )
+        is_likelier = half_sample.density.sum() > law.density.sum()
+        is_half = half_sample.agrees(free_delay) and is_likelier and not free_delay.beats(half_sample)
         return replace(half_sample, delay_std=free_delay.delay_std, is_half_sample=True) if is_half else law
     sampled_law = sampled.select_law()
     shift, shift_std = (law.delay + law.lag) / fits.period, (law.delay_std + law.lag_std) / fits.period

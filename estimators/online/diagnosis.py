@@ -71,7 +71,7 @@ class OnlineDiagnosis:
 
     Attributes:
         kind: "calibrating"; "missing" for an effect; "changed" for parameters; "unexplained" for an error above
-            `Criterion.misfit_ratio` floors of which no effect explains a third, `diagnose` on the recording is then the
+            `Criterion.misfit_ratio` floors if no effect explains a third of it, `diagnose` on the recording is then the
             next step; or "nothing".
         evidence: log of the mean wealth of the e-process over effects and forgetting [nat].
         threshold: evidence of an alarm [nat].

@@ -17,9 +17,10 @@ from pendulum_env._typing import Array
 from pendulum_env.export.dynamics import StepBuilder, make_identifier
 from pendulum_env.export.program import ProgramText, load_environment, write_number
 from pendulum_env.export.request import Exported, ExportError, Language, escape_text, write_title
-from pendulum_env.export.sizes import ANGLES, SPEEDS, STATELESS, WEIGHT, compute_torque, describe_size
+from pendulum_env.export.sizes import ANGLES, SPEEDS, STATELESS, compute_torque, describe_size
 from pendulum_env.physics import Model, Samples, Term
 from pendulum_env.physics.actuation import BackEmf
+from pendulum_env.physics.potential import WEIGHT
 from pendulum_env.physics.simulation import TorqueBalance
 from pendulum_env.physics.symbols import make_symbol
 from pendulum_env.physics.terms import is_pure_delay

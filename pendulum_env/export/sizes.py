@@ -4,11 +4,11 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.physics import Model, Samples, Term
+from pendulum_env.physics.potential import WEIGHT
 from pendulum_env.physics.term import Column
 
 ANGLES = np.linspace(-np.pi, np.pi, 145)  # [rad]
 SPEEDS = np.linspace(0.0, 5.0, 101)[1:]  # [rad/s]
-WEIGHT = ("gravity", "gravity_tilt")  # terms that the mass of the links causes
 STATELESS = ("potential", "dissipative", "actuation")  # kinds whose torque follows from motion and motor torque
 
 

@@ -15,8 +15,9 @@ from pendulum_env.export.actuators import Gains, JointActuator
 from pendulum_env.export.mjcf import EVERY, Friction, get_value
 from pendulum_env.export.program import load_environment
 from pendulum_env.export.request import Exported, Request, escape_text, write_title
-from pendulum_env.export.sizes import WEIGHT, describe_size
+from pendulum_env.export.sizes import describe_size
 from pendulum_env.physics import Model
+from pendulum_env.physics.potential import WEIGHT
 from pendulum_env.recording.channel import NEWTON_METRE
 
 IN_BAM = (*EVERY, "stribeck", "load_dependent_friction")  # terms that BAM has

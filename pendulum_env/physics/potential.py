@@ -9,6 +9,7 @@ import numpy as np
 from pendulum_env._typing import Array
 from pendulum_env.physics.term import Column, NonlinearParameter, Samples, Term
 
+WEIGHT = ("gravity", "gravity_tilt")  # ids of the terms of weight, which the mass of the links causes
 FINEST = 400  # largest order of cogging, twice the ratio of usual gears
 
 

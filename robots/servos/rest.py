@@ -10,10 +10,10 @@ import numpy as np
 from estimators.findings import Finding, Quantity
 from estimators.signals.motion import get_known_load
 from pendulum_env.physics import Model, Samples
+from pendulum_env.physics.potential import WEIGHT
 from pendulum_env.recording import Recording
 from robots.servos.torque import find_drive, get_bus_voltage, list_drives
 
-WEIGHTS = ("gravity", "gravity_tilt", "links")  # ids of the terms of weight
 PASSING = ("presliding", "friction_drift")  # ids of effects that leave the dry friction of a long rest as it is
 ROUNDS = 50  # of dry friction that depends on the torque; errors fall by its coefficient, at most 0.7, in each
 AIM = np.deg2rad(1.0)  # [rad], distance from the goal below which a rest is close
@@ -57,13 +57,18 @@ def find_rest_band(model: Model, recordings: Sequence[Recording]) -> RestBand | 
     rows = speed <= max(SLOW, float(np.percentile(speed, 10)))
     rest = np.zeros(int(rows.sum()))
     x = Samples(recording.time[rows], recording.position[rows], rest, rest, load=get_known_load(recording).select(rows))
-    columns = [(term.id, column) for term in model.terms for column in term.columns]
-    pairs = [(id, column, value) for (id, column), value in zip(columns, model.theta, strict=True)]
-    weight = np.abs(rest + sum(value * column.force(x) for id, column, value in pairs if id in WEIGHTS))
-    friction, left_out = rest, (*WEIGHTS, *PASSING)
+    terms = [term for term in model.terms for _ in term.columns]
+    parts_of_model = [*zip(terms, model.columns, model.theta, strict=True)]
+    weights = [(column, value) for term, column, value in parts_of_model if term.id in WEIGHT or term.is_weight]
+    rubbing = [
+        (column, max(value, 0.0))
+        for term, column, value in parts_of_model
+        if not (term.id in (*WEIGHT, *PASSING) or term.is_weight)
+    ]
+    weight, friction = np.abs(rest + sum(value * column.force(x) for column, value in weights)), rest
     for _ in range(ROUNDS):
         held = Samples(x.time, x.position, rest, weight + friction, load=x.load)
-        friction = rest + sum(max(value, 0.0) * column.dry(held) for id, column, value in pairs if id not in left_out)
+        friction = rest + sum(value * column.dry(held) for column, value in rubbing)
     parts = [float(np.percentile(np.abs(part), TYPICAL)) / factor for part in (friction, weight, friction + weight)]
     if not parts[2] > AIM:
         return None

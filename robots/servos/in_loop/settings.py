@@ -48,7 +48,7 @@ class FitSettings:
     friction: tuple[float, ...] = (0.3, 1.0, 3.0)  # other starts of dry friction, relative to the parameter
     settled: float = 1e-7  # relative change of an error scale that has converged
     typical: float = 0.05  # share of the RMS torque at which a parameter matters
-    hasty_share: float = 0.3  # the same for starts of which the likeliest is fitted further, of long recordings
+    hasty_share: float = 0.3  # the same for the starts of long recordings; the likeliest is fitted further
     long_count: int = 20000  # number of compared positions of long recordings
     hopeless: float = 15.0  # [nat], gain of the linear fit below which one iteration suffices
 
