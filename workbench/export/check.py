@@ -1,6 +1,7 @@
 """Check of an exported model against recordings: the motion of MuJoCo, or the torque that a feedforward leaves."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from pendulum_env._typing import Array
 from pendulum_env.export.exporter import CheckResult, find_exporter
 from pendulum_env.export.feedforward import select_terms
 from pendulum_env.export.request import Exported, ExportError, Request
-from pendulum_env.physics import Model, Term
+from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from workbench.export.runs import simulate_segments
 
@@ -38,18 +39,12 @@ def check_feedforward(model: Model, recordings: Sequence[Recording]) -> CheckRes
     """
     data = RegressionData.from_recordings(recordings)
     inertia = [term for term in model.terms if term.kind == "inertial"]
-    left = [
-        data.residual(terms, get_theta(model, terms)) for terms in (inertia, [*inertia, *select_terms(model)[0].terms])
-    ]
+    compensated = [*inertia, *select_terms(model)[0].terms]
+    left = [data.residual(terms, replace(model, terms=tuple(terms)).theta) for terms in (inertia, compensated)]
     names = ("torque without feedforward, less that of the inertia", "torque that the feedforward leaves")
     errors = {name: float(np.sqrt(np.mean(values**2))) for name, values in zip(names, left, strict=True)}
     title = "Torque at the measured motion, without rest and reversals, RMS"
     return CheckResult(title, errors, errors[names[0]], model.units().unit("N m"), "of it")
-
-
-def get_theta(model: Model, terms: Sequence[Term]) -> Array:
-    """Return the linear parameters of some terms of a model (P,)."""
-    return np.array([model.estimates[column.name].value for term in terms for column in term.columns])
 
 
 def _check_free_runs(model: Model, exported: Exported, recordings: Sequence[Recording]) -> CheckResult:
