@@ -175,7 +175,7 @@ def read_table(source: Readable, find: ColumnFinder) -> RawTable:
     if not is_there(path):
         raise RecordingError("there is no such file: check the path")
     try:
-        for file in path.iterdir() if is_bag(path) else [path] if path.is_file() else []:
+        for file in path.iterdir() if is_bag(path) else [] if ending == DATASET else [path]:
             check_size(file)
         return READERS[ending](path, find)
     except RecordingError:
