@@ -126,19 +126,17 @@ class Alignment:
         return decide(self, other, OVERRULE).passed
 
     @property
-    def is_significant(self) -> bool:
-        """Return whether delay and lag differ significantly from zero, see `require_size`."""
-        return all(gate.passed for gate in require_size(self, self))
-
-    def is_supported(self, none: Alignment) -> bool:
-        """Return whether it predicts significantly better than no shift, with significant parameters."""
-        return decide(self, none, SHIFT).passed
+    def penalty(self) -> float:
+        """Return the logarithm of the number of tried values of the free parameters [nat]."""
+        free = (self.delay != 0) * (not self.is_half_sample) + (self.lag != 0)
+        return free * float(np.log(CHECKS.channel.candidates))
 
     @property
-    def sizes(self) -> dict[str, tuple[float, float, float]]:
-        """Return the free parameters by name: value, standard error and end of the search range [s]."""
-        parts = {"delay": (self.delay, self.delay_std, LONGEST), "lag": (self.lag, self.lag_std, REACH)}
-        return {name: part for name, part in parts.items() if part[1] > 0}
+    def is_determined(self) -> bool:
+        """Return whether delay and lag differ significantly from zero, and lie inside the search range."""
+        z_score = self.criterion.timing.z_score
+        parts = (self.delay, self.delay_std, LONGEST), (self.lag, self.lag_std, REACH)
+        return all(z_score * std < abs(value) and -REACH < value < most for value, std, most in parts if value)
 
     def agrees(self, other: Alignment) -> bool:
         """Return whether delay plus lag agree with those of another alignment within their errors."""
@@ -237,51 +235,24 @@ class Alignment:
         }
 
 
-def require_gain(after: Alignment, before: Alignment, penalty: float = 0.0) -> Iterator[Gate]:
-    """Test the gain in prediction, by its scatter between blocks of time."""
+def require_evidence(after: Alignment, before: Alignment) -> Iterator[Gate]:
+    """Test the gain in prediction, by its scatter between blocks of time.
+
+    The penalty is that of the parameters, at least log(1 / p_value): a smaller gain without scatter is no evidence.
+    """
     limits, is_shared = after.criterion, len(after.density) == len(before.density)
     least, count = limits.timing.least_blocks, len(after.density) * is_shared  # other windows: none
     yield Gate("blocks", count, least, count >= least)
     if count >= least:
         gain = after.density - before.density
         total, spread = float(gain.sum()), float(np.sqrt(count) * gain.std())
+        penalty = max(after.penalty - before.penalty, -float(np.log(limits.p_value)))
         p_value = float(ndtr(-(total - penalty) / max(spread, 1e-300)))
         yield from limit_gain(Gain(total, spread, p_value), penalty, limits.p_value)
 
 
-def require_evidence(after: Alignment, before: Alignment) -> Iterator[Gate]:
-    """Test the same gain with a penalty of log(1 / p_value): a smaller gain without scatter is no evidence."""
-    yield from require_gain(after, before, -float(np.log(after.criterion.p_value)))
-
-
-def require_gain_over_chance(after: Alignment, before: Alignment) -> Iterator[Gate]:
-    """Test the same gain with a penalty: the logarithm of the number of tried delays and lags."""
-    yield from require_gain(after, before, float(np.log(CHECKS.channel.candidates)))
-
-
-def require_size(after: Alignment, before: Alignment) -> Iterator[Gate]:
-    """Test that delay and lag differ significantly from zero, and lie inside the search range."""
-    for name, (value, std, most) in after.sizes.items():
-        limit = after.criterion.timing.z_score * std
-        yield Gate(name, abs(value), limit, limit < abs(value) and -REACH < value < most, "s", std)
-
-
-def require_long_delay(after: Alignment, before: Alignment) -> Iterator[Gate]:
-    """Test the delay against a small share of a sample, or else the misfit, which it must reduce."""
-    limit, delay = after.criterion.timing.negligible * after.period, abs(after.delay)
-    if delay >= limit:
-        yield Gate("delay", delay, limit, True, "s")
-    else:
-        most = (1 - after.criterion.equal_error_share) * before.misfit
-        yield Gate("misfit", after.misfit, most, after.misfit <= most)
-
-
 # One law of the channel predicts significantly better than another.
 OVERRULE = Policy("overrule", (require_evidence,))
-# Torque and motion are shifted in time.
-SHIFT = Policy("shift", (require_size, require_gain_over_chance))
-# They are shifted by a delay that is not negligible.
-DELAY = Policy("delay", (*SHIFT.stages, require_long_delay))
 
 
 def make_moved_torque(recording: Recording, response: Array, is_sampled: bool, criterion: Criterion) -> MovedTorque:

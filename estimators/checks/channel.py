@@ -20,11 +20,10 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from estimators.checks.alignment import DELAY, NO_ALIGNMENT, Alignment
+from estimators.checks.alignment import NO_ALIGNMENT, Alignment
 from estimators.checks.channel_rows import CHANNEL, NONLINEAR_GAIN, ChannelRows
 from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.decisions.criterion import Criterion
-from estimators.decisions.decision import decide
 from estimators.decisions.score import Blocks, cross_validate_density
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import IdentificationError
@@ -97,31 +96,49 @@ class ChannelFits(ChannelRows):
             criterion=self.criterion,
         )
 
-    def select_law(self) -> Alignment:
-        """Return the simplest law that predicts significantly better than the others.
+    def fit_shifts(self) -> list[Alignment]:
+        """Fit a delay, a lag and both; return those whose parameters are determined.
 
-        A filter shorter than a sample cannot be distinguished from a delay by a share of a sample.
+        A filter of the log delays slow torque by its lag less half a sample. A filter shorter than a sample cannot be
+        distinguished from a delay by a share of a sample.
         """
-        in_time, delay = self.fit([Channel()], is_free=False), self.delay_fit
-        time = delay.delay
-        if not decide(delay, in_time, DELAY).passed:  # a filter also shows as a delay
-            # an insignificant delay gets a wide standard error, so that it does not veto the joint estimate
-            std = max(delay.delay_std, abs(time) / delay.criterion.timing.z_score)
-            return replace(in_time, delay_std=std, lag_std=std)
-        half = 0.5 * self.period * (time > 0)  # a filter of the log delays slow torque by its lag less half a sample
+        time, half = self.delay_fit.delay, 0.5 * self.period * (self.delay_fit.delay > 0)
         lag = self.fit([self.make_law(0.0, share * time + half) for share in (0.5, 1.0, 1.5)])
+        laws = [self.delay_fit, *[lag] * (abs(lag.lag) >= self.period)]
         if time > 0:
-            delay_and_lag = self.fit(
-                [self.make_law(share * time, (1 - share) * time + half) for share in (0.25, 0.5, 0.75)]
-            )
-            is_both = (
-                delay_and_lag.delay > 0 and delay_and_lag.lag > self.period and delay_and_lag.is_supported(in_time)
-            )
-            if is_both and delay_and_lag.beats(delay) and delay_and_lag.beats(lag):
-                return delay_and_lag
-        is_filter = lag.beats(delay) and lag.is_supported(in_time) and abs(lag.lag) >= self.period
-        law, other = (lag, delay) if is_filter else (delay, lag)
-        return law if law.beats(other) or not other.is_supported(in_time) else replace(law, rival=other.channel)
+            both = self.fit([self.make_law(share * time, (1 - share) * time + half) for share in (0.25, 0.5, 0.75)])
+            laws += [both] * (both.delay > 0 and both.lag > self.period)
+        return [law for law in laws if law.is_determined]
+
+    def select_law(self) -> Alignment:
+        """Return the simplest law that the most probable one does not beat, by the rules of `estimate_alignment`."""
+        sampled = replace(self, is_sampled=True).with_jump_errors()
+        in_time, delay = self.fit([Channel()], is_free=False), self.delay_fit
+        half = replace(sampled.half_sample_fit, is_half_sample=True)
+        limits = self.criterion.timing
+        shift, std = delay.delay / self.period, delay.delay_std / self.period
+        is_within_sample = shift <= 0.5 + limits.z_score * std
+        shifts = list[Alignment]()
+        is_small = abs(shift) < limits.negligible
+        if not is_small or delay.misfit <= (1 - self.criterion.equal_error_share) * in_time.misfit:
+            shifts += self.fit_shifts()
+        if shift + limits.z_score * std >= limits.least_sampled:  # fast controllers sample their torque
+            if is_within_sample and self.has_feedback:  # a row that reacts to its position is no earlier row
+                shifts = [law for law in shifts if not law.is_late]
+            shifts += [law for law in sampled.fit_shifts() if law.is_late]
+        shifts.sort(key=lambda law: (law.penalty, law.channel.is_sampled != is_within_sample))
+        laws = [in_time, half, *shifts]
+        best = max(laws, key=lambda law: law.density.sum() - law.penalty)
+        law = next(law for law in laws if law is best or not best.beats(law))
+        if law is in_time:  # a wide standard error, so that it does not veto the joint estimate
+            std = max(delay.delay_std, abs(delay.delay) / limits.z_score)
+            return replace(in_time, delay_std=std, lag_std=std)
+        if law is half:
+            return replace(half, delay_std=delay.delay_std)
+        rivals = [o for o in laws if o.penalty == law.penalty and bool(o.lag) != bool(law.lag)
+            and o.channel.is_sampled == law.channel.is_sampled and o.delay * law.delay == 0]
+        rival = next((o.channel for o in rivals if not best.beats(o) and not law.beats(o)), None)
+        return replace(law, rival=rival)
 
     def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""
@@ -242,21 +259,21 @@ def estimate_alignment(
     if fits is None:
         return NO_ALIGNMENT
     if fits.rows.data.shared_columns:  # the columns of links and smooth laws follow any motion
-        law, of_joint = _choose_hold(fits), fits.select_joint()
-        own_law = law if of_joint is fits else _choose_hold(of_joint)
+        law, of_joint = fits.select_law(), fits.select_joint()
+        own_law = law if of_joint is fits else of_joint.select_law()
         fits, law = (of_joint, own_law) if own_law.beats(law) else (fits, law)
         return law if not law.is_found or fits.is_consistent(recordings, law) else NO_ALIGNMENT
     if not is_model:
         candidates = fits, fits.with_drift(), fits.with_columns_of_torque(NONLINEAR_GAIN)
         fits = min(candidates, key=lambda candidate: candidate.delay_fit.delay_std)
-    if not (law := _choose_hold(fits)).is_found:
+    if not (law := fits.select_law()).is_found:
         return law
     if not fits.keeps_inertia(law.channel):
         return NO_ALIGNMENT
     if not is_model and find_feedback(recordings, criterion):
         finer = fits.with_angle_columns()
         with_angle, without = (candidate.fit([law.channel], is_free=False) for candidate in (finer, fits))
-        fits, law = (finer, _choose_hold(finer)) if with_angle.beats(without) else (fits, law)
+        fits, law = (finer, finer.select_law()) if with_angle.beats(without) else (fits, law)
     return law if fits.is_consistent(recordings, law) else NO_ALIGNMENT
 
 
@@ -269,38 +286,6 @@ def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording
     x = Samples(recording.time, recording.position, velocity, recording.torque)
     removed_torque = sum(column.force(x) for law in laws for column in law.fixed)
     return replace(recording, torque=recording.torque - removed_torque)
-
-
-def _choose_hold(fits: ChannelFits) -> Alignment:
-    """Return the law of held or of sampled torque, chosen by the rules of `estimate_alignment`."""
-    law, sampled = fits.select_law(), replace(fits, is_sampled=True)
-    free_delay, with_jumps = fits.delay_fit, sampled.with_jump_errors()
-    half = sampled.make_law(0.5 * fits.period)
-    is_likelier = with_jumps.compute_log_likelihood(half) > fits.compute_log_likelihood(law.channel)
-    is_half = (law.is_late or is_likelier) and with_jumps.half_sample_fit.beats(law)
-    if is_half and not with_jumps.delay_fit.beats(with_jumps.half_sample_fit):
-        return replace(with_jumps.half_sample_fit, delay_std=free_delay.delay_std, is_half_sample=True)
-    if not (law.is_late or (free_delay.is_significant and not law.is_found)):
-        return law
-    half_sample = sampled.half_sample_fit
-    if not law.is_late:
-        is_likelier = half_sample.density.sum() > law.density.sum()
-        is_half = half_sample.agrees(free_delay) and is_likelier and not free_delay.beats(half_sample)
-        return replace(half_sample, delay_std=free_delay.delay_std, is_half_sample=True) if is_half else law
-    sampled_law = sampled.select_law()
-    shift, shift_std = (law.delay + law.lag) / fits.period, (law.delay_std + law.lag_std) / fits.period
-    if shift + law.criterion.timing.z_score * shift_std < fits.criterion.timing.least_sampled:
-        return law
-    is_within_sample = shift < 0.5 + law.criterion.timing.z_score * shift_std
-    # the log is not that of an earlier row
-    is_sampled = fits.has_feedback or not law.beats(sampled_law) if is_within_sample else sampled_law.beats(law)
-    if not (is_sampled and sampled_law.is_late):
-        return law
-    sampled_law = with_jumps.select_law()
-    half_sample = with_jumps.half_sample_fit
-    if half_sample.agrees(sampled_law) and not sampled_law.beats(half_sample):
-        return replace(half_sample, delay_std=sampled_law.delay_std, is_half_sample=True)
-    return replace(sampled_law, rival=None)
 
 
 def estimate_alignments(
