@@ -78,7 +78,7 @@ class Alignment:
     Attributes:
         channel: the law; without delay and lag if torque and motion are in time.
         delay_std, lag_std: standard errors of its delay and lag [s]; 0 of a fixed parameter.
-        rival: the filter if the law is a delay, or the delay if it is a filter, if both explain the torque equally.
+        rival: the filter, if the law is a delay and both explain the torque equally.
         is_half_sample: whether torque was sampled with the position, so it is half of any sampling period late. The
             standard error is that of a free delay.
         joint: joint to which the law applies; empty for all joints.

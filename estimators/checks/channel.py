@@ -50,9 +50,14 @@ class ChannelFits(ChannelRows):
         return self.fit([self.make_law(CHANNEL.zero), self.start])
 
     @cached_property
+    def in_time_fit(self) -> Alignment:
+        """Law without delay and lag."""
+        return self.fit([Channel()], is_free=False)
+
+    @cached_property
     def half_sample_fit(self) -> Alignment:
         """Law with a delay of half a sample."""
-        return self.fit([self.make_law(0.5 * self.period)], is_free=False)
+        return replace(self.fit([self.make_law(0.5 * self.period)], is_free=False), is_half_sample=True)
 
     def fit(self, laws: Iterable[Channel], is_free: bool = True) -> Alignment:
         """Fit the best of some laws: its delay and lag other than zero, unless `is_free` is false.
@@ -100,45 +105,53 @@ class ChannelFits(ChannelRows):
         """Fit a delay, a lag and both; return those whose parameters are determined.
 
         A filter of the log delays slow torque by its lag less half a sample. A filter shorter than a sample cannot be
-        distinguished from a delay by a share of a sample.
+        distinguished from a delay by a share of a sample. A small share of a sample counts if it reduces the misfit.
         """
-        time, half = self.delay_fit.delay, 0.5 * self.period * (self.delay_fit.delay > 0)
+        delay, criterion = self.delay_fit, self.criterion
+        is_small = abs(delay.delay) < criterion.timing.negligible * self.period
+        if is_small and delay.misfit > (1 - criterion.equal_error_share) * self.in_time_fit.misfit:
+            return []
+        time, half = delay.delay, 0.5 * self.period * (delay.delay > 0)
         lag = self.fit([self.make_law(0.0, share * time + half) for share in (0.5, 1.0, 1.5)])
-        laws = [self.delay_fit, *[lag] * (abs(lag.lag) >= self.period)]
+        laws = [delay, *[lag] * (abs(lag.lag) >= self.period)]
         if time > 0:
             both = self.fit([self.make_law(share * time, (1 - share) * time + half) for share in (0.25, 0.5, 0.75)])
             laws += [both] * (both.delay > 0 and both.lag > self.period)
         return [law for law in laws if law.is_determined]
 
-    def select_law(self) -> Alignment:
-        """Return the simplest law that the most probable one does not beat, by the rules of `estimate_alignment`."""
-        sampled = replace(self, is_sampled=True).with_jump_errors()
-        in_time, delay = self.fit([Channel()], is_free=False), self.delay_fit
-        half = replace(sampled.half_sample_fit, is_half_sample=True)
-        limits = self.criterion.timing
-        shift, std = delay.delay / self.period, delay.delay_std / self.period
-        is_within_sample = shift <= 0.5 + limits.z_score * std
-        shifts = list[Alignment]()
-        is_small = abs(shift) < limits.negligible
-        if not is_small or delay.misfit <= (1 - self.criterion.equal_error_share) * in_time.misfit:
-            shifts += self.fit_shifts()
-        if shift + limits.z_score * std >= limits.least_sampled:  # fast controllers sample their torque
-            if is_within_sample and self.has_feedback:  # a row that reacts to its position is no earlier row
+    def list_laws(self) -> list[Alignment]:
+        """Fit the possible laws, from the simplest to the most complex; of equal ones the more plausible is first.
+
+        Torque that is late by a quarter to half a sample is more plausibly sampled, and later torque held. A row that
+        reacts to its position has the present torque, which was sampled.
+        """
+        sampled, shifts, limits = (
+            replace(self, is_sampled=True).with_jump_errors(),
+            self.fit_shifts(),
+            self.criterion.timing,
+        )
+        shift, error = self.delay_fit.delay / self.period, limits.z_score * self.delay_fit.delay_std / self.period
+        is_within_sample = shift <= 0.5 + error
+        if shift + error >= limits.least_sampled:
+            if is_within_sample and self.has_feedback:
                 shifts = [law for law in shifts if not law.is_late]
             shifts += [law for law in sampled.fit_shifts() if law.is_late]
         shifts.sort(key=lambda law: (law.penalty, law.channel.is_sampled != is_within_sample))
-        laws = [in_time, half, *shifts]
-        best = max(laws, key=lambda law: law.density.sum() - law.penalty)
+        return [self.in_time_fit, sampled.half_sample_fit, *shifts]
+
+    def select_law(self) -> Alignment:
+        """Return the simplest law that the most probable one does not beat."""
+        laws = self.list_laws()
+        best = max(laws, key=lambda law: float(law.density.sum()) - law.penalty)
         law = next(law for law in laws if law is best or not best.beats(law))
-        if law is in_time:  # a wide standard error, so that it does not veto the joint estimate
-            std = max(delay.delay_std, abs(delay.delay) / limits.z_score)
-            return replace(in_time, delay_std=std, lag_std=std)
-        if law is half:
-            return replace(half, delay_std=delay.delay_std)
-        rivals = [o for o in laws if o.penalty == law.penalty and bool(o.lag) != bool(law.lag)
-            and o.channel.is_sampled == law.channel.is_sampled and o.delay * law.delay == 0]
-        rival = next((o.channel for o in rivals if not best.beats(o) and not law.beats(o)), None)
-        return replace(law, rival=rival)
+        if not law.is_found:  # a wide standard error, so that it does not veto the law of all recordings
+            std = max(self.delay_fit.delay_std, abs(self.delay_fit.delay) / self.criterion.timing.z_score)
+            return replace(law, delay_std=std, lag_std=std)
+        if law.is_half_sample:
+            return replace(law, delay_std=self.delay_fit.delay_std)
+        filters = (each for each in laws if each.lag and not each.delay and not law.lag)
+        same_hold = (each for each in filters if each.channel.is_sampled == law.channel.is_sampled)
+        return replace(law, rival=next((each.channel for each in same_hold if not best.beats(each)), None))
 
     def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""
@@ -225,17 +238,12 @@ def estimate_alignment(
         criterion: limits of the decisions.
         is_model: whether the base model with `terms` is that of the joint; else nearly any law of the joint is fitted.
 
-    A law is reported if its delay or lag is `timing.z_score` standard errors from zero, and if it predicts held-out
-    seconds significantly better. A delay below `timing.negligible` of a sample counts as zero if torque is predicted
-    equally without it. A filter is distinguished from a delay if it predicts significantly better; else both are
-    reported.
+    The laws are no shift, half a sample of sampled torque, a delay, a lag, and both, of held or of sampled torque. The
+    simplest one is reported that the most probable law does not beat: by the log density of held-out seconds, with a
+    penalty for each free parameter. Free parameters are `timing.z_score` standard errors from zero. A filter that the
+    best law does not beat is the rival of a delay. See `ChannelFits.list_laws`.
 
-    Torque that is set n times a sample seems late by (1 - 1/n) / 2 of a sample. Torque that seems late by a quarter to
-    half a sample counts as sampled unless held torque predicts significantly better. It counts as sampled if it reacts
-    to the position of its row. The log then has the present torque, which a controller changes before the next row.
-    Later torque counts as held unless sampled torque predicts significantly better. Sampled torque is late by half a
-    sample unless another delay predicts significantly better. Half a sample need not predict significantly better than
-    no delay. It is also found if it predicts significantly better with errors of jumps, whose time is unknown.
+    Torque that is set n times a sample seems late by (1 - 1/n) / 2 of a sample.
 
     With links, the law of one joint is kept if it predicts significantly better than one law for all.
 

@@ -289,8 +289,3 @@ class ChannelRows:
         torque, logged = self.compute_torque(law), self.compute_torque(Channel())
         size, logged_size = float(np.linalg.norm(torque)), float(np.linalg.norm(logged))
         return float(np.linalg.norm(self.compute_residual(torque))) * max(1.0, logged_size / max(size, 1e-300))
-
-    def compute_log_likelihood(self, law: Channel) -> float:
-        """Compute the log likelihood of the torque under a law, without a constant [nat]."""
-        weights = self.rows.data.weights
-        return float(np.sum(np.log(weights)) - len(weights) * np.log(self.compute_misfit(law)))
