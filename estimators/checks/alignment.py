@@ -49,7 +49,7 @@ class TorqueTiming(Finding):
         delay: delay; None for a filter alone, and for half a sample.
         lag: time constant of a filter; None for a delay alone.
         is_sampled: whether torque was sampled like the position, half a sample late.
-        rival_delay, rival_lag: the alternative law if it fits equally; else None.
+        rival_lag: time constant of a filter that fits equally; else None.
         is_corrected: whether the torque was corrected.
         recordings: names of its recordings.
         joint: joint to which the law applies; empty for all joints.
@@ -59,7 +59,6 @@ class TorqueTiming(Finding):
     delay: Quantity | None = None
     lag: Quantity | None = None
     is_sampled: bool = False
-    rival_delay: Quantity | None = None
     rival_lag: Quantity | None = None
     is_corrected: bool = False
     recordings: tuple[str, ...] = ()
@@ -78,7 +77,7 @@ class Alignment:
     Attributes:
         channel: the law; without delay and lag if torque and motion are in time.
         delay_std, lag_std: standard errors of its delay and lag [s]; 0 of a fixed parameter.
-        rival: the filter, if the law is a delay and both explain the torque equally.
+        rival_lag: time constant of a filter that explains the torque as well as the delay [s]; 0 without one.
         is_half_sample: whether torque was sampled with the position, so it is half of any sampling period late. The
             standard error is that of a free delay.
         joint: joint to which the law applies; empty for all joints.
@@ -92,7 +91,7 @@ class Alignment:
     channel: Channel
     delay_std: float
     lag_std: float
-    rival: Channel | None = None
+    rival_lag: float = 0.0
     is_half_sample: bool = False
     joint: str = ""
     gain: tuple[float, float] = field(default=(0.0, 0.0), compare=False, repr=False)
@@ -158,7 +157,7 @@ class Alignment:
         `dead_time` and its standard error `std` are in seconds. If the dead time is longer, torque acts late.
         """
         channel = replace(self.channel, delay=self.delay - dead_time)
-        return replace(self, channel=channel, delay_std=std, rival=None, is_half_sample=False)
+        return replace(self, channel=channel, delay_std=std, rival_lag=0.0, is_half_sample=False)
 
     def select_channel(self, period: float) -> Channel:
         """Return the law of a recording with a sample time `period` [s]."""
@@ -214,14 +213,12 @@ class Alignment:
         """Return the finding on the timing; None if torque and motion are in time."""
         if not self.is_found:
             return None
-        rival = self.rival or Channel()
         return TorqueTiming(
             self.is_late,
             Quantity(abs(self.delay), self.delay_std, "s") if self.delay and not self.is_half_sample else None,
             Quantity(abs(self.lag), self.lag_std, "s") if self.lag else None,
             self.is_late and self.channel.is_sampled,
-            Quantity(abs(rival.delay), unit="s") if rival.delay else None,
-            Quantity(abs(rival.lag), unit="s") if rival.lag and not rival.delay else None,
+            Quantity(abs(self.rival_lag), unit="s") if self.rival_lag else None,
             joint=self.joint,
         )
 

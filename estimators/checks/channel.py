@@ -151,7 +151,7 @@ class ChannelFits(ChannelRows):
             return replace(law, delay_std=self.delay_fit.delay_std)
         filters = (each for each in laws if each.lag and not each.delay and not law.lag)
         same_hold = (each for each in filters if each.channel.is_sampled == law.channel.is_sampled)
-        return replace(law, rival=next((each.channel for each in same_hold if not best.beats(each)), None))
+        return replace(law, rival_lag=next((each.lag for each in same_hold if not best.beats(each)), 0.0))
 
     def is_consistent(self, recordings: Sequence[Recording], law: Alignment) -> bool:
         """Return whether the fit of a law to recordings is consistent; see `closed_loop.is_consistent`."""

@@ -67,8 +67,8 @@ def _list_torque_changes(model: Model, data: FitData, train: RegressionData) -> 
             yield law.delay_std * rates * is_timed
         if law.lag > 0 and 0 < law.lag_std < np.inf:
             yield law.lag_std / law.lag * train.data.columns([ActuatorLag(law.lag)])[0][1] * is_timed
-        if law.rival is not None:  # by the law that undoes the delay or filter and applies the rival, to first order
-            rival = Channel(-law.delay - law.rival.delay, law.lag + law.rival.lag)
+        if law.rival_lag:  # by the law that undoes the delay and applies the filter, to first order
+            rival = Channel(-law.delay, law.rival_lag)
             yield train.data.columns([rival])[0][1] * is_timed
 
 

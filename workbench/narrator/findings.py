@@ -207,14 +207,11 @@ def describe_timing(finding: TorqueTiming, remedy: str = "") -> str:
 
 
 def _describe_rival(finding: TorqueTiming) -> str:
-    """Describe the alternative law, delay or filter, if it fits equally; else empty."""
-    rival, law = finding.rival_delay, "by a delay"
-    if rival is None:
-        rival = finding.rival_lag
-        law = "through a low-pass filter with a time constant" if finding.is_late else "with a lag"
-    if rival is None:
+    """Describe the filter that fits as well as a delay; empty without one."""
+    if finding.rival_lag is None:
         return ""
-    return f" (or {law} of {1e3 * abs(rival.value):.3g} ms; more steps of torque would distinguish them)"
+    law = "through a low-pass filter with a time constant" if finding.is_late else "with a lag"
+    return f" (or {law} of {1e3 * abs(finding.rival_lag.value):.3g} ms; more steps of torque would distinguish them)"
 
 
 def _describe_unknown_constant(finding: UnknownConstant) -> str:
