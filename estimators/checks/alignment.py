@@ -20,14 +20,13 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr
 
 from estimators.checks.closed_loop import find_feedback
 from estimators.checks.settings import CHECKS
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.decision import Policy, decide
 from estimators.decisions.gate import Gate, limit_gain
-from estimators.decisions.score import Gain
+from estimators.decisions.score import Bootstrap
 from estimators.findings import Finding, Quantity
 from estimators.signals.channel import LONGEST, REACH, UNMIXED_SAMPLES, Channel
 from estimators.signals.differentiation import (
@@ -36,7 +35,7 @@ from estimators.signals.differentiation import (
     estimate_noise_slope,
     has_white_noise,
 )
-from pendulum_env._typing import JSON, Array
+from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
 
 
@@ -83,6 +82,7 @@ class Alignment:
         joint: joint to which the law applies; empty for all joints.
         gain: parameter of the first column, and its standard error.
         density: log predictive density of the logged torque in each block (C,) [nat].
+        of_block: recording of each block (C,).
         misfit: norm of the weighted residual, with errors of smoothing and integration.
         period: sample time [s].
         criterion: limits of its comparisons with others.
@@ -96,6 +96,7 @@ class Alignment:
     joint: str = ""
     gain: tuple[float, float] = field(default=(0.0, 0.0), compare=False, repr=False)
     density: Array = field(default_factory=lambda: np.zeros(0), compare=False, repr=False)
+    of_block: Index = field(default_factory=lambda: np.zeros(0, dtype=int), compare=False, repr=False)
     misfit: float = field(default=0.0, compare=False, repr=False)
     period: float = field(default=0.0, compare=False, repr=False)
     criterion: Criterion = field(default=Criterion(), compare=False, repr=False)
@@ -232,24 +233,21 @@ class Alignment:
         }
 
 
-def require_evidence(after: Alignment, before: Alignment) -> Iterator[Gate]:
-    """Test the gain in prediction, by its scatter between blocks of time.
+def require_gain(after: Alignment, before: Alignment) -> Iterator[Gate]:
+    """Test the gain in prediction, by its scatter between blocks of time and between recordings.
 
     The penalty is that of the parameters, at least log(1 / p_value): a smaller gain without scatter is no evidence.
     """
-    limits, is_shared = after.criterion, len(after.density) == len(before.density)
-    least, count = limits.timing.least_blocks, len(after.density) * is_shared  # other windows: none
-    yield Gate("blocks", count, least, count >= least)
-    if count >= least:
-        gain = after.density - before.density
-        total, spread = float(gain.sum()), float(np.sqrt(count) * gain.std())
+    limits, has_same_windows = after.criterion, np.array_equal(after.of_block, before.of_block)
+    yield Gate("same_windows", int(has_same_windows), 1, has_same_windows)
+    if has_same_windows:
         penalty = max(after.penalty - before.penalty, -float(np.log(limits.p_value)))
-        p_value = float(ndtr(-(total - penalty) / max(spread, 1e-300)))
-        yield from limit_gain(Gain(total, spread, p_value), penalty, limits.p_value)
+        bootstrap = Bootstrap(after.of_block, np.random.default_rng(0))
+        yield from limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, limits.p_value)
 
 
 # One law of the channel predicts significantly better than another.
-OVERRULE = Policy("overrule", (require_evidence,))
+OVERRULE = Policy("overrule", (require_gain,))
 
 
 def make_moved_torque(recording: Recording, response: Array, is_sampled: bool, criterion: Criterion) -> MovedTorque:

@@ -96,6 +96,7 @@ class ChannelFits(ChannelRows):
             joint=self.joint,
             gain=gain,
             density=density,
+            of_block=of_block,
             misfit=float(np.hypot(self.compute_misfit(law), self.numerical_error)),
             period=self.period,
             criterion=self.criterion,

@@ -72,7 +72,6 @@ class TimingLimits(Limits):
 
     Attributes:
         z_score: standard errors from which a delay, a lag or the reaction of a controller is significant.
-        least_blocks: least number of blocks whose scatter shows that one law of the channel predicts better.
         negligible: delay that counts as zero [samples]: the accuracy of clocks and of the steps of simulators.
         least_sampled: apparent delay of sampled torque [samples]: that of a controller that sets it twice a sample.
         correlation: least correlation of the innovations of torque and position; a smaller one biases no parameter.
@@ -80,7 +79,6 @@ class TimingLimits(Limits):
     """
 
     z_score: float = 4.0
-    least_blocks: int = 3
     negligible: float = 0.1
     least_sampled: float = 0.25
     correlation: float = 0.1
