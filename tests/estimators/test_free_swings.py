@@ -240,6 +240,7 @@ def test_an_effect_is_added():
         assert drag.value == pytest.approx(0.04 * scale, rel=0.1) and added.objection is None
 
 
+@pytest.mark.slow
 def test_driven_and_free_recordings_together():
     known = identify(pushed()).model
     assert compare(known, swinging()).joint.errors.torque_rms < 1.3 * compare(known, swinging()).joint.noise_floor

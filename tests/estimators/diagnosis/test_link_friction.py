@@ -12,6 +12,7 @@ STIFFNESS, DAMPING, FRICTION = 60.0, 0.12, 0.12  # [N m/rad], and twice [N m s/r
 BASIC = {"inertia": MOTOR + LINK, "gravity": 2.0, "viscous": 0.15, "coulomb": 0.4}
 
 
+@pytest.mark.slow
 def test_viscous_friction_of_the_link_is_estimated_beside_its_elastic_joint():
     elastic = {"Jm": MOTOR, "bl_k": STIFFNESS, "bl_d": DAMPING, "bl_b": FRICTION}
     runs = (Experiment(rate=500.0, seconds=15.0, seed=seed, excitation="multisine") for seed in (5, 6))

@@ -186,6 +186,7 @@ def test_an_effect_is_named_at_its_joint_and_the_error_falls(six):
     assert found.candidates[0].verdict is Verdict.SELECTED and found.candidates[0].score > 0.9
 
 
+@pytest.mark.slow
 def test_friction_by_temperature_is_named_where_it_is_measured_and_told_per_kelvin(six):
     hidden = Hidden("temperature_dependent_friction", 2)
     recording = six_joint.simulate(6, hidden, seconds=12.0, thermometers=True)

@@ -76,6 +76,7 @@ def test_what_a_motion_is_said_to_teach_is_what_its_rows_hold(body):
     np.testing.assert_allclose(taught, INFORMATION_PRIOR * np.eye(rows.shape[1]) + rows.T @ rows, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_arm_of_six_joints_is_taught_more_of_than_by_the_best_of_random_series(six):
     motion = design_excitation(six, 10.0)
     time = np.arange(0, motion.seconds, 1e-3)

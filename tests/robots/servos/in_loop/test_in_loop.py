@@ -40,6 +40,7 @@ from robots.servos.in_loop.rollouts import Rollouts
 from robots.servos.in_loop.servos import are_driven
 from robots.servos.in_loop.settings import LOOP
 from robots.servos.refit import make_data
+from tests import slow
 from tests.notes import list_notes
 from workbench.cli import main
 from workbench.narrator.diagnosis import describe_result
@@ -142,6 +143,7 @@ def test_standard_errors_hold_what_a_late_log_does(plain):
     assert max(moved.values()) < 2.0 and max(moved.values()) > 0.3  # which is most of some
 
 
+@pytest.mark.slow
 def test_play_is_a_candidate_before_an_encoder_at_the_output_and_is_not_found_where_it_is_none(plain):
     drives = [replace(recording.drive, encoder="output") for recording in plain]
     recordings = [replace(own, drive=drive) for own, drive in zip(plain, drives, strict=True)]
@@ -250,7 +252,10 @@ def integrating(
     return replace(read_recording(logged, drive=drive), name=f"gain-{kp}")
 
 
-@pytest.mark.parametrize(("windup", "order"), [("stop", "after"), ("clamp", "before"), ("free", "before")])
+CONVENTIONS = slow.but_first([("clamp", "before"), ("stop", "after"), ("free", "before")])
+
+
+@pytest.mark.parametrize(("windup", "order"), CONVENTIONS)
 def test_convention_of_an_integral_is_found_by_the_motion(windup, order):
     """Wound up, the integral of another convention biases the inertia and leaves errors that no joint has."""
     recordings = [integrating(kp, k, windup, order) for k, kp in enumerate((3.0, 5.0, 4.0))]
@@ -350,6 +355,7 @@ def test_every_command_uses_the_torque_with_the_integral():
         )
 
 
+@pytest.mark.slow
 def test_sets_of_several_kinds_are_identified_with_conventions_of_each():
     """A servo without torque beside a joint without a drive, and beside another shaft: together they are no loop."""
     asked = [integrating(kp, k, "clamp", "before") for k, kp in enumerate((3.0, 5.0))]
@@ -379,6 +385,7 @@ def test_convention_of_a_position_drive_is_not_that_of_a_velocity_drive():
     assert {r.drive.integral for r in applied} == {"before"}
 
 
+@pytest.mark.slow
 def test_kind_of_drive_that_is_only_held_out_is_decided_by_its_own_motion():
     first, second = (integrating(3.0 + k, k, "clamp", "before") for k in range(2))
     fitted = replace(first, drive=replace(first.drive, windup="stop", integral="after"))
