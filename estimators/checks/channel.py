@@ -26,7 +26,7 @@ from estimators.checks.closed_loop import find_feedback, is_consistent
 from estimators.decisions.criterion import Criterion
 from estimators.decisions.score import Blocks, cross_validate_density
 from estimators.regression.balance import Balance
-from estimators.regression.least_squares import IdentificationError
+from estimators.regression.least_squares import Fit, IdentificationError
 from estimators.signals.channel import LONGEST, REACH, Channel
 from estimators.signals.differentiation import estimate_log_noise, has_white_noise
 from estimators.weak_form.floors import compute_numerical_error
@@ -72,35 +72,61 @@ class ChannelFits(ChannelRows):
             slopes = compute_nonlinear_slopes(
                 law, lambda variants: [-self.compute_torque(variant) for variant in variants]
             )
-        design = np.column_stack([self.phi, *slopes.values()])
+        channels = [law if self.joint in ("", w.at) else Channel() for w in self.rows.data.windows]
+        fit, errors, predicted = self._fit_torque(self.compute_torque(law), channels, *slopes.values())
+        stds = dict(zip(slopes, errors[self.phi.shape[1] :], strict=True))
+        delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
+        return replace(
+            predicted,
+            channel=law,
+            delay_std=delay_std,
+            lag_std=lag_std,
+            joint=self.joint,
+            gain=(float(fit.theta[0]), errors[0]),
+            misfit=float(np.hypot(self.compute_misfit(law), self.numerical_error)),
+            period=self.period,
+        )
+
+    def fit_given(self, laws: Sequence[Alignment]) -> Alignment:
+        """Fit the columns under given laws of late torque, one for each recording; return the first with its density.
+
+        Torque that acts late stays as logged.
+        """
+        windows, entries = self.rows.data.windows, self.rows.data.recording_of_window
+        of_windows = [laws[k if w.run is None else w.run] for k, w in enumerate(windows)]
+        channels = [
+            law.select_channel(1.0 / w.recording.rate) if law.is_late and law.moves(w.at) else Channel()
+            for law, w in zip(of_windows, windows, strict=True)
+        ]
+        torques = np.array([self.compute_torque(channel) for channel in channels])
+        torque = torques[entries, np.arange(len(entries))]
+        predicted = self._fit_torque(torque, channels)[2]
+        first = next((law for law in laws if law.is_late), NO_ALIGNMENT)
+        return replace(first, density=predicted.density, of_block=predicted.of_block, criterion=self.criterion)
+
+    def _fit_torque(
+        self, torque: Array, channels: Sequence[Channel], *slopes: Array
+    ) -> tuple[Fit, list[float], Alignment]:
+        """Fit the columns and `slopes` (R,) to a weighted torque (R,), under a law for each entry of windows.
+
+        Returns:
+            The fit by clusters of time, the largest standard errors of the parameters, and the density of the log.
+        """
+        design = np.column_stack([self.phi, *slopes])
         limits = np.full(design.shape[1], np.inf)
         by_torque = np.zeros_like(design)
         if self.by_torque is not None:
             by_torque[:, : self.by_torque.shape[1]] = self.by_torque
-        balance = Balance(design, self.compute_torque(law), by_torque, -limits, limits, np.ones(len(design)))
+        balance = Balance(design, torque, by_torque, -limits, limits, np.ones(len(design)))
         block, _, of_block = self.rows.data.blocks(self.rows.data.block)
         moved, recording = np.unique(of_block[block], return_inverse=True)
         clusters = [self.rows.data.clusters] + [recording] * (len(moved) >= CHANNEL.min_recordings)
         fits = [balance.fit(labels) for labels in clusters]
-        errors = np.max([fit.std for fit in fits], axis=0).tolist()
-        stds = dict(zip(slopes, errors[self.phi.shape[1] :], strict=True))
-        delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
         density = cross_validate_density(balance, Blocks(block, recording, of_block, block))
         density += np.bincount(block, np.log(self.rows.data.weights))  # of the torque, not of the weighted residual
-        density += np.bincount(block, np.log(self.compute_amplification(law, fits[0].residual)))  # of the log
-        gain = float(fits[0].theta[0]), errors[0]
-        return Alignment(
-            law,
-            delay_std,
-            lag_std,
-            joint=self.joint,
-            gain=gain,
-            density=density,
-            of_block=of_block,
-            misfit=float(np.hypot(self.compute_misfit(law), self.numerical_error)),
-            period=self.period,
-            criterion=self.criterion,
-        )
+        density += np.bincount(block, np.log(self.compute_amplification(channels, fits[0].residual)))  # of the log
+        predicted = replace(NO_ALIGNMENT, density=density, of_block=of_block, criterion=self.criterion)
+        return fits[0], np.max([fit.std for fit in fits], axis=0).tolist(), predicted
 
     def fit_shifts(self) -> list[Alignment]:
         """Fit a delay, a lag and both; return those whose parameters are determined.
@@ -166,20 +192,21 @@ class ChannelFits(ChannelRows):
         """Return whether the torque of a row reacts to its position."""
         return bool(find_feedback([w.recording for w in self.rows.data.windows], self.criterion))
 
-    def compute_amplification(self, law: Channel, residual: Array) -> Array:
-        """Compute the noise of each row (R,) by that of the log, relative to a law that leaves the log as it is.
+    def compute_amplification(self, channels: Sequence[Channel], residual: Array) -> Array:
+        """Compute the noise of each row (R,) by that of the log, relative to laws that leave the log as it is.
 
-        It is sqrt((rest + after) / (rest + before)), with the noise of the log under the law and without it. The rest
-        is the part of the weighted `residual` (R,) that exceeds this noise and has other causes under both laws. An
-        inverse filter amplifies the error of the noise as well: its floor may differ by `equal_error_share`. Torque
-        that changes as fast as noise looks like noise. Unless the noise is white without the filter, its amplification
-        therefore excuses a residual above that of the law `start`, and no more. The answer of a controller to its
-        encoder looks like noise of the log, and acts: the ratio is then 1, as for joints with links.
+        The `channels` are the laws of the entries of windows. The noise is sqrt((rest + after) / (rest + before)), with
+        that of the log under the laws and without them. The rest is the part of the weighted `residual` (R,) that
+        exceeds this noise and has other causes under all laws. An inverse filter amplifies the error of the noise as
+        well: its floor may differ by `equal_error_share`. Torque that changes as fast as noise looks like noise. Unless
+        the noise is white without the filter, its amplification therefore excuses a residual above that of the law
+        `start`, and no more. The answer of a controller to its encoder looks like noise of the log, and acts: the ratio
+        is then 1, as for joints with links.
         """
         if self.has_feedback or self.rows.data.shared_columns:
             return np.ones(len(residual))
         power, before = self._compute_power(residual), self._power_of_log
-        after, is_white = self._compute_log_power(law)
+        after, is_white = self._compute_log_power(channels)
         least = (1 - self.criterion.equal_error_share) ** 2 * after
         rest = np.maximum(power - least, 0.0) + compute_numerical_error(self.rows.data.windows) ** 2
         ratio = (rest + after) / np.maximum(rest + before, 1e-300)
@@ -202,17 +229,17 @@ class ChannelFits(ChannelRows):
     @cached_property
     def _power_of_log(self) -> Array:
         """Variance of the torque in the windows of each entry by noise of the log as it is [(N m)^2]."""
-        return self._compute_log_power(Channel())[0]
+        return self._compute_log_power([Channel()] * len(self.rows.data.windows))[0]
 
-    def _compute_log_power(self, law: Channel) -> tuple[Array, Mask]:
-        """Compute the variance of the torque in the windows of each entry by noise of the log, under a law [(N m)^2].
+    def _compute_log_power(self, channels: Sequence[Channel]) -> tuple[Array, Mask]:
+        """Compute the variance of the torque in the windows of each entry by noise of the log, under its law [(N m)^2].
 
         A filter of the log filters its noise, too, if the noise without the filter is white, which the mask shows.
         """
         reach, powers, are_white = int(np.ceil(5 * REACH / self.period)), list[float](), list[bool]()
-        impulse, undelayed = np.eye(1, 2 * reach + 1, reach)[0], replace(law, delay=0.0)
-        for w in self.rows.data.windows:
-            own = undelayed if self.joint in ("", w.at) else Channel()
+        impulse = np.eye(1, 2 * reach + 1, reach)[0]
+        for w, law in zip(self.rows.data.windows, channels, strict=True):
+            own = replace(law, delay=0.0)
             log, period = w.recording.torque, 1.0 / w.recording.rate
             acting = own.remove_filter(log, period)
             are_white.append(own.lag > 0 and has_white_noise(acting, own.remove_filter(impulse, period)))
@@ -284,6 +311,29 @@ def estimate_alignment(
         with_angle, without = (candidate.fit([law.channel], is_free=False) for candidate in (finer, fits))
         fits, law = (finer, finer.select_law()) if with_angle.beats(without) else (fits, law)
     return law if fits.is_consistent(recordings, law) else NO_ALIGNMENT
+
+
+def predict_log(
+    recordings: Sequence[Recording],
+    models: Iterable[tuple[Sequence[Alignment], Sequence[Term]]],
+    criterion: Criterion = Criterion(),
+) -> list[Alignment]:
+    """Predict the log of recordings by models: laws of late torque, one for each recording, and terms of the joint.
+
+    The density of each model is that of the log in the same windows. The list is empty if these are too few.
+    """
+    predicted, given = list[Alignment](), [*models]
+    latest = LONGEST if any(law.delay >= REACH for laws, _ in given for law in laws) else REACH
+    for laws, terms in given:
+        logs = [_apply_torque_laws(recording, terms) for recording in recordings]
+        try:
+            fits = ChannelFits.from_recordings(logs, terms, latest, criterion, is_model=True)
+        except IdentificationError:
+            fits = None
+        if fits is None:
+            return []
+        predicted.append(fits.fit_given(laws))
+    return predicted
 
 
 def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording:

@@ -16,7 +16,7 @@ from estimators.data.preparation import find_preparation
 from estimators.data.regression_data import RegressionData
 from estimators.data.shared_clock import share_clock
 from estimators.data.split import CutSettings, Parts, add_contacts, split_arm
-from estimators.data.timing import Timing, move_torque
+from estimators.data.timing import Timing
 from estimators.data.treatment import Action, Treatment
 from estimators.decisions.criterion import Criterion
 from estimators.findings import Finding
@@ -94,6 +94,11 @@ class FitData:
         treatments = *treatments, *findings
         return cls(fitted, held_out, doubt, cut=cut, treatments=treatments, criterion=criterion)
 
+    @property
+    def base_terms(self) -> list[Term]:
+        """Terms of the base model with links; empty for a pendulum."""
+        return [term for term in self.terms if isinstance(term, Term)]
+
     def with_treatment(self, treatment: Finding, **changes: Any) -> Self:
         """Return the data with changed fields, and a finding on the treatment added to `treatments`."""
         return replace(self, treatments=(*self.treatments, treatment), **changes)
@@ -115,9 +120,8 @@ class FitData:
         """
         if self.whole is not None:
             return self.whole.with_timing(effects).without_outliers(self.excluded)
-        logged = self.timing.logged or self.all_recordings
-        terms = [term for term in self.terms if isinstance(term, Term)]
-        timing = Timing.from_recordings(logged, [*terms, *(effects or ())], self.criterion, effects is not None)
+        logged, terms = self.timing.logged or self.all_recordings, [*self.base_terms, *(effects or ())]
+        timing = Timing.from_recordings(logged, terms, self.criterion, effects is not None)
         return self._correct_torque(timing, effects)
 
     def with_shorter_delay(self, joint: str, dead_time: Estimate, effects: Sequence[Term]) -> FitData:
@@ -147,15 +151,6 @@ class FitData:
         treatments = (*earlier, Treatment(Action.TIMED_AS_LOGGED))
         changes: dict[str, Any] = {"recordings": logged[:count], "holdout": logged[count:]}
         return replace(self, **changes, timing=Timing(), treatments=treatments)
-
-    def move_logged_torque(self, timing: Timing) -> Self:
-        """Return these data, with torque as logged, with the same windows and torque corrected by a timing."""
-        if not timing.has_moved:
-            return self
-        count = len(self.recordings)
-        laws = timing.alignments[:count], timing.alignments[count:] or timing.alignments
-        train, holdout = map(move_torque, self.parts, laws)
-        return replace(self).with_parts((train, holdout))
 
     def without_outliers(self, outliers: Sequence[Disagreement]) -> FitData:
         """Return the data without the fitted recordings of some disagreements, and with `whole` set to these data.

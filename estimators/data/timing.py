@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
 from estimators.checks.alignment import Alignment, TorqueTiming
 from estimators.checks.channel import estimate_alignments
-from estimators.data.regression_data import RegressionData
 from estimators.decisions.criterion import Criterion
-from estimators.weak_form.windows import Windows, average_held_torque
 from pendulum_env.physics import Term
 from pendulum_env.recording import Recording
 
@@ -82,6 +79,11 @@ class Timing:
         """Return whether the torque of a recording was logged late or filtered, other than by half a sample."""
         return any(alignment.is_late and not alignment.is_half_sample for alignment in self.alignments)
 
+    def count_parameters(self) -> int:
+        """Count the delays and lags of torque that was logged late or filtered, other than by half a sample."""
+        laws = {law.channel for law in self.alignments if law.is_late and not law.is_half_sample}
+        return sum((law.delay != 0) + (law.lag != 0) for law in laws)
+
     def is_late_at(self, joint: str) -> bool:
         """Return whether a delay of the log was corrected at a joint and at no other."""
         return any(law.delay > 0 and law.is_late and law.joint == joint for law in self.alignments)
@@ -124,21 +126,3 @@ class Timing:
             return tuple(findings)
         pairs = zip(findings, names, strict=True)
         return tuple(replace(finding, recordings=tuple(own_names)) for finding, own_names in pairs)
-
-
-def move_torque(data: RegressionData, alignments: Sequence[Alignment]) -> RegressionData:
-    """Return data with the same windows and torque corrected by the alignment of each recording."""
-    windows = data.data.windows
-    laws = tuple(alignments) * (len(windows) // len(alignments))  # of each joint
-    pairs = zip(windows, laws, strict=True)
-    moved = tuple(_move_torque_of_windows(w, law) if law.is_late and law.moves(w.at) else w for w, law in pairs)
-    return replace(data, data=replace(data.data, windows=moved))
-
-
-def _move_torque_of_windows(w: Windows, law: Alignment) -> Windows:
-    """Return the windows of a recording with torque corrected by an alignment; the ends of segments repeat."""
-    period, starts = 1.0 / w.recording.rate, (*w.recording.starts, len(w.recording))
-    channel = law.select_channel(period)
-    segments = [channel.hold_torque(w.recording.torque[begin:end], period) for begin, end in pairwise(starts)]
-    torque = np.concatenate(segments)
-    return w.with_torque(torque, average_held_torque(torque))

@@ -212,6 +212,12 @@ class Trial:
         """Terms of the final model with nonlinear parameters of the search; of the refit if that dropped terms."""
         return (self.result if list_ids(self.result.terms) == list_ids(self.final.terms) else self.final).terms
 
+    @property
+    def effects(self) -> list[Term]:
+        """Effects that the search found."""
+        base = list_ids(self.evidence.fits.base)
+        return [term for term in self.result.terms if term.id not in base]
+
     def present(self, step: Step, is_final: bool) -> Step:
         """Return a step in the units of the user; a final model with an unexplained residual is marked as biased."""
         step = self.case.present(self, step, is_final)

@@ -3,19 +3,25 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
+from estimators.checks.alignment import NO_ALIGNMENT
+from estimators.checks.channel import predict_log
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.treatment import Action, DataChange, Treatment
 from estimators.decisions.decision import Decision, Policy, decide
-from estimators.decisions.gate import Gate
+from estimators.decisions.gate import Gate, limit_gain
+from estimators.decisions.score import Bootstrap
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.options import Options
 from estimators.diagnosis.result import TriedTreatment
 from estimators.findings import Finding, Quantity
-from estimators.selection.evidence import Evidence, Hypothesis
+from estimators.selection.evidence import Hypothesis
 from estimators.selection.policies import ADD_STOP, FOLLOW, HAVE_INERTIA, SWAP, TIE
-from pendulum_env.physics import BASE, Term, has_link, list_ids
+from pendulum_env.physics import has_link
 from pendulum_env.physics.actuation import DeadTime
+from pendulum_env.physics.terms import count_parameters
 
 TIMES = {Action.TIMED_BY_MODEL, Action.TIMED_AS_LOGGED}  # treatments of the time of the torque
 PURPOSES: Mapping[str, Policy[Hypothesis]] = {
@@ -46,15 +52,18 @@ def decide_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     """Decide whether a treated trial takes the place of the best trial so far.
 
     Its model must predict significantly better, or equally well by no more assumptions; see `_make_hypotheses` for the
-    data. A treatment with a purpose must serve it, see `PURPOSES`.
+    data. A treatment of the time of the torque is decided by the density of the log, see `_compare_times`. A treatment
+    with a purpose must serve it, see `PURPOSES`.
     """
     treatment = find_treatment(trial, best)
     counts = count_assumptions(trial), count_assumptions(best)
-    after, before = _make_hypotheses(trial, best, treatment)
-    decision = decide(after, before, SWAP)
-    if not decision.passed:
-        equal = decide(after, before, TIE).join(Decision((Gate("assumptions", *counts, counts[0] <= counts[1]),)))
-        decision = equal if equal.passed else decision.join(equal)
+    if isinstance(treatment, Treatment) and treatment.action in TIMES:
+        gain, tie = _compare_times(trial, best)
+    else:
+        after, before = _make_hypotheses(trial, best, treatment)
+        gain, tie = decide(after, before, SWAP), decide(after, before, TIE)
+    equal = tie.join(Decision((Gate("assumptions", *counts, counts[0] <= counts[1]),)))
+    decision = gain if gain.passed else equal if equal.passed else gain.join(equal)
     tried = TriedTreatment(treatment, decision, *counts)
     if decision.passed and tried.action in PURPOSES:
         tried = replace(tried, decision=decision.join(decide(after, before, PURPOSES[tried.action])))
@@ -69,30 +78,40 @@ def find_treatment(trial: Trial, best: Trial) -> Finding:
 def _make_hypotheses(trial: Trial, best: Trial, treatment: Finding) -> tuple[Hypothesis, Hypothesis]:
     """Return the models of a treated trial and of the best one, on data with the same rows.
 
-    The treated data serve both. If the treatment changes inputs, each model has its own data. If it changes
-    the time of the torque, the windows are those of the torque as logged, and each model has its own torque in these.
+    The treated data serve both. If the treatment changes inputs, each model has its own data.
     """
     has_own_data = isinstance(treatment, DataChange) and treatment.has_new_inputs
-    of_trial, of_best = trial.evidence, best.evidence if has_own_data else trial.evidence
-    if isinstance(treatment, Treatment) and treatment.action in TIMES:
-        logged = trial.data.without_timing()
-        moved = (logged.move_logged_torque(each.data.timing) for each in (trial, best))
-        of_trial, of_best = (trial.case.make_evidence(data, trial.options) for data in moved)
-        of_trial = _with_link(of_trial, trial)
-    if not has_own_data:
-        of_best = _with_link(of_best, best)
-    after = Hypothesis(of_trial, trial.result.terms, trial.result.steps[-1])
+    of_best, linked = best.evidence if has_own_data else trial.evidence, best.evidence.fits.linked
+    if linked is not None and not has_own_data:
+        of_best = of_best.with_fits(of_best.fits.with_link(linked))
+    after = Hypothesis(trial.evidence, trial.result.terms, trial.result.steps[-1])
     return after, Hypothesis(of_best, best.result.terms)
 
 
-def _with_link(evidence: Evidence, trial: Trial) -> Evidence:
-    """Return the evidence with states of the link of a trial; unchanged without a link."""
-    linked = trial.evidence.fits.linked
-    return evidence if linked is None else evidence.with_fits(evidence.fits.with_link(linked))
+def _compare_times(trial: Trial, best: Trial) -> tuple[Decision, Decision]:
+    """Decide whether a trial predicts the log significantly better than another, and whether both are equally probable.
+
+    Each has its own time of the torque and its own effects, in the same windows. The noise is that of the log.
+    """
+    logged, criterion = trial.data.without_timing().all_recordings, trial.options.criterion
+    models = [
+        (each.data.timing.alignments or (NO_ALIGNMENT,) * len(logged), (*each.data.base_terms, *each.effects))
+        for each in (trial, best)
+    ]
+    if not (predicted := predict_log(logged, models, criterion)):
+        failed = Decision((Gate("same_rows", 0, 1, False),))
+        return failed, failed
+    after, before = predicted
+    bootstrap = Bootstrap(after.of_block, np.random.default_rng(0))
+    penalty = trial.evidence.penalty(trial.result.terms, best.result.terms) + max(after.penalty - before.penalty, 0.0)
+    gates = limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, criterion.p_value)
+    probability = float(bootstrap.probabilities([after.density, before.density])[0])
+    tie = Gate("tie_probability", probability, criterion.tie_probability, probability > criterion.tie_probability)
+    return Decision(tuple(gates)), Decision((tie,))
 
 
 def count_assumptions(trial: Trial) -> int:
-    """Return the number of effects and corrected timing, and the assumptions of the treatments.
+    """Return the number of free parameters of the effects and of the timing, and the assumptions of the treatments.
 
     A later decision on the same topic takes the place of an earlier one.
     """
@@ -100,7 +119,7 @@ def count_assumptions(trial: Trial) -> int:
     changes = [treatment for treatment in data.treatments if isinstance(treatment, DataChange)]
     last = {change.topic or str(k): change for k, change in enumerate(changes)}
     n_assumptions = sum(change.n_assumptions for change in last.values())
-    return len(trial.result.steps) - 1 + data.timing.has_delay + n_assumptions
+    return count_parameters(trial.effects) + data.timing.count_parameters() + n_assumptions
 
 
 def narrow_windows(trial: Trial) -> FitData | None:
@@ -153,9 +172,7 @@ def align_with_effects(trial: Trial) -> FitData | None:
     None if this was done, if torque is kept as logged, if the timing agrees, or if a corrected delay would be lost: the
     few columns of a wrong model may hide a delay.
     """
-    data, model = trial.data, trial.result.steps[-1].model
-    known = list_ids((*BASE, *(term for term in data.terms if isinstance(term, Term))))
-    effects = [term for term in trial.result.terms if term.id not in known]
+    data, model, effects = trial.data, trial.result.steps[-1].model, trial.effects
     dead_times = [term for term in effects if isinstance(term, DeadTime) and data.timing.is_late_at(term.at)]
     done = [
         treatment for treatment in data.treatments if isinstance(treatment, Treatment) and treatment.action in TIMES

@@ -57,20 +57,6 @@ def test_align_corrects_recordings_and_files_as_a_diagnosis_does(tmp_path):
     assert str(align(good)) == "Torque and motion are in time."
 
 
-def test_logged_torque_moved_in_its_windows_is_the_torque_in_time():
-    logged, good = mixed().without_timing(), recording("moving")
-    moved = logged.move_logged_torque(mixed().timing)
-    for before, after in zip(logged.parts, moved.parts, strict=True):
-        in_time, behind = after.data.windows
-        assert all(
-            np.array_equal(w.centers, own.centers)
-            for w, own in zip(after.data.windows, before.data.windows, strict=True)
-        )
-        assert in_time is before.data.windows[0]
-        error = np.abs(behind.recording.torque - good.torque)[: -LATE - 1]
-        assert error.max() < 0.05 * np.abs(before.data.windows[1].recording.torque - good.torque).max()
-
-
 def test_a_stricter_criterion_needs_clearer_evidence_of_late_torque():
     criterion = Criterion(timing=TimingLimits(z_score=1e3))
     logged = FitData.from_recordings([late(recording("moving"))], criterion=criterion)
