@@ -96,14 +96,6 @@ class Timing:
             for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
         )
 
-    def predicts_as_well(self, other: Timing) -> bool:
-        """Return whether torque was late, and no law of another timing of the same windows predicts it better."""
-        pairs = [*zip(self.alignments, other.alignments, strict=True)]
-        is_shared = all(len(alignment.density) == len(counterpart.density) for alignment, counterpart in pairs)
-        return (
-            self.has_moved and is_shared and not any(counterpart.beats(alignment) for alignment, counterpart in pairs)
-        )
-
     @property
     def corrections(self) -> list[TorqueTiming]:
         """Findings on torque that was logged late and is corrected."""

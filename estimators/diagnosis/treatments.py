@@ -1,11 +1,11 @@
 """Candidate treatments of the recordings: functions from a trial to treated data, and the decision on each."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from estimators.checks.alignment import NO_ALIGNMENT
+from estimators.checks.alignment import NO_ALIGNMENT, Alignment
 from estimators.checks.channel import predict_log
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
@@ -19,7 +19,7 @@ from estimators.diagnosis.result import TriedTreatment
 from estimators.findings import Finding, Quantity
 from estimators.selection.evidence import Hypothesis
 from estimators.selection.policies import ADD_STOP, FOLLOW, HAVE_INERTIA, SWAP, TIE
-from pendulum_env.physics import has_link
+from pendulum_env.physics import Term, has_link
 from pendulum_env.physics.actuation import DeadTime
 from pendulum_env.physics.terms import count_parameters
 
@@ -93,12 +93,8 @@ def _compare_times(trial: Trial, best: Trial) -> tuple[Decision, Decision]:
 
     Each has its own time of the torque and its own effects, in the same windows. The noise is that of the log.
     """
-    logged, criterion = trial.data.without_timing().all_recordings, trial.options.criterion
-    models = [
-        (each.data.timing.alignments or (NO_ALIGNMENT,) * len(logged), (*each.data.base_terms, *each.effects))
-        for each in (trial, best)
-    ]
-    if not (predicted := predict_log(logged, models, criterion)):
+    criterion = trial.options.criterion
+    if not (predicted := _predict_log((trial.data, trial.effects), (best.data, best.effects))):
         failed = Decision((Gate("same_rows", 0, 1, False),))
         return failed, failed
     after, before = predicted
@@ -108,6 +104,17 @@ def _compare_times(trial: Trial, best: Trial) -> tuple[Decision, Decision]:
     probability = float(bootstrap.probabilities([after.density, before.density])[0])
     tie = Gate("tie_probability", probability, criterion.tie_probability, probability > criterion.tie_probability)
     return Decision(tuple(gates)), Decision((tie,))
+
+
+def _predict_log(*models: tuple[FitData, Sequence[Term]]) -> list[Alignment]:
+    """Predict the log of the same recordings, each under the timing of some data and with some effects."""
+    data = models[0][0]
+    logged = data.without_timing().all_recordings
+    timed = (
+        (each.timing.alignments or (NO_ALIGNMENT,) * len(logged), (*each.base_terms, *effects))
+        for each, effects in models
+    )
+    return predict_log(logged, timed, data.criterion)
 
 
 def count_assumptions(trial: Trial) -> int:
@@ -166,8 +173,7 @@ def align_with_effects(trial: Trial) -> FitData | None:
     """Return data with torque timed under the found model alone, which shows shorter delays than nearly any law does.
 
     A dead time after the correction of a delay is the excess of this delay, and shortens it. Other effects may have
-    been found because torque is late. Torque is therefore timed under the base model if its laws of the channel predict
-    as well as those of the found model.
+    been found because torque is late: it is timed under the fewest of them, see `_time_by_fewest`.
 
     None if this was done, if torque is kept as logged, if the timing agrees, or if a corrected delay would be lost: the
     few columns of a wrong model may hide a delay.
@@ -182,11 +188,23 @@ def align_with_effects(trial: Trial) -> FitData | None:
             return data.with_shorter_delay(term.at, model.estimates[term.get_full_name("dead_time")], effects)
     if done:
         return None
-    timed = data.with_timing(effects)
-    if effects and (of_base := data.with_timing([])).timing.predicts_as_well(timed.timing):
-        timed = of_base
+    timed = _time_by_fewest(data, effects, data.with_timing(effects))
     is_lost = data.timing.has_moved and not timed.timing.has_moved
     return None if is_lost or timed.timing.agrees(data.timing) else timed
+
+
+def _time_by_fewest(data: FitData, effects: Sequence[Term], timed: FitData) -> FitData:
+    """Return data timed under the fewest of some effects, by dropping effects without which late torque fits as well.
+
+    `timed` are the data that were timed under all effects.
+    """
+    for effect in effects:
+        fewer = [other for other in effects if other is not effect]
+        simpler = data.with_timing(fewer)
+        predicted = _predict_log((timed, effects), (simpler, fewer)) if simpler.timing.has_moved else []
+        if predicted and not predicted[0].beats(predicted[1]):
+            return _time_by_fewest(data, fewer, simpler)
+    return timed
 
 
 def keep_logged_time(trial: Trial) -> FitData | None:
