@@ -66,14 +66,11 @@ class ChannelFits(ChannelRows):
         """
         law, slopes = min(laws, key=self.compute_misfit), dict[str, Array]()
         if is_free:
-            law = refine_nonlinear(
-                law, lambda variants: [self.compute_residual(self.compute_torque(variant)) for variant in variants]
-            )
+            law = refine_nonlinear(law, lambda variants: [self._compute_log_residual(variant) for variant in variants])
             slopes = compute_nonlinear_slopes(
                 law, lambda variants: [-self.compute_torque(variant) for variant in variants]
             )
-        channels = [law if self.joint in ("", w.at) else Channel() for w in self.rows.data.windows]
-        fit, errors, predicted = self._fit_torque(self.compute_torque(law), channels, *slopes.values())
+        fit, errors, predicted = self._fit_torque(self.compute_torque(law), self._list_channels(law), *slopes.values())
         stds = dict(zip(slopes, errors[self.phi.shape[1] :], strict=True))
         delay_std, lag_std = (stds.get(law.get_full_name(name), 0.0) for name in ("delay", "lag"))
         return replace(
@@ -86,6 +83,18 @@ class ChannelFits(ChannelRows):
             misfit=float(np.hypot(self.compute_misfit(law), self.numerical_error)),
             period=self.period,
         )
+
+    def _list_channels(self, law: Channel) -> list[Channel]:
+        """List the law of each entry of windows, if the joint has a law."""
+        return [law if self.joint in ("", w.at) else Channel() for w in self.rows.data.windows]
+
+    def _compute_log_residual(self, law: Channel) -> Array:
+        """Compute the weighted residual under a law (R,), relative to the noise by that of the log.
+
+        The residual alone would be least under a law that amplifies less noise.
+        """
+        residual = self.compute_residual(self.compute_torque(law))
+        return np.asarray(residual / self.compute_amplification(self._list_channels(law), residual))
 
     def fit_given(self, laws: Sequence[Alignment]) -> Alignment:
         """Fit the columns under given laws of late torque, one for each recording; return the first with its density.
