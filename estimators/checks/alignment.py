@@ -193,13 +193,12 @@ class Alignment:
         if recording.torque.ndim == 1:
             feedback = 0 if channel.is_sampled or not channel.delay else UNMIXED_SAMPLES
             reach = n_omitted + margin + int(np.ceil(5 * max(channel.lag, 0.0) / period)) + feedback
-            response = channel.hold_torque(np.eye(1, 2 * reach + 1, reach)[0], period)
+            log, impulse = recording, np.eye(1, 2 * reach + 1, reach)[0]
+            unfiltered, response = (channel.remove_filter(torque, period) for torque in (recording.torque, impulse))
+            if channel.lag > 0 and has_white_noise(unfiltered, response):  # the log filtered its noise, too
+                log, channel = replace(recording, torque=unfiltered), replace(channel, lag=0.0)
             is_sampled = self.channel.is_sampled or self.is_half_sample
-            noise = make_moved_torque(recording, response, is_sampled, self.criterion)
-            if channel.lag > 0 and has_white_noise(series["torque"], response):
-                white = estimate_log_noise(series["torque"], series["position"])
-                noise = noise._replace(noise=white, has_filtered_noise=True)
-            series["moved"] = noise
+            series["moved"] = make_moved_torque(log, channel.hold_torque(impulse, period), is_sampled, self.criterion)
         starts = tuple(np.cumsum([0, *map(len, kept_rows[:-1])]).tolist())
         return replace(recording, **series, starts=starts, notes=(*recording.notes, self._note))
 

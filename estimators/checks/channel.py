@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
+from typing import cast
 
 import numpy as np
 
@@ -66,7 +67,9 @@ class ChannelFits(ChannelRows):
         """
         law, slopes = min(laws, key=self.compute_misfit), dict[str, Array]()
         if is_free:
-            law = refine_nonlinear(law, lambda variants: [self._compute_log_residual(variant) for variant in variants])
+            law = refine_nonlinear(
+                law, lambda variants: [self._compute_log_residual(cast(Channel, variant)) for variant in variants]
+            )
             slopes = compute_nonlinear_slopes(
                 law, lambda variants: [-self.compute_torque(variant) for variant in variants]
             )

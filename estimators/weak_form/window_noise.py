@@ -148,7 +148,7 @@ def _compute_excess(recording: Recording, motion: Motion) -> Array | None:
 def _average_log(recording: Recording, window: Array) -> Array:
     """Return the weights of the noise of samples in a window's average, with the response of a torque moved in time."""
     average, moved = np.convolve(window, [0.5, 0.5]), recording.moved
-    return average if moved is None or moved.has_filtered_noise else np.convolve(average, moved.response)
+    return average if moved is None else np.convolve(average, moved.response)
 
 
 def _compute_torque_noise(recording: Recording, load: KnownLoad, window: Array, log_weights: Array) -> float:

@@ -35,18 +35,17 @@ class MovedTorque(NamedTuple):
     """Noise of a torque that was moved in time.
 
     Attributes:
-        noise: standard deviation of the white noise before the move, or after it with `has_filtered_noise` [N m].
-        response: impulse response of the filter that moved the torque (L,), with an answer of odd length about zero.
+        noise: standard deviation of the white noise before the move [N m].
+        response: impulse response of the filter that moved the torque (L,), with an answer of odd length about zero. The
+            inverse of a filter of the log is left out if the log filtered its noise, too.
         is_sampled: whether torque was sampled while changing, so that a jump may be anywhere between samples.
         answer: slope of this noise over the noise of the position [N m/rad]: a controller answers its encoder.
-        has_filtered_noise: whether the log filtered the noise with the torque, so the moved torque has white noise.
     """
 
     noise: float
     response: Array
     is_sampled: bool = True
     answer: float = 0.0
-    has_filtered_noise: bool = False
 
 
 @dataclass(frozen=True, eq=False, repr=False)
