@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -32,9 +32,24 @@ from estimators.signals.channel import LONGEST, REACH, Channel
 from estimators.signals.differentiation import estimate_log_noise, has_white_noise
 from estimators.weak_form.floors import compute_numerical_error
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
-from pendulum_env._typing import Array, Mask
+from pendulum_env._typing import Array
+from pendulum_env.filters import filter_lag
 from pendulum_env.physics import Samples, Term
 from pendulum_env.recording import Recording
+
+
+class LogNoise(NamedTuple):
+    """White noise of a sample of the torque, and the response of the log to it.
+
+    Attributes:
+        std: standard deviation [N m].
+        response: response of the log to a sample of the noise (L,).
+        is_filtered: whether the noise passed the filter of the log.
+    """
+
+    std: float
+    response: Array
+    is_filtered: bool
 
 
 class ChannelFits(ChannelRows):
@@ -67,9 +82,7 @@ class ChannelFits(ChannelRows):
         """
         law, slopes = min(laws, key=self.compute_misfit), dict[str, Array]()
         if is_free:
-            law = refine_nonlinear(
-                law, lambda variants: [self._compute_log_residual(cast(Channel, variant)) for variant in variants]
-            )
+            law = self._refine_law(law)
             slopes = compute_nonlinear_slopes(
                 law, lambda variants: [-self.compute_torque(variant) for variant in variants]
             )
@@ -91,13 +104,26 @@ class ChannelFits(ChannelRows):
         """List the law of each entry of windows, if the joint has a law."""
         return [law if self.joint in ("", w.at) else Channel() for w in self.rows.data.windows]
 
-    def _compute_log_residual(self, law: Channel) -> Array:
-        """Compute the weighted residual under a law (R,), relative to the noise by that of the log.
+    def _refine_law(self, law: Channel) -> Channel:
+        """Find the law near another one with the least residual; of a filter, relative to the noise by that of the log.
 
-        The residual alone would be least under a law that amplifies less noise.
+        The residual alone would be least under a filter with too short a time constant, which amplifies less noise.
         """
-        residual = self.compute_residual(self.compute_torque(law))
-        return np.asarray(residual / self.compute_amplification(self._list_channels(law), residual))
+
+        def list_residuals(variants: Iterable[Term]) -> list[Array]:
+            return [self.compute_residual(self.compute_torque(variant)) for variant in variants]
+
+        law = refine_nonlinear(law, list_residuals)
+        if law.lag <= 0:
+            return law
+        noises = self._measure_noise(self._list_channels(law))
+
+        def list_relative_residuals(variants: Sequence[Term]) -> list[Array]:
+            channels = (self._list_channels(cast(Channel, variant)) for variant in variants)
+            pairs = zip(list_residuals(variants), channels, strict=True)
+            return [residual / self.compute_amplification(own, residual, noises) for residual, own in pairs]
+
+        return refine_nonlinear(law, list_relative_residuals)
 
     def fit_given(self, laws: Sequence[Alignment]) -> Alignment:
         """Fit the columns under given laws of late torque, one for each recording; return the first with its density.
@@ -204,10 +230,13 @@ class ChannelFits(ChannelRows):
         """Return whether the torque of a row reacts to its position."""
         return bool(find_feedback([w.recording for w in self.rows.data.windows], self.criterion))
 
-    def compute_amplification(self, channels: Sequence[Channel], residual: Array) -> Array:
+    def compute_amplification(
+        self, channels: Sequence[Channel], residual: Array, noises: Sequence[LogNoise] | None = None
+    ) -> Array:
         """Compute the noise of each row (R,) by that of the log, relative to laws that leave the log as it is.
 
-        The `channels` are the laws of the entries of windows. The noise is sqrt((rest + after) / (rest + before)), with
+        The `channels` are the laws of the entries of windows, and `noises` those of their logs, by default measured
+        under these laws. The noise is sqrt((rest + after) / (rest + before)), with
         that of the log under the laws and without them. The rest is the part of the weighted `residual` (R,) that
         exceeds this noise and has other causes under all laws. An inverse filter amplifies the error of the noise as
         well: its floor may differ by `equal_error_share`. Torque that changes as fast as noise looks like noise. Unless
@@ -217,8 +246,9 @@ class ChannelFits(ChannelRows):
         """
         if self.has_feedback or self.rows.data.shared_columns:
             return np.ones(len(residual))
-        power, before = self._compute_power(residual), self._power_of_log
-        after, is_white = self._compute_log_power(channels)
+        noises = noises or self._measure_noise(channels)
+        power, is_white = self._compute_power(residual), np.array([noise.is_filtered for noise in noises])
+        after, before = self._compute_log_power(channels, noises), self._power_of_log
         least = (1 - self.criterion.equal_error_share) ** 2 * after
         rest = np.maximum(power - least, 0.0) + compute_numerical_error(self.rows.data.windows) ** 2
         ratio = (rest + after) / np.maximum(rest + before, 1e-300)
@@ -241,25 +271,38 @@ class ChannelFits(ChannelRows):
     @cached_property
     def _power_of_log(self) -> Array:
         """Variance of the torque in the windows of each entry by noise of the log as it is [(N m)^2]."""
-        return self._compute_log_power([Channel()] * len(self.rows.data.windows))[0]
+        as_logged = [Channel()] * len(self.rows.data.windows)
+        return self._compute_log_power(as_logged, self._measure_noise(as_logged))
 
-    def _compute_log_power(self, channels: Sequence[Channel]) -> tuple[Array, Mask]:
-        """Compute the variance of the torque in the windows of each entry by noise of the log, under its law [(N m)^2].
+    @cached_property
+    def _impulse(self) -> Array:
+        """Impulse of one sample, with room for the response of a filter on both sides."""
+        reach = int(np.ceil(5 * REACH / self.period))
+        return np.eye(1, 2 * reach + 1, reach)[0]
 
-        A filter of the log filters its noise, too, if the noise without the filter is white, which the mask shows.
+    def _measure_noise(self, channels: Sequence[Channel]) -> list[LogNoise]:
+        """Measure the noise in the log of each entry of windows, under its law.
+
+        A filter of the log filters its noise, too, if the noise without the filter is white.
         """
-        reach, powers, are_white = int(np.ceil(5 * REACH / self.period)), list[float](), list[bool]()
-        impulse = np.eye(1, 2 * reach + 1, reach)[0]
+        noises, impulse = list[LogNoise](), self._impulse
         for w, law in zip(self.rows.data.windows, channels, strict=True):
-            own = replace(law, delay=0.0)
             log, period = w.recording.torque, 1.0 / w.recording.rate
-            acting = own.remove_filter(log, period)
-            are_white.append(own.lag > 0 and has_white_noise(acting, own.remove_filter(impulse, period)))
-            if are_white[-1]:
-                log, own = acting, replace(own, lag=0.0)
-            response = np.convolve(own.trace(w.samples, impulse, period)[0], w.kernel)
-            powers.append(float(response @ response) * estimate_log_noise(log, w.recording.position) ** 2)
-        return np.array(powers), np.array(are_white)
+            acting = law.remove_filter(log, period)
+            is_filtered = law.lag > 0 and has_white_noise(acting, law.remove_filter(impulse, period))
+            response = filter_lag(impulse, float(np.exp(-period / law.lag))) if is_filtered else impulse
+            std = estimate_log_noise(acting if is_filtered else log, w.recording.position)
+            noises.append(LogNoise(std, response, is_filtered))
+        return noises
+
+    def _compute_log_power(self, channels: Sequence[Channel], noises: Sequence[LogNoise]) -> Array:
+        """Compute the variance of the windows of each entry by noise of the log, under its law [(N m)^2]."""
+        powers = []
+        for w, law, noise in zip(self.rows.data.windows, channels, noises, strict=True):
+            traced = replace(law, delay=0.0).trace(w.samples, noise.response, 1.0 / w.recording.rate)[0]
+            response = np.convolve(traced, w.kernel)
+            powers.append(float(response @ response) * noise.std**2)
+        return np.array(powers)
 
 
 def estimate_alignment(

@@ -36,8 +36,8 @@ class MovedTorque(NamedTuple):
 
     Attributes:
         noise: standard deviation of the white noise before the move [N m].
-        response: impulse response of the filter that moved the torque (L,), with an answer of odd length about zero. The
-            inverse of a filter of the log is left out if the log filtered its noise, too.
+        response: impulse response of the filter that moved the torque (L,), with an answer of odd length about zero.
+            It leaves out the inverse of a filter of the log that filtered the noise, too.
         is_sampled: whether torque was sampled while changing, so that a jump may be anywhere between samples.
         answer: slope of this noise over the noise of the position [N m/rad]: a controller answers its encoder.
     """

@@ -386,3 +386,11 @@ def test_the_answer_of_a_controller_to_its_encoder_is_noise_in_a_log_of_every_te
     assert structure.z_score < Criterion.z_score
     assert structure.rms == pytest.approx(data.floors[""], rel=0.1)
     np.testing.assert_allclose(fit.theta, (0.03, 1.0, 0.05, 0.1), rtol=0.01)
+
+
+@pytest.mark.parametrize("seed", slow.but_first((3, 4)))
+def test_a_filter_is_not_underestimated_because_a_shorter_one_amplifies_less_noise(seed):
+    """The noise is a tenth of the torque of a pendulum's motion of two tones, filtered with it."""
+    experiment = Experiment(rate=200.0, seconds=20.0, seed=seed, excitation="two_tone", torque_noise=0.1)
+    found = estimate_alignment([logged_filtered(recorded(Plant(), experiment)[0], 0.008)], is_model=True)
+    assert abs(found.lag - 0.008) < found.lag_std < 1.5e-4
