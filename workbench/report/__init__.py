@@ -82,7 +82,8 @@ def _make_arm_sections(case: ReportData) -> list[Section]:
     if case.diagnosis.steps[0].errors["holdout"].is_of_motion:
         return [make_joints(case), make_parameters(case)]
     candidates = [make_candidates(case)] if case.diagnosis.candidates else []
-    first = make_joints(case), make_recordings(case)
+    rivals = [why] if (why := make_rivals(case)) is not None else []
+    first = make_joints(case), *rivals, make_recordings(case)
     return [*first, make_failures(case), make_comparison(case), make_parameters(case), *candidates]
 
 

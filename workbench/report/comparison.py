@@ -24,7 +24,7 @@ from workbench.report.data import ReportData, Section
 COMPARED = 4  # largest number of plotted recordings
 MEASURED = 9600  # most points of measured torque: about one for each pixel in three seconds of a recording of 20 s
 ROWS = ("position", "torque", "residual", "error of free run")
-SIGMAS = "%{y:.3g}, %{customdata:.1f}σ"  # residual and its size in standard errors by noise
+SIGMAS = ", %{customdata:.1f}σ"  # size of a residual in standard errors by noise
 LOOPS = 8  # largest number of recordings plotted in the loop
 
 
@@ -127,7 +127,7 @@ def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
 
     def draw(x: Array, y: Array, place: int, model: tuple[str, str], unit: str, **options: object) -> None:
         """Add the curve of a model, or of the measurement, to one of the rows `ROWS`."""
-        readout = f"{ROWS[place]}, {model[0]}: {options.pop('readout', '%{y:.3g}')} {typeset(unit)}<extra></extra>"
+        readout = f"{ROWS[place]}, {model[0]}: %{{y:.3g}} {typeset(unit)}{options.pop('size', '')}<extra></extra>"
         axis = {"yaxis": f"y{place + 1 if place else ''}", "legendgroup": model[0], "showlegend": place == 1}
         data.append(plots.make_line(x, y, *model, unit) | axis | {"hovertemplate": readout} | options)
 
@@ -139,7 +139,7 @@ def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
         residual = course.residuals[k]
         x, (measured, error) = plots.insert_gaps(time, plots.select_samples(residual), course.measured, residual)
         draw(x, measured - error, 1, model, torque)
-        draw(x, error, 2, model, torque, readout=SIGMAS, customdata=plots.round_numbers(error / floor))
+        draw(x, error, 2, model, torque, size=SIGMAS, customdata=plots.round_numbers(error / floor))
         if course.segments:
             x, position, error = simulate_course(course.segments[k], case.ends[k].model)
             draw(x, factor * position, 0, model, angle)

@@ -37,7 +37,8 @@ TITLES = {  # name and symbol of an axis
 }
 SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
-FIRST = 3  # number of regions above the fold
+FIRST, LISTED = 3, 12  # number of regions above the fold, and above the fold of smaller ones
+HALF = 0.5  # share of the residual from which a dependence on one quantity explains it
 
 DOTS = "residual"  # label of the curve that is drawn as dots, without shaded stretches
 
@@ -92,17 +93,23 @@ def list_regions(
     yield tuple(texts[:FIRST])
     if texts[FIRST:]:
         title = f"Further regions under the {label}, {len(texts) - FIRST} of {len(texts)}"
-        yield Part(title, [tuple(texts[FIRST:])], brief=False)
+        small = [tuple(texts[LISTED:])]
+        smaller = [Part(f"Smaller ones, {len(texts) - LISTED}", small, brief=False)] * (len(texts) > LISTED)
+        yield Part(title, [tuple(texts[FIRST:LISTED]), *smaller], brief=False)
     if texts:
         rows = data.locate_rows(joint)
         top, rest = remove_strongest(profiles, data.data.part(joint).samples, residual[rows])
+        share = 1 - float(rest @ rest) / float(residual[rows] @ residual[rows])
         remaining = residual.copy()
         remaining[rows] = rest
         axes = [profile.axis for profile in profiles]
         left = [describe_region(region) for region in find_regions(compute_profiles_at(data, remaining, joint, axes))]
         name = "strongest oscillation" if top.is_spectrum else f"dependence on {top.units.name(TITLES[top.axis][0])}"
         title = f"What remains under the {label} without its {name}"
-        yield Part(title, [tuple(left) or "The rest is within the noise."], brief=False)
+        explained = f"The {name} is {format_percent(share)} of the mean square of the residual."
+        if share < HALF:
+            yield f"{explained} The residual depends on several quantities together: see what it looks like."
+        yield Part(title, [explained, tuple(left) or "The rest is within the noise."], brief=False)
 
 
 def locate_region(region: Region, joint: str, number: int) -> JSON:

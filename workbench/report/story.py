@@ -6,7 +6,7 @@ from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, join_words
-from pendulum_env.physics.effect_texts import find_description, name_effect
+from pendulum_env.physics.effect_texts import find_description, name_effects
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
 from workbench.narrator.diagnosis import (
@@ -74,7 +74,7 @@ def list_values(diagnosis: Diagnosis) -> list[Part]:
     for name, before, after, unit in tabulate_parameters(diagnosis.steps[0].model, diagnosis.model, headers="12").rows:
         notes = unit.removeprefix("1"), f"was {before.split()[0]}" if before else "new"
         lines.append(f"{name} = {after.split()[0]}  # {', '.join(filter(None, notes))}")
-    about = f"Add the torque of {join_words([name_effect(effect) for effect in diagnosis.selected])}, and use:"
+    about = f"Add {name_effects(diagnosis.selected)}, and use:"
     return [Part("What to change in your model", [about, Code("\n".join(lines))])]
 
 

@@ -2,22 +2,20 @@
 
 from functools import lru_cache
 
-from dash import Dash, Input, Output, html
-from dash import State as Value
+from dash import html
 from dash.development.base_component import Component
-from dash.exceptions import PreventUpdate
 
 from estimators.data.matches import find_matches
 from estimators.data.regions import compute_profiles_at
 from estimators.signals.residual import AXES, find_regions
 from pendulum_env.formatting import TextTable
 from pendulum_env.physics.effect_texts import find_description
-from workbench.app.parts import Stage, make_button, make_panel, show_content, show_section, typeset_texts
-from workbench.app.session import Session, Sessions
+from workbench.app.parts import Stage, fill_late, make_button, make_panel, show_content, show_section
+from workbench.app.session import Session
 from workbench.app.state import State
 from workbench.narrator.identification import TRUST, tabulate_schemes
 from workbench.report.comparison import make_comparison
-from workbench.report.data import ReportData, Section
+from workbench.report.data import Section
 from workbench.report.failures import make_failures
 from workbench.report.matches import name_match, plot_matches
 from workbench.report.numbers import COLORS, make_parameters, make_schemes
@@ -58,8 +56,9 @@ def _make_sections(state: State) -> tuple[Section, ...]:
     return make_failures(state.report_data), make_comparison(state.report_data)
 
 
-def show_matches(case: ReportData, is_busy: bool) -> Component:
+def show_matches(session: Session) -> Component:
     """Render the residual of the last model over four quantities, with the torque of the best matches."""
+    case, is_busy = session.state.report_data, session.is_busy()
     data, model, residual = case.parts[0][-1], case.diagnosis.model, case.compute_residuals(0)[-1]
     if not find_regions(compute_profiles_at(data, residual)):
         return make_panel("What it looks like", html.P("The residual is within the noise: it looks like no effect."))
@@ -83,16 +82,5 @@ def show_matches(case: ReportData, is_busy: bool) -> Component:
     return make_panel("What it looks like", *plots, html.Ul(rows, className="matches"))
 
 
-def connect(app: Dash, sessions: Sessions) -> None:
-    """Register the callback that fits similar effects once the rest of the page is drawn."""
-
-    @app.callback(Output(SIMILAR, "children"), Input(SIMILAR, "id"), Value("session", "data"))
-    def fit_similar_effects(_: str, id: str) -> Component:
-        session = sessions.find_session(id)
-        if session.state.failure_reason:
-            raise PreventUpdate
-        return typeset_texts(show_matches(session.state.report_data, session.is_busy()))
-
-
 MODEL = Stage("model", "Model", show_model)
-COMPARE = Stage("compare", "Compare", show_comparison, connect=connect)
+COMPARE = Stage("compare", "Compare", show_comparison, connect=fill_late(SIMILAR, show_matches))
