@@ -209,7 +209,7 @@ def make_loop(case: ReportData, headline: str) -> Section:
             time = recording.time - recording.time[0]
             lines.insert(0, plots.make_line(time, factor * recording.goal, "goal", "", unit, line=DOTTED))
         x_axis, y_axis = plots.make_axis("time [s]"), plots.make_axis(f"position [{unit}]")
-        layout = {"title": {"text": name}, "xaxis": x_axis, "yaxis": y_axis}
+        layout: JSON = {"title": {"text": name}, "xaxis": x_axis, "yaxis": y_axis}
         layout |= {"hovermode": "x unified", "meta": {"turn": 0 if case.units.is_prismatic else factor * 2 * np.pi}}
         label = f"{name}: goal, measured and simulated position"
         figures.append(plots.Figure(f"loop-{len(figures)}", label, lines, layout))

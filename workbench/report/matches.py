@@ -44,9 +44,13 @@ def plot_matches(
 
 
 def name_match(match: Match) -> str:
-    """Return the name of an effect with the share that it explains, and its number of parameters."""
-    size = f"{match.size} parameter{'s' if match.size > 1 else ''}"
-    return f"{capitalise(name_effect(match.effect))}: {format_percent(round(match.share, 3))}, {size}"
+    """Return the name of an effect, without its joint, and the share that it explains."""
+    return f"{capitalise(name_effect(match.effect.partition('@')[0]))}: {format_percent(round(match.share, 3))}"
+
+
+def describe_match(match: Match) -> str:
+    """State the number of parameters of an effect, and its sign in the residual."""
+    return f"{match.size} parameter{'s' * (match.size > 1)}. {find_description(match.effect).signature}"
 
 
 def make_rivals(case: ReportData) -> Section | None:
@@ -69,7 +73,7 @@ def make_rivals(case: ReportData) -> Section | None:
         for n, match in enumerate(compared):
             figures += plot_matches(data, residual, [match], [find_own_axis(effect)], f"rival-{k}-{n}", at)
             figures[-1].layout.update(margin={"t": 30}, **make_title(name_match(match)))
-            texts.append(f"{capitalise(name_effect(match.effect))}: {find_description(match.effect).signature}")
+            texts.append(f"{capitalise(name_effect(match.effect))}: {describe_match(match)}")
             if match.effect != effect and match.effect in reasons:
                 texts[-1] += f" {capitalise(reasons[match.effect])}."
         parts.append(Part(f"Why {name_effect(effect)}", [tuple(figures), tuple(texts)]))

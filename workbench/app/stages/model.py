@@ -9,7 +9,6 @@ from estimators.data.matches import find_matches
 from estimators.data.regions import compute_profiles_at
 from estimators.signals.residual import AXES, find_regions
 from pendulum_env.formatting import TextTable
-from pendulum_env.physics.effect_texts import find_description
 from workbench.app.parts import Stage, fill_late, make_button, make_panel, show_content, show_section
 from workbench.app.session import Session
 from workbench.app.state import State
@@ -17,7 +16,7 @@ from workbench.narrator.identification import TRUST, tabulate_schemes
 from workbench.report.comparison import make_comparison
 from workbench.report.data import Section
 from workbench.report.failures import make_failures
-from workbench.report.matches import name_match, plot_matches
+from workbench.report.matches import describe_match, name_match, plot_matches
 from workbench.report.numbers import COLORS, make_parameters, make_schemes
 
 SIMILAR = "similar"  # id of the panel of effects like the residual
@@ -73,7 +72,7 @@ def show_matches(session: Session) -> Component:
                 html.I(className="stroke", style={"--color": f"var({color})"}),
                 html.Strong(name_match(match)),
                 make_button("Try it", "add", match.effect, disabled=is_busy),
-                html.Small(find_description(match.effect).signature),
+                html.Small(describe_match(match)),
             ]
         )
         for match, color in zip(matches, COLORS, strict=False)
