@@ -6,7 +6,7 @@ from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, join_words
-from pendulum_env.physics.effect_texts import find_description, name_effect, name_effects, name_parameter
+from pendulum_env.physics.effect_texts import find_description, name_effects
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
 from workbench.narrator.diagnosis import (
@@ -48,18 +48,9 @@ def make_story(case: ReportData) -> Section:
 def make_joints(case: ReportData) -> Section:
     """Make the section on an arm: added effects, torque errors of joints, unexplained residual and next step."""
     diagnosis = case.diagnosis
-    selected = tuple(
-        f"{name_effect(term.id)}, {term.law}: "
-        + ", ".join(
-            f"{name_parameter(name)} {estimate.shown}"
-            for name, estimate in diagnosis.model.get_parameters(term.id).items()
-        )
-        for term in diagnosis.model.terms
-        if term.id in diagnosis.selected
-    )
     errors = [step.errors["holdout"] for step in case.ends]
     content: list[Any] = [
-        *([Part("Added effects", [selected])] if selected else []),
+        {"findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected]},
         f"{results.title_errors(errors[-1])} {'on held-out data' if has_searched(diagnosis) else 'on all data'}",
         tabulate_joints(errors, diagnosis.floors, diagnosis.model, [label for label, _ in case.model_labels]),
         JOINT_LEGEND,
