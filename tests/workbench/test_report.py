@@ -103,6 +103,7 @@ def test_the_report_tells_the_recordings_the_values_to_use_and_why_it_is_no_riva
     for figure in list_figures(section.content):
         dots, curve = (np.array(trace["y"]) for trace in figure.data[-2:])
         x = [np.array(trace["x"]) for trace in figure.data[-2:]]
+        assert np.array_equal(*x)  # the curve is averaged in the bins of the dots
         left.append(np.std(dots - np.interp(x[0], x[1], curve)))
     assert left[0] < 0.5 * min(left[1:])  # the curve of the effect alone lies in the dots
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from dash import dcc
 
 from benchmarks.two_link import TwoLink
 from pendulum_env.physics.friction import Stribeck
@@ -44,6 +45,10 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     assert session.notice == ""
     assert session.state.suggested_additions == ("torque_offset@elbow",)
     assert describe_state(session.state)[1] == "A torque offset at elbow is missing"
+    page = diagnose.show_rivals(session)
+    markup = "".join(one.data for one in page._traverse() if isinstance(one, dcc.Store))
+    assert [f'id="rival-0-{k}-torque"' in markup for k in range(4)] == [True, True, True, False]
+    assert "Coulomb friction that differs by direction at elbow" in markup and "at shoulder" not in markup
     session.run_action(lambda: add.start(session, "torque_offset@elbow"))
     state = session.state
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.steps)
