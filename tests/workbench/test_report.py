@@ -29,7 +29,7 @@ from tests.workbench.pages import Page, list_figures, values, whole
 from workbench.figure import insert_gaps, measure_reach, round_numbers, select_samples
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.findings import describe_reason
-from workbench.report import SECTIONS, render
+from workbench.report import PENDULUM, render
 from workbench.report.comparison import make_comparison
 from workbench.report.data import ReportData
 from workbench.report.failures import make_failures, plot_profile
@@ -52,7 +52,7 @@ def page(diagnosis) -> str:
 def test_page_loads_nothing_from_elsewhere_and_links_to_every_section(page, diagnosis):
     found = whole(page)
     sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
-    assert len(sections) == len(SECTIONS) - (diagnosis.suggestion is None)
+    assert len(sections) == len(PENDULUM) - (diagnosis.suggestion is None)
     assert {f"#{id}" for id in sections} <= set(values(found, "href"))
     colors = [value for value in values(found, "style") if value.startswith("--color")]
     assert colors and all(re.fullmatch(r"--color: var\(--[a-z0-9-]+\)", color) for color in colors)

@@ -59,9 +59,9 @@ def make_aria(**attributes: str) -> dict[str, Any]:
     return {f"aria-{name}": value for name, value in attributes.items()}
 
 
-def show_section(section: Section) -> list[Component]:
-    """Render a section of the report."""
-    return show_content(section.content, section.id)
+def show_section(section: Section | None) -> list[Component]:
+    """Render a section of the report; empty without one."""
+    return show_content(section.content, section.id) if section is not None else []
 
 
 def show_content(content: report.Content, id: str) -> list[Component]:

@@ -54,7 +54,8 @@ def _describe_stretch(region: Region) -> str:
     size, error = f"{abs(region.residual):.3g} {unit}", f"({significance} standard errors)"
     if region.axis in SPECTRA:
         peak = 0.5 * (region.low + region.high) if region.peak is None else region.peak
-        place = f"Around {peak:.3g} {region.unit} the residual oscillates by {size} {error}"
+        unit_at_peak = region.unit.replace("periods", "period") if peak == 1 else region.unit
+        place = f"Around {peak:.3g} {unit_at_peak} the residual oscillates by {size} {error}"
         is_broad = region.high > BROAD * region.low
         return (
             f"{place}, the peak of {measure_range(region.low, region.high, region.unit)}." if is_broad else f"{place}."

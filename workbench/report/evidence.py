@@ -23,8 +23,10 @@ OWN_AXES = {"angle": "position", "speed": "velocity", "standstill": "velocity", 
 CURVES = (("without it", "--base"), ("with it", "--final"))
 
 
-def make_candidates(case: ReportData) -> Section:
-    """Make the section with a row of evidence for every effect, accepted effects first."""
+def make_candidates(case: ReportData) -> Section | None:
+    """Make the section with a row of evidence for every effect, accepted effects first; None without any."""
+    if not case.diagnosis.candidates:
+        return None
     candidates = sorted(case.diagnosis.candidates, key=lambda candidate: candidate.verdict not in ACCEPTED)
     rows: list[Evidence | Part] = [make_evidence(case, k, candidate) for k, candidate in enumerate(candidates)]
     others = [Part(f"Other effects, {len(rows) - FIRST} of {len(rows)}", rows[FIRST:], brief=False)]

@@ -39,7 +39,7 @@ def plot_matches(
     for figure in figures:
         figure.data[-1 - len(matches)]["zorder"] = 1  # dots lie on the curves
         for k, line in enumerate(reversed(figure.data[-len(matches) :])):
-            line["line"] |= {"width": 1.6 + 2.4 * k}
+            line["line"] |= {"width": 1.6 * (k + 1)}
     return figures
 
 

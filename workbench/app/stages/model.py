@@ -39,7 +39,7 @@ def _show_schemes(state: State) -> list[Component]:
     if state.schemes is not None and not state.body.can_simulate:
         return show_section(Section("schemes", "Schemes", "Schemes", [tabulate_schemes(state.schemes), f"{TRUST}."]))
     section = make_schemes(state.report_data) if state.schemes is not None else None
-    return show_section(section) if section is not None else [html.P("These recordings are too poor for the schemes.")]
+    return show_section(section) or [html.P("These recordings are too poor for the schemes.")]
 
 
 def show_comparison(session: Session) -> list[Component]:
