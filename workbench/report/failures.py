@@ -55,7 +55,8 @@ def make_failures(case: ReportData) -> Section:
         stands_out = [seen or bool(find_regions(m)) for seen, m in zip(stands_out, maps, strict=True)]
         reach = max(measure_reach(p.mean, p.band) for profiles in maps for p in profiles if not p.is_spectrum)
         name = f"joint-{number}" if joint else "profile"
-        figures = [plot_profile(curves, profiles, reach, name, joint) for profiles in _group_by_axis(maps)]
+        of_axes = [[p for profiles in maps for p in profiles if p.axis == first.axis] for first in maps[0]]
+        figures = [plot_profile(curves, profiles, reach, name, joint) for profiles in of_axes]
         parts = [
             part
             for k, (label, _) in enumerate(curves)
@@ -74,11 +75,6 @@ def make_failures(case: ReportData) -> Section:
     content += strips[0].content if body.can_simulate else strips
     title = "Where the model fails" if any(stands_out) else "The model fails nowhere above the noise"
     return Section("failures", "Where it fails", title, content)
-
-
-def _group_by_axis(maps: Sequence[Sequence[Profile]]) -> list[list[Profile]]:
-    """Group the profiles of several models by axis, in the order of the first model."""
-    return [[p for profiles in maps for p in profiles if p.axis == first.axis] for first in maps[0]]
 
 
 def list_regions(

@@ -45,7 +45,7 @@ def render_fragment(content: Content) -> str:
 
 
 def read_shared(name: str) -> str:
-    """Read a file shared by all pages: `style.css`, `theme.js` or `plot.js`."""
+    """Read a file of the pages: `style.css`, or `app.html`, the page of the app."""
     return _load_environment().get_template(name).render()
 
 
