@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
-from estimators import compare, identify
+from estimators import Comparison, compare, identify
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
 from estimators.data.regions import compute_profiles_at
@@ -237,12 +237,23 @@ def test_sentences_shade_and_points_of_where_it_fails_agree(diagnosis):
     assert check_failures(diagnosis) == 3
 
 
+def searched(found: Comparison) -> Diagnosis:
+    """A comparison as a diagnosis without a search."""
+    step = Step(None, found.model, dict.fromkeys(("train", "holdout"), found.joint.errors))
+    return Diagnosis((step,), (), (), found.regions, found.joint.floors, (), data=found.data)
+
+
 def test_the_shade_at_a_joint_of_an_arm_is_where_the_curve_leaves_its_band():
     arm = two_link.record_arm(TwoLink(drag=(0.0, 0.03)), seconds=8.0, rate=500.0)
     found = compare(identify(arm, arm_base(two_link.body())).primary.model, arm)
-    step = Step(None, found.model, dict.fromkeys(("train", "holdout"), found.joint.errors))
-    diagnosis = Diagnosis((step,), (), (), found.regions, found.joint.floors, (), data=found.data)
-    assert check_failures(diagnosis, "elbow") > 0
+    assert check_failures(searched(found), "elbow") > 0
+
+
+@pytest.mark.parametrize(("effect", "several"), [("torque_ripple", True), ("stribeck", False)])
+def test_a_residual_that_no_quantity_explains_alone_is_told_as_such(effect, several):
+    run = record_pendulum("run", 1, effect=effect)
+    found = compare(identify(run).model, run)
+    assert ("No single quantity" in str(make_failures(ReportData(searched(found))).content)) == several
 
 
 def test_a_model_without_failure_fills_no_panel_with_its_band():

@@ -89,9 +89,8 @@ def list_regions(
     yield tuple(texts[:FIRST])
     if texts[FIRST:]:
         title = f"Further regions under the {label}, {len(texts) - FIRST} of {len(texts)}"
-        small = [tuple(texts[LISTED:])]
-        smaller = [Part(f"Smaller ones, {len(texts) - LISTED}", small, brief=False)] * (len(texts) > LISTED)
-        yield Part(title, [tuple(texts[FIRST:LISTED]), *smaller], brief=False)
+        small = Part(f"Smaller ones, {len(texts) - LISTED}", [tuple(texts[LISTED:])], brief=False)
+        yield Part(title, [tuple(texts[FIRST:LISTED]), *[small] * (len(texts) > LISTED)], brief=False)
     if texts:
         rows = data.locate_rows(joint)
         top, rest = remove_strongest(profiles, data.data.part(joint).samples, residual[rows])
@@ -102,9 +101,9 @@ def list_regions(
         left = [describe_region(region) for region in find_regions(compute_profiles_at(data, remaining, joint, axes))]
         name = "strongest oscillation" if top.is_spectrum else f"dependence on {top.units.name(TITLES[top.axis][0])}"
         title = f"What remains under the {label} without its {name}"
-        explained = f"The {name} is {format_percent(share)} of the mean square of the residual."
+        explained = f"The {name} explains {format_percent(share)} of the mean square of the residual."
         if share < HALF:
-            yield f"{explained} The residual depends on several quantities together: see what it looks like."
+            yield f"{explained} No single quantity explains most of it: see what it looks like."
         yield Part(title, [explained, tuple(left) or "The rest is within the noise."], brief=False)
 
 
