@@ -103,7 +103,7 @@ def list_regions(
         title = f"What remains under the {label} without its {name}"
         explained = f"The {name} explains {format_percent(share)} of the mean square of the residual."
         if share < HALF:
-            yield f"{explained} No single quantity explains most of it: see what it looks like."
+            yield f"{explained} No single quantity explains most of it."
         yield Part(title, [explained, tuple(left) or "The rest is within the noise."], brief=False)
 
 

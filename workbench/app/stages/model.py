@@ -43,11 +43,10 @@ def _show_schemes(state: State) -> list[Component]:
 
 
 def show_comparison(session: Session) -> list[Component]:
-    """Render the residuals of the base and the last model, motion over time, and for a pendulum similar effects."""
-    state = session.state
-    failures, comparison = (make_panel(s.title, *show_section(s)) for s in _make_sections(state))
+    """Render the residuals of the base and the last model, similar effects, and motion over time."""
+    failures, comparison = (make_panel(s.title, *show_section(s)) for s in _make_sections(session.state))
     similar = make_panel("What it looks like", html.P("Every effect of the library is fitted to the residual …"))
-    return [failures, *([html.Div(similar, id=SIMILAR)] if state.robot is None else []), comparison]
+    return [failures, html.Div(similar, id=SIMILAR), comparison]
 
 
 @lru_cache(maxsize=4)  # slow to draw
@@ -56,12 +55,18 @@ def _make_sections(state: State) -> tuple[Section, ...]:
 
 
 def show_matches(session: Session) -> Component:
-    """Render the residual of the last model over four quantities, with the torque of the best matches."""
+    """Render the residual of the last model over four quantities, with the torque of the best matches.
+
+    Of an arm, the joint with the largest residual relative to its noise floor is shown.
+    """
     case, is_busy = session.state.report_data, session.is_busy()
     data, model, residual = case.parts[0][-1], case.diagnosis.model, case.compute_residuals(0)[-1]
-    if not find_regions(compute_profiles_at(data, residual)):
-        return make_panel("What it looks like", html.P("The residual is within the noise: it looks like no effect."))
-    matches = find_matches(data, model)[: len(COLORS)]
+    errors = data.layout.compute_joint_errors(residual)
+    at = max(errors, key=lambda joint: errors[joint] / data.floors[joint])
+    title = f"What it looks like at {at}" if at else "What it looks like"
+    if not find_regions(compute_profiles_at(data, residual, at)):
+        return make_panel(title, html.P("The residual is within the noise: it looks like no effect."))
+    matches = find_matches(data, model, at=at)[: len(COLORS)]
     about = (
         "Dots: the residual of the last model. Curves: the three effects that explain most of its mean square, each "
         "fitted to the same data beside the terms of the model. Only the diagnosis checks them on other data."
@@ -77,8 +82,8 @@ def show_matches(session: Session) -> Component:
         )
         for match, color in zip(matches, COLORS, strict=False)
     ]
-    plots = show_content([about, tuple(plot_matches(data, residual, matches, (*AXES,), "match"))], "matches")
-    return make_panel("What it looks like", *plots, html.Ul(rows, className="matches"))
+    plots = show_content([about, tuple(plot_matches(data, residual, matches, (*AXES,), "match", at))], "matches")
+    return make_panel(title, *plots, html.Ul(rows, className="matches"))
 
 
 MODEL = Stage("model", "Model", show_model)
