@@ -3,11 +3,13 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import numpy as np
+
 from estimators.data.regression_data import RegressionData
 from estimators.data.variants import rank_variants
 from pendulum_env._typing import Array
-from pendulum_env.physics import Model
-from pendulum_env.physics.joints import list_effects
+from pendulum_env.physics import Model, count_term_parameters
+from pendulum_env.physics.joints import list_effects, place_effects
 
 
 @dataclass(frozen=True)
@@ -16,20 +18,28 @@ class Match:
 
     Attributes:
         effect: id of the effect.
-        share: share of the mean square of the residual that it explains.
+        share: share of the mean square of the joint's residual that it explains.
         torque: the residual without it minus that with it (R,) [N m].
+        size: number of its parameters.
     """
 
     effect: str
     share: float
     torque: Array
+    size: int
 
 
-def find_matches(data: RegressionData, model: Model, without: Collection[str] = ()) -> list[Match]:
-    """Fit each further effect of the library to the residual of a model, the best first; leave some out."""
-    before, matches = data.residual(model.terms, model.theta), list[Match]()
-    for id, kind in list_effects(model.mechanism).items():
-        if id not in (*model.effects, *without) and (ranked := rank_variants(data, model.terms, kind)):
-            after = data.residual(ranked[0].terms)
-            matches.append(Match(id, 1 - float(after @ after) / float(before @ before), before - after))
-    return sorted(matches, key=lambda match: -match.share)
+def find_matches(data: RegressionData, model: Model, without: Collection[str] = (), at: str = "") -> list[Match]:
+    """Fit each further effect of the library at a joint to the residual of a model; leave some out.
+
+    The best comes first, and of shares that are equal to 0.1 % the one with the fewest parameters.
+    """
+    before, matches, rows = data.residual(model.terms, model.theta), list[Match](), data.data.locate_rows(at)
+    for kind in place_effects(list_effects(model.mechanism).values(), model.mechanism):
+        if kind.at != at or kind.id in (*model.effects, *without):
+            continue
+        if ranked := rank_variants(data, model.terms, kind):
+            torque = before - data.residual(ranked[0].terms)
+            share = 1 - float(np.mean((before - torque)[rows] ** 2)) / float(np.mean(before[rows] ** 2))
+            matches.append(Match(kind.id, share, torque, count_term_parameters(ranked[0].terms[-1])))
+    return sorted(matches, key=lambda match: (-round(match.share, 3), match.size))

@@ -18,9 +18,8 @@ from estimators.selection.links import add_link, leave_limits
 from estimators.selection.policies import ADD, CHANGE_FORM, CONFIRM, KEEP_BASE, NEED, SWAP, TIE
 from estimators.selection.state import SearchState, remove_term
 from estimators.weak_form.nonlinear import list_reset_variants
-from pendulum_env.formatting import join_words
 from pendulum_env.physics import has_link, has_stop
-from pendulum_env.physics.effect_texts import name_effect
+from pendulum_env.physics.effect_texts import name_effects
 from pendulum_env.physics.terms import count_parameters, list_forms
 
 
@@ -44,7 +43,7 @@ def add_effect(state: SearchState) -> SearchState | None:
             continue
         longer = refit_nonlinear(evidence, longer)
         changed = sorted(form[0] for form in list_forms(longer) - list_forms(state.terms))
-        evidence.progress(f"confirming {join_words([*map(name_effect, changed)])}", 0.9)
+        evidence.progress(f"confirming {name_effects(changed)}", 0.9)
         if has_link(longer) and not has_link(state.terms) and evidence.train.layout.predicts_torque:
             if not confirmed and (linked := add_link(state, longer)) is not None:
                 return leave_limits(state, linked)

@@ -348,10 +348,20 @@ def remove_strongest(profiles: Sequence[Profile], x: Samples, residual: Array) -
     Of a spectrum the tone at its peak is removed.
     """
     top = find_strongest(profiles)
-    values = np.asarray(getattr(x, {"frequency": "time", "order": "position"}.get(top.axis, top.axis)))
     if top.is_spectrum:
+        values = np.asarray(x.position if top.axis == "order" else x.time)
         phase = (1 if top.axis == "order" else 2 * np.pi) * top.middle[np.argmax(top.mean)] * values
         tone = np.column_stack([np.cos(phase), np.sin(phase)])
         return top, residual - np.asarray(tone @ np.linalg.lstsq(tone, residual, rcond=None)[0])
-    values = wrap_angles(values) if top.unit == WITHIN else values
-    return top, residual - top.mean[_find_bins(values, top.edges)]
+    return top, residual - top.mean[_find_bins(_get_values(top, x), top.edges)]
+
+
+def average_alike(profile: Profile, x: Samples, series: Array) -> Profile:
+    """Return the profile of another series (R,) in the bins of a profile that is no spectrum."""
+    return replace(profile, mean=_average_bins(_get_values(profile, x), series, profile.edges)[0])
+
+
+def _get_values(profile: Profile, x: Samples) -> Array:
+    """Return the samples (R,) of the quantity of a profile that is no spectrum."""
+    values = np.asarray(getattr(x, profile.axis))
+    return wrap_angles(values) if profile.unit == WITHIN else values

@@ -1,7 +1,9 @@
 """Texts on built-in effects and base terms; users' effects have a `Description` or only an id."""
 
 import re
+from collections.abc import Iterable
 
+from pendulum_env.formatting import join_words
 from pendulum_env.physics.description import DESCRIPTIONS, Description
 
 NAMES = {  # names of schemes that differ from their id
@@ -31,6 +33,11 @@ def name_effect(effect: str) -> str:
     id, at, joint = effect.partition("@")
     title = find_description(id).title or NAMES.get(id, id.replace("_", " "))
     return f"{title} at {joint}" if at else title
+
+
+def name_effects(effects: Iterable[str], conjunction: str = "and") -> str:
+    """Join the names of effects to a list in words."""
+    return join_words([name_effect(effect) for effect in effects], conjunction)
 
 
 def name_parameter(name: str) -> str:

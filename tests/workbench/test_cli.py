@@ -184,7 +184,7 @@ def test_record_plays_what_a_diagnosis_suggests(monkeypatch, run_command):
     run_command(f"record --seconds 8 --amplitude 1 {plant} first.csv")
     outputs = "--json d.json --experiment torque.csv --report report.html"
     out = run_command(f"diagnose first.csv {outputs} --max-torque 4 --max-angle 2.5 --max-speed 20")
-    assert "To tell spring from gravity: record 20 s of" in out
+    assert "To tell a spring from gravity: record 20 s of" in out
     suggestion = held("d.json")["suggestion"]
     assert suggestion["settles"] == [{"effect": "spring", "instead": "gravity"}] and suggestion["peak_torque"] <= 4
     run_command(f"record --excitation suggested --diagnosis d.json {plant} next.csv")

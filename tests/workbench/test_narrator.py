@@ -205,7 +205,7 @@ SAID = [  # numbers as they are shown: their unit, sign and digits
     (
         describe_suggestion,
         Suggestion(excitation("paper", 0, 9), 20.0, (Aim("spring", "gravity"),), 1.2, (-1.0, 1.0), 3.0, units=CURRENT),
-        r"To tell spring from gravity: record 20 s of.* up to 1\.2 A",
+        r"To tell a spring from gravity: record 20 s of.* up to 1\.2 A",
     ),
 ]  # fmt: skip
 

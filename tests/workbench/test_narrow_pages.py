@@ -8,14 +8,16 @@ import pytest
 
 from benchmarks.two_link import TwoLink
 from estimators import compare
-from pendulum_env.recording import write_recording
+from pendulum_env.physics import BASE, Model
+from pendulum_env.recording import Recording, write_recording
+from robots.servos import ServoDrive
 from tests import slow, two_link
 from tests.cases import diagnosed
 from tests.patience import wait_until
 from tests.workbench.app.plants import record_pendulum
 from workbench.cli import main
 from workbench.figure import Figure, make_axis, make_line
-from workbench.report import render, render_comparison
+from workbench.report import render, render_comparison, write_report
 from workbench.report.data import ReportData
 from workbench.report.numbers import make_errors, plot_errors
 from workbench.report.page import render_page
@@ -35,6 +37,13 @@ CUT = """() => [...document.querySelectorAll(".plot")].flatMap((plot) => {
   if (field.height < 60) found.push(`${field.height} px are left to the plot`);
   return found.map((what) => `${plot.id}: ${what}`);
 })"""
+
+AT_GOAL = """([times, goals, near]) => {
+  const now = parseFloat(document.querySelector(".replay output").textContent);
+  const goal = goals[times.findIndex((time) => time >= now - 0.006)];
+  return Math.abs(now - near) < 0.3 && [...document.querySelectorAll(".replay .goal")].every((mark) =>
+    Math.abs(-parseFloat(mark.getAttribute("transform").slice(7)) * Math.PI / 180 - goal) < 0.06);
+}"""
 
 
 def found():
@@ -111,4 +120,23 @@ def test_a_printed_report_is_on_the_screen_as_it_was_before(browser, tmp_path):
     )
     page.pdf(path=tmp_path / "printed.pdf")
     wait_until(lambda: page.evaluate(look) == before, lambda: str((before, page.evaluate(look))))
+    page.close()
+
+
+def test_a_servo_moves_with_the_cursor_beside_a_mark_at_its_goal(browser, tmp_path):
+    time = np.arange(400) / 100
+    goal, position = np.sin(3 * time), 0.9 * np.sin(3 * time - 0.2)
+    drive = ServoDrive(output="torque", kp=2.5, limit=6.0, rate=1000.0)
+    servo = Recording(time, position, 2.5 * (goal - position), reference=goal, drive=drive, name="servo")
+    write_report(compare(Model.build(BASE, [0.012, 0.9, 0.05, 0.08]), servo), tmp_path / "shown.html")
+    page = browser.new_page(viewport={"width": 1440, "height": 900})
+    page.goto((tmp_path / "shown.html").as_uri())
+    plot = page.locator("#loop-0 .nsewdrag")
+    plot.scroll_into_view_if_needed()
+    for share in (0.3, 0.6):
+        plot.hover(position={"x": share * plot.bounding_box()["width"], "y": 60})
+        wait_until(
+            lambda share=share: page.evaluate(AT_GOAL, [time.tolist(), goal.tolist(), 4 * share]),
+            lambda: page.inner_text(".replay"),
+        )
     page.close()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.two_link import TwoLink
-from estimators import compare, identify
+from estimators import Comparison, compare, identify
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
 from estimators.data.regions import compute_profiles_at
@@ -29,7 +29,7 @@ from tests.workbench.pages import Page, list_figures, values, whole
 from workbench.figure import insert_gaps, measure_reach, round_numbers, select_samples
 from workbench.narrator.diagnosis import describe_region
 from workbench.narrator.findings import describe_reason
-from workbench.report import SECTIONS, render
+from workbench.report import PENDULUM, render
 from workbench.report.comparison import make_comparison
 from workbench.report.data import ReportData
 from workbench.report.failures import make_failures, plot_profile
@@ -52,7 +52,7 @@ def page(diagnosis) -> str:
 def test_page_loads_nothing_from_elsewhere_and_links_to_every_section(page, diagnosis):
     found = whole(page)
     sections = [attrs["id"] for tag, attrs in found.tags if tag == "section"]
-    assert len(sections) == len(SECTIONS) - (diagnosis.suggestion is None)
+    assert len(sections) == len(PENDULUM) - (diagnosis.suggestion is None)
     assert {f"#{id}" for id in sections} <= set(values(found, "href"))
     colors = [value for value in values(found, "style") if value.startswith("--color")]
     assert colors and all(re.fullmatch(r"--color: var\(--[a-z0-9-]+\)", color) for color in colors)
@@ -103,6 +103,7 @@ def test_the_report_tells_the_recordings_the_values_to_use_and_why_it_is_no_riva
     for figure in list_figures(section.content):
         dots, curve = (np.array(trace["y"]) for trace in figure.data[-2:])
         x = [np.array(trace["x"]) for trace in figure.data[-2:]]
+        assert np.array_equal(*x)  # the curve is averaged in the bins of the dots
         left.append(np.std(dots - np.interp(x[0], x[1], curve)))
     assert left[0] < 0.5 * min(left[1:])  # the curve of the effect alone lies in the dots
 
@@ -236,12 +237,23 @@ def test_sentences_shade_and_points_of_where_it_fails_agree(diagnosis):
     assert check_failures(diagnosis) == 3
 
 
+def searched(found: Comparison) -> Diagnosis:
+    """A comparison as a diagnosis without a search."""
+    step = Step(None, found.model, dict.fromkeys(("train", "holdout"), found.joint.errors))
+    return Diagnosis((step,), (), (), found.regions, found.joint.floors, (), data=found.data)
+
+
 def test_the_shade_at_a_joint_of_an_arm_is_where_the_curve_leaves_its_band():
     arm = two_link.record_arm(TwoLink(drag=(0.0, 0.03)), seconds=8.0, rate=500.0)
     found = compare(identify(arm, arm_base(two_link.body())).primary.model, arm)
-    step = Step(None, found.model, dict.fromkeys(("train", "holdout"), found.joint.errors))
-    diagnosis = Diagnosis((step,), (), (), found.regions, found.joint.floors, (), data=found.data)
-    assert check_failures(diagnosis, "elbow") > 0
+    assert check_failures(searched(found), "elbow") > 0
+
+
+@pytest.mark.parametrize(("effect", "several"), [("torque_ripple", True), ("stribeck", False)])
+def test_a_residual_that_no_quantity_explains_alone_is_told_as_such(effect, several):
+    run = record_pendulum("run", 1, effect=effect)
+    found = compare(identify(run).model, run)
+    assert ("No single quantity" in str(make_failures(ReportData(searched(found))).content)) == several
 
 
 def test_a_model_without_failure_fills_no_panel_with_its_band():

@@ -7,7 +7,7 @@ from dash.development.base_component import Component
 
 from pendulum_env.formatting import capitalise, format_number, join_words
 from pendulum_env.physics import BASE
-from pendulum_env.physics.effect_texts import name_effect, name_parameter
+from pendulum_env.physics.effect_texts import name_effect, name_effects, name_parameter
 from workbench.app.parts import make_aria, make_button, make_panel
 from workbench.app.session import Session
 from workbench.app.state import State
@@ -54,11 +54,11 @@ def describe_state(state: State) -> tuple[str, str, str]:
     kicker += f" · model: {state.model_file or 'base'}{''.join(f' + {name_effect(effect)}' for effect in state.added)}"
     lead = f"{capitalise(describe_errors(replace(state.result, steps=state.steps)))}."
     if state.suggested_additions:
-        names_found = join_words([name_effect(effect) for effect in state.suggested_additions])
+        names_found = name_effects(state.suggested_additions)
         lead += f" With {names_found}: {describe_errors(state.result)}."
     if state.suggested_additions or not state.added:
         return kicker, describe_result(state.result), lead
-    (first, last), names = get_end_errors(state.steps), join_words([name_effect(effect) for effect in state.added])
+    (first, last), names = get_end_errors(state.steps), name_effects(state.added)
     smaller, joint = max((first.get_joint_error(at) / last.get_joint_error(at), at) for at in state.result.floors)
     error = f"torque error of {joint}" if joint else "torque error"
     return kicker, f"With {names} the {error} is {format_number(smaller, 2)} times smaller", lead

@@ -4,8 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dash import Dash, dcc, html
+from dash import Dash, Input, Output, dcc, html
+from dash import State as Value
 from dash.development.base_component import Component
+from dash.exceptions import PreventUpdate
 
 from pendulum_env.formatting import capitalise, typeset
 from pendulum_env.physics.effect_texts import name_effect
@@ -57,9 +59,9 @@ def make_aria(**attributes: str) -> dict[str, Any]:
     return {f"aria-{name}": value for name, value in attributes.items()}
 
 
-def show_section(section: Section) -> list[Component]:
-    """Render a section of the report."""
-    return show_content(section.content, section.id)
+def show_section(section: Section | None) -> list[Component]:
+    """Render a section of the report; empty without one."""
+    return show_content(section.content, section.id) if section is not None else []
 
 
 def show_content(content: report.Content, id: str) -> list[Component]:
@@ -97,6 +99,21 @@ def label_control(label: str, control: Component, note: str = "") -> Component:
 def make_panel(title: str, *content: Component | str, className: str = "") -> Component:
     """Make a framed section with a heading."""
     return html.Section([html.H2(title), *content], className=f"panel {className}".strip())
+
+
+def fill_late(id: str, show: Callable[[Session], Content]) -> Callable[[Dash, Sessions], None]:
+    """Return the `connect` of a stage that fills the element of an id once the rest of the page is drawn."""
+
+    def connect(app: Dash, sessions: Sessions) -> None:
+        @app.callback(Output(id, "children"), Input(id, "id"), Value("session", "data"))
+        def fill(_: str, session_id: str) -> Content:
+            session = sessions.find_session(session_id)
+            if session.state.failure_reason:
+                raise PreventUpdate
+            content: Content = typeset_texts(show(session))
+            return content
+
+    return connect
 
 
 def make_table(headers: Mapping[str, str], rows: Sequence[Sequence[Any]], label: str) -> Component:

@@ -15,7 +15,7 @@ from estimators.signals.residual import SPECTRA, SYMBOLS, Region
 from pendulum_env._typing import JSON
 from pendulum_env.excitation import encode_signal
 from pendulum_env.formatting import capitalise, format_percent, join_words, measure, measure_change, measure_range
-from pendulum_env.physics.effect_texts import find_description, name_effect
+from pendulum_env.physics.effect_texts import find_description, name_effects
 from pendulum_env.physics.term import list_loads
 from pendulum_env.recording import NEWTON_METRE, NoteKind
 from pendulum_env.units import show_angles, to_shown_unit
@@ -54,7 +54,8 @@ def _describe_stretch(region: Region) -> str:
     size, error = f"{abs(region.residual):.3g} {unit}", f"({significance} standard errors)"
     if region.axis in SPECTRA:
         peak = 0.5 * (region.low + region.high) if region.peak is None else region.peak
-        place = f"Around {peak:.3g} {region.unit} the residual oscillates by {size} {error}"
+        unit_at_peak = region.unit.replace("periods", "period") if peak == 1 else region.unit
+        place = f"Around {peak:.3g} {unit_at_peak} the residual oscillates by {size} {error}"
         is_broad = region.high > BROAD * region.low
         return (
             f"{place}, the peak of {measure_range(region.low, region.high, region.unit)}." if is_broad else f"{place}."
@@ -115,7 +116,7 @@ def describe_result(diagnosis: Diagnosis) -> str:
     joints = join_words([at for at in dict.fromkeys(region.at for region in diagnosis.unexplained) if at])
     place = f" at {joints}" if joints else ""
     groups = [cause for finding in diagnosis.findings if (cause := describe_cause(finding))]
-    groups += [join_words([name_effect(id) for id in group], "or") for group in diagnosis.effects]
+    groups += [name_effects(group, "or") for group in diagnosis.effects]
     if has_searched(diagnosis) and diagnosis.unexplained and diagnosis.steps[0].errors["holdout"].is_of_motion:
         before, after = (diagnosis.steps[k].errors["holdout"].motion_errors[0] for k in (0, -1))
         last, floors = diagnosis.steps[-1].errors["holdout"], diagnosis.floors
@@ -221,7 +222,7 @@ def describe_next_step(diagnosis: Diagnosis) -> str:
     hidden = [size.effect for size in diagnosis.detectable if not size.is_excited]
     if hidden:
         experiments = join_words(list(dict.fromkeys(find_description(id).informative_experiment for id in hidden)))
-        return f"These recordings show no {join_words(hidden)}, whatever the size: record {experiments}."
+        return f"These recordings cannot show {name_effects(hidden, 'or')}, whatever the size: record {experiments}."
     return "No experiment is suggested."
 
 

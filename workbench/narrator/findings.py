@@ -44,7 +44,7 @@ from pendulum_env.formatting import (
     measure,
     measure_change,
 )
-from pendulum_env.physics.effect_texts import find_description, name_effect
+from pendulum_env.physics.effect_texts import find_description, name_effect, name_effects
 from pendulum_env.settings import Blank, format_setting
 
 LOGGED = {"A": "a current", "V": "a voltage", "duty": "a duty cycle"}
@@ -141,7 +141,8 @@ def _fill(template: str, finding: Finding) -> str:
     values |= values.pop("quantities", {})
     for name, value in values.items():
         is_names = isinstance(value, tuple) and all(isinstance(item, str) for item in value)
-        words[name] = join_words(value) if is_names else value
+        join = name_effects if name == "effects" else join_words
+        words[name] = join(value) if is_names else value
         if isinstance(value, Quantity):
             words[name] = _Measured(value.value, value.std, value.unit)
     return template.format(**words)
@@ -196,7 +197,7 @@ def describe_timing(finding: TorqueTiming, remedy: str = "") -> str:
     if not finding.is_late:
         return (
             f"{begin} torque acts {f'{delay} after its time stamp' if delay else f'with a lag of {lag}'}{rival}. "
-            "Possible causes: the drive (dead_time, actuator_lag), early time stamps, or a flexible joint. Log current "
+            "Possible causes: the drive (dead time or lag), early time stamps, or a flexible joint. Log current "
             "or torque at the motor to distinguish them."
         )
     law = [f"logged {delay} late" if delay else "logged half a sample late"] if delay or finding.is_sampled else []
@@ -313,7 +314,7 @@ def _describe_zero(angle: Quantity) -> str:
     digits = int(np.clip(-np.floor(np.log10(max(error, 1e-9))), 0, 3))
     return (
         f"The zero of the position is {size:.{digits}f} ± {error:.{digits}f} degrees off, or the base is tilted by "
-        "that angle (gravity_tilt)"
+        "that angle"
     )
 
 
@@ -354,7 +355,7 @@ def _describe_residual(finding: ResidualWithoutPlace) -> str:
 
 
 def _describe_tie(finding: Tie) -> str:
-    text = f"{join_words(finding.effects)} look the same in these data"
+    text = f"{capitalise(name_effects(finding.effects))} look the same in these data"
     reveals = find_description(finding.effects[-1]).informative_experiment
     return f"{text}. To distinguish them, record {reveals}." if reveals else f"{text}."
 
@@ -397,8 +398,7 @@ def _describe_contact(finding: Contact) -> str:
 
 def _describe_aims(finding: UnreachableAims) -> str:
     if finding.limits is None:
-        pairs = join_words([f"{aim.instead} from {aim.effect}" for aim in finding.aims], "or")
-        return f"No torque would tell {pairs}."
+        return f"No torque would {describe_aims(finding.aims, 'or')}."
     place = "" if finding.place is None else f" and go to {measure(finding.place, 2)}, where the residual is largest"
     names = ["max_angle", "max_speed", *(["max_torque"] if "torque" in finding.limits else [])]  # a free swing has none
     options = ", ".join(format_setting(name, Blank("VALUE")) for name in names)
@@ -416,10 +416,10 @@ def list_limits(limits: Mapping[str, Quantity]) -> str:
 
 
 def describe_aims(aims: Sequence[Aim], conjunction: str = "and") -> str:
-    """Describe the aims of an experiment: `tell spring from gravity_tilt and show whether stribeck is there`."""
-    texts = [f"tell {aim.effect} from {aim.instead}" for aim in aims if aim.instead]
+    """Describe the aims of an experiment: `tell a spring from tilted gravity and show whether there is cogging`."""
+    texts = [f"tell {name_effect(aim.effect)} from {name_effect(aim.instead)}" for aim in aims if aim.instead]
     if undetermined := [aim.effect for aim in aims if not aim.instead]:
-        texts.append(f"show whether {join_words(undetermined, 'or')} is there")
+        texts.append(f"show whether there is {name_effects(undetermined, 'or')}")
     return join_words(texts, conjunction)
 
 
@@ -595,9 +595,9 @@ SENTENCES: Mapping[type[Finding], Text] = {
 }
 REASONS: Mapping[type[Finding], Text] = {  # phrases about an effect
     ErrorFall: _describe_fall,
-    Tie: lambda finding: f"predicts as well as {finding.effects[0]}",
+    Tie: lambda finding: f"predicts as well as {name_effect(finding.effects[0])}",
     Imitation: lambda finding: (
-        f"imitates {finding.effect} in these data" if finding.effect else "others explain it better"
+        f"imitates {name_effect(finding.effect)} in these data" if finding.effect else "others explain it better"
     ),
     ExplainingTable: lambda finding: f"explains less than {describe_law(finding)} as a table does",
     UntestedRange: describe_untested,

@@ -148,12 +148,9 @@ def get_end_errors(steps: Sequence[Step], part: str = "holdout") -> tuple[Errors
     return steps[0].errors[part], steps[-1].errors[part]
 
 
-def narrate_candidates(candidates: Sequence[Candidate], max_rows: int | None = RUNNERS_UP) -> Part:
-    """Make the part with the ranking, the meaning of the score, and the gates of the candidates.
-
-    `max_rows`: largest number of rejected candidates; None: all.
-    """
-    ranking, remark = tabulate_candidates(candidates, max_rows)
+def narrate_candidates(candidates: Sequence[Candidate]) -> Part:
+    """Make the part with the ranking, the meaning of the score, and the gates of the candidates."""
+    ranking, remark = tabulate_candidates(candidates, RUNNERS_UP)
     effects = {row[0] for row in ranking.rows}
     gates = [(c.effect, *gate.cells) for c in candidates if c.effect in effects for gate in c.decision.gates]
     table = TextTable(("effect", *GATE_HEADERS), gates, left=("gate", "result"))

@@ -69,11 +69,11 @@ def tabulate_parameters(*models: Model, headers: Sequence[str] = ("estimate",)) 
     return TextTable(("parameter", *headers, "unit"), rows, left=("unit",))
 
 
-def tabulate_candidates(candidates: Sequence[Candidate], max_rows: int | None) -> tuple[TextTable, str]:
+def tabulate_candidates(candidates: Sequence[Candidate], max_rows: int) -> tuple[TextTable, str]:
     """Tabulate selected, ambiguous and at most `max_rows` rejected candidates; also return a text on the others."""
     accepted = [c for c in candidates if c.verdict in (Verdict.SELECTED, Verdict.AMBIGUOUS)]
     rejected = [c for c in candidates if c not in accepted]
-    shown_candidates, hidden = rejected[:max_rows], [] if max_rows is None else rejected[max_rows:]
+    shown_candidates, hidden = rejected[:max_rows], rejected[max_rows:]
     rows = [
         (c.effect, str(c.verdict).replace("_", " "), f"{c.score:.2f}", describe_reason(c))
         for c in (*accepted, *shown_candidates)

@@ -22,7 +22,8 @@ from workbench.report.recordings import make_recordings
 from workbench.report.story import make_joints, make_method, make_next_experiment, make_story
 
 __all__ = ["render", "render_comparison", "write_report"]
-SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnosis, in order
+Sections = Sequence[Callable[[ReportData], Section | None]]
+PENDULUM: Sections = (
     make_story,
     make_rivals,
     make_recordings,
@@ -35,19 +36,16 @@ SECTIONS: tuple[Callable[[ReportData], Section | None], ...] = (  # of a diagnos
     make_schemes,
     make_method,
 )
+LOOP: Sections = make_loop_diagnosis, make_recordings, make_parameters, make_candidates
+ARM_IN_LOOP: Sections = make_joints, make_parameters
+COMPARED: Sections = make_recordings, make_failures, make_comparison, make_parameters, make_candidates
+ARM: Sections = make_joints, make_rivals, *COMPARED
 
 
 def render(diagnosis: Diagnosis, command: str = "") -> str:
     """Render the report of a diagnosis as HTML; `command`: equivalent command lines, if known."""
-    case = ReportData(diagnosis, command=command)
-    if not diagnosis.model.mechanism.can_simulate:
-        sections = _make_arm_sections(case)
-    elif diagnosis.steps[0].errors["holdout"].is_of_motion:
-        sections = [make_loop_diagnosis(case), make_recordings(case), make_parameters(case), make_candidates(case)]
-    else:
-        sections = [section for make in SECTIONS if (section := make(case)) is not None]
     kind = "diagnosis of" if has_searched(diagnosis) or diagnosis.findings else "comparison with"
-    return _render_recordings(case, sections, kind)
+    return _render_sections(ReportData(diagnosis, command=command), _choose_sections(diagnosis), kind)
 
 
 def write_report(result: Diagnosis | Comparison, path: str | os.PathLike[str]) -> None:
@@ -67,25 +65,24 @@ def render_comparison(compared: Comparison) -> str:
     step = Step(None, compared.model, dict.fromkeys(("train", "holdout"), compared.joint.errors))
     diagnosis = Diagnosis((step,), (), (), compared.regions, compared.joint.floors, (), data=compared.data)
     case = ReportData(diagnosis, first="model")
-    if not diagnosis.model.mechanism.can_simulate:
-        return _render_recordings(case, _make_arm_sections(case), "comparison with")
-    parts = narrate_comparison(compared, is_drawn=True)
-    result = Section("result", "Result", describe_comparison(compared), parts)
-    sections = [result, make_recordings(case), make_failures(case), make_comparison(case), make_parameters(case)]
-    if (error := describe_loop(compared)) is not None:
-        sections.insert(1, make_loop(case, error))
-    return _render_recordings(case, sections, "comparison with")
+    sections = _choose_sections(diagnosis)
+    if diagnosis.model.mechanism.can_simulate:
+        parts, error = narrate_comparison(compared, is_drawn=True), describe_loop(compared)
+        result = Section("result", "Result", describe_comparison(compared), parts)
+        loop = [lambda case: make_loop(case, error)] if error is not None else []
+        sections = lambda _: result, *loop, *COMPARED
+    return _render_sections(case, sections, "comparison with")
 
 
-def _make_arm_sections(case: ReportData) -> list[Section]:
-    """Make the sections on an arm for a diagnosis or a comparison."""
-    if case.diagnosis.steps[0].errors["holdout"].is_of_motion:
-        return [make_joints(case), make_parameters(case)]
-    candidates = [make_candidates(case)] if case.diagnosis.candidates else []
-    first = make_joints(case), make_recordings(case)
-    return [*first, make_failures(case), make_comparison(case), make_parameters(case), *candidates]
+def _choose_sections(diagnosis: Diagnosis) -> Sections:
+    """Return the sections on a pendulum, servo or arm, in order."""
+    in_loop = diagnosis.steps[0].errors["holdout"].is_of_motion
+    if diagnosis.model.mechanism.can_simulate:
+        return LOOP if in_loop else PENDULUM
+    return ARM_IN_LOOP if in_loop else ARM
 
 
-def _render_recordings(case: ReportData, sections: Sequence[Section], kind: str) -> str:
-    """Render a page titled by `kind` and the names of the recordings."""
+def _render_sections(case: ReportData, makers: Sections, kind: str) -> str:
+    """Render a page of the sections that apply, titled by `kind` and the names of the recordings."""
+    sections = [section for make in makers if (section := make(case)) is not None]
     return render_page(sections, f"{kind} {join_words([recording.name for recording in case.data.recordings])}")

@@ -24,7 +24,8 @@ from workbench.report.data import ReportData, Section
 COMPARED = 4  # largest number of plotted recordings
 MEASURED = 9600  # most points of measured torque: about one for each pixel in three seconds of a recording of 20 s
 ROWS = ("position", "torque", "residual", "error of free run")
-SIGMAS = "%{y:.3g}, %{customdata:.1f}σ"  # residual and its size in standard errors by noise
+SIGMAS = ", %{customdata:.1f}σ"  # size of a residual in standard errors by noise
+DOTTED = {"color": "--muted", "dash": "dot", "width": 1}  # line of a goal
 LOOPS = 8  # largest number of recordings plotted in the loop
 
 
@@ -127,19 +128,22 @@ def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
 
     def draw(x: Array, y: Array, place: int, model: tuple[str, str], unit: str, **options: object) -> None:
         """Add the curve of a model, or of the measurement, to one of the rows `ROWS`."""
-        readout = f"{ROWS[place]}, {model[0]}: {options.pop('readout', '%{y:.3g}')} {typeset(unit)}<extra></extra>"
+        readout = f"{ROWS[place]}, {model[0]}: %{{y:.3g}} {typeset(unit)}{options.pop('size', '')}<extra></extra>"
         axis = {"yaxis": f"y{place + 1 if place else ''}", "legendgroup": model[0], "showlegend": place == 1}
         data.append(plots.make_line(x, y, *model, unit) | axis | {"hovertemplate": readout} | options)
 
-    for place, values, unit in ((0, factor * recording.position, angle), (1, recording.torque, torque)):
+    series = [("measured", 0, factor * recording.position, style), ("measured", 1, recording.torque, style)]
+    series += [("goal", 0, factor * recording.goal, DOTTED)] if recording.goal is not None else []
+    for name, place, values, line in series:
         indices = plots.select_samples(values, MEASURED if place else plots.POINTS)
         x, (y,) = plots.insert_gaps(recording.time, indices, values)
-        draw(x, y, place, ("measured", ""), unit, line=style)
+        is_first = place == 1 or name == "goal"
+        draw(x, y, place, (name, ""), torque if place else angle, line=line, showlegend=is_first)
     for k, model in enumerate(case.model_labels):
         residual = course.residuals[k]
         x, (measured, error) = plots.insert_gaps(time, plots.select_samples(residual), course.measured, residual)
         draw(x, measured - error, 1, model, torque)
-        draw(x, error, 2, model, torque, readout=SIGMAS, customdata=plots.round_numbers(error / floor))
+        draw(x, error, 2, model, torque, size=SIGMAS, customdata=plots.round_numbers(error / floor))
         if course.segments:
             x, position, error = simulate_course(course.segments[k], case.ends[k].model)
             draw(x, factor * position, 0, model, angle)
@@ -202,11 +206,11 @@ def make_loop(case: ReportData, headline: str) -> Section:
         for (label, color), motion in zip(case.model_labels, motions, strict=True):
             lines.append(plots.make_line(motion.time, factor * motion.simulated_position, label, color, unit))
         if recording.goal is not None:
-            dotted = {"color": "--muted", "dash": "dot", "width": 1}
             time = recording.time - recording.time[0]
-            lines.insert(0, plots.make_line(time, factor * recording.goal, "goal", "", unit, line=dotted))
+            lines.insert(0, plots.make_line(time, factor * recording.goal, "goal", "", unit, line=DOTTED))
         x_axis, y_axis = plots.make_axis("time [s]"), plots.make_axis(f"position [{unit}]")
-        layout = {"title": {"text": name}, "xaxis": x_axis, "yaxis": y_axis}
+        layout: JSON = {"title": {"text": name}, "xaxis": x_axis, "yaxis": y_axis}
+        layout |= {"hovermode": "x unified", "meta": {"turn": 0 if case.units.is_prismatic else factor * 2 * np.pi}}
         label = f"{name}: goal, measured and simulated position"
         figures.append(plots.Figure(f"loop-{len(figures)}", label, lines, layout))
     content: Content = [

@@ -8,7 +8,7 @@ from estimators.diagnosis.result import Candidate
 from estimators.findings import Verdict
 from pendulum_env.formatting import TextTable, format_percent
 from pendulum_env.physics import has_link, list_loads
-from pendulum_env.physics.effect_texts import find_description, name_effect
+from pendulum_env.physics.effect_texts import find_description, name_effect, name_effects
 from workbench.figure import Figure, measure_reach
 from workbench.narrator.findings import describe_reason
 from workbench.narrator.parts import Content, Evidence, Legend, Part
@@ -23,8 +23,10 @@ OWN_AXES = {"angle": "position", "speed": "velocity", "standstill": "velocity", 
 CURVES = (("without it", "--base"), ("with it", "--final"))
 
 
-def make_candidates(case: ReportData) -> Section:
-    """Make the section with a row of evidence for every effect, accepted effects first."""
+def make_candidates(case: ReportData) -> Section | None:
+    """Make the section with a row of evidence for every effect, accepted effects first; None without any."""
+    if not case.diagnosis.candidates:
+        return None
     candidates = sorted(case.diagnosis.candidates, key=lambda candidate: candidate.verdict not in ACCEPTED)
     rows: list[Evidence | Part] = [make_evidence(case, k, candidate) for k, candidate in enumerate(candidates)]
     others = [Part(f"Other effects, {len(rows) - FIRST} of {len(rows)}", rows[FIRST:], brief=False)]
@@ -81,5 +83,6 @@ def describe_briefly(candidate: Candidate) -> str:
         return f"lowers the held-out torque error by {format_percent(fall)}"
     if isinstance(reason, FailedGates) and reason.has_gate("p_value"):
         chance = next(gate.value for gate in reason.gates if gate.name == "p_value")
-        return f"does not lower the error on data that it was not fitted to, p = {chance:.2g}"
+        beside = f" beside {name_effects(reason.selected)}," if reason.selected else ""
+        return f"does not lower the error{beside} on data that it was not fitted to, p = {chance:.2g}"
     return describe_reason(candidate)

@@ -37,7 +37,8 @@ TITLES = {  # name and symbol of an axis
 }
 SHOWN = ("position", "velocity", "time")  # axes plotted for a joint of an arm
 QUARTERS = ["−π", "−π/2", "0", "π/2", "π"]
-FIRST = 3  # number of regions above the fold
+FIRST, LISTED = 3, 12  # number of regions above the fold, and above the fold of smaller ones
+HALF = 0.5  # share of the residual from which a dependence on one quantity explains it
 
 DOTS = "residual"  # label of the curve that is drawn as dots, without shaded stretches
 
@@ -54,7 +55,8 @@ def make_failures(case: ReportData) -> Section:
         stands_out = [seen or bool(find_regions(m)) for seen, m in zip(stands_out, maps, strict=True)]
         reach = max(measure_reach(p.mean, p.band) for profiles in maps for p in profiles if not p.is_spectrum)
         name = f"joint-{number}" if joint else "profile"
-        figures = [plot_profile(curves, profiles, reach, name, joint) for profiles in _group_by_axis(maps)]
+        of_axes = [[p for profiles in maps for p in profiles if p.axis == first.axis] for first in maps[0]]
+        figures = [plot_profile(curves, profiles, reach, name, joint) for profiles in of_axes]
         parts = [
             part
             for k, (label, _) in enumerate(curves)
@@ -75,11 +77,6 @@ def make_failures(case: ReportData) -> Section:
     return Section("failures", "Where it fails", title, content)
 
 
-def _group_by_axis(maps: Sequence[Sequence[Profile]]) -> list[list[Profile]]:
-    """Group the profiles of several models by axis, in the order of the first model."""
-    return [[p for profiles in maps for p in profiles if p.axis == first.axis] for first in maps[0]]
-
-
 def list_regions(
     label: str, number: int, profiles: Sequence[Profile], data: RegressionData, residual: Array, joint: str
 ) -> Iterator[str | tuple[str, ...] | Part]:
@@ -92,17 +89,22 @@ def list_regions(
     yield tuple(texts[:FIRST])
     if texts[FIRST:]:
         title = f"Further regions under the {label}, {len(texts) - FIRST} of {len(texts)}"
-        yield Part(title, [tuple(texts[FIRST:])], brief=False)
+        small = Part(f"Smaller ones, {len(texts) - LISTED}", [tuple(texts[LISTED:])], brief=False)
+        yield Part(title, [tuple(texts[FIRST:LISTED]), *[small] * (len(texts) > LISTED)], brief=False)
     if texts:
         rows = data.locate_rows(joint)
         top, rest = remove_strongest(profiles, data.data.part(joint).samples, residual[rows])
+        share = 1 - float(rest @ rest) / float(residual[rows] @ residual[rows])
         remaining = residual.copy()
         remaining[rows] = rest
         axes = [profile.axis for profile in profiles]
         left = [describe_region(region) for region in find_regions(compute_profiles_at(data, remaining, joint, axes))]
         name = "strongest oscillation" if top.is_spectrum else f"dependence on {top.units.name(TITLES[top.axis][0])}"
         title = f"What remains under the {label} without its {name}"
-        yield Part(title, [tuple(left) or "The rest is within the noise."], brief=False)
+        explained = f"The {name} explains {format_percent(share)} of the mean square of the residual."
+        if share < HALF:
+            yield f"{explained} No single quantity explains most of it."
+        yield Part(title, [explained, tuple(left) or "The rest is within the noise."], brief=False)
 
 
 def locate_region(region: Region, joint: str, number: int) -> JSON:

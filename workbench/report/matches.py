@@ -6,9 +6,10 @@ from dataclasses import replace
 from estimators.data.matches import Match, find_matches
 from estimators.data.regions import compute_profiles_at
 from estimators.data.regression_data import RegressionData
+from estimators.signals.residual import average_alike
 from pendulum_env._typing import Array
-from pendulum_env.formatting import capitalise, format_percent, join_words
-from pendulum_env.physics.effect_texts import find_description, name_effect
+from pendulum_env.formatting import capitalise, format_percent
+from pendulum_env.physics.effect_texts import find_description, name_effect, name_effects
 from workbench.figure import Figure, make_title, measure_reach
 from workbench.narrator.parts import Part
 from workbench.report.data import ReportData, Section
@@ -16,48 +17,72 @@ from workbench.report.evidence import describe_briefly, find_own_axis
 from workbench.report.failures import DOTS, plot_profile
 from workbench.report.numbers import COLORS
 
-EXPLAINED = 2  # largest number of added effects that are compared with their rivals
+EXPLAINED = 2  # number of added effects above the fold
 RIVALS = 2  # number of rivals of each
 
 
 def plot_matches(
-    data: RegressionData, residual: Array, matches: Sequence[Match], axes: Sequence[str], id: str
+    data: RegressionData, residual: Array, matches: Sequence[Match], axes: Sequence[str], id: str, at: str = ""
 ) -> list[Figure]:
-    """Plot a residual (R,) over some quantities as dots, with the torque of matches as curves."""
-    maps = [compute_profiles_at(data, series, axes=axes) for series in (residual, *(m.torque for m in matches))]
+    """Plot a residual (R,) at a joint over some quantities as dots, with the torque of matches in its bins as curves.
+
+    The first curves are the broadest, so that equal ones show.
+    """
+    samples, rows = data.data.part(at).samples, data.locate_rows(at)
+    maps = [
+        [profile, *(average_alike(profile, samples, match.torque[rows]) for match in matches)]
+        for profile in compute_profiles_at(data, residual, at, axes)
+    ]
     reach = max(measure_reach(profile.mean, profile.band) for profiles in maps for profile in profiles)
     curves = [(DOTS, "--measured"), *zip((name_effect(m.effect) for m in matches), COLORS, strict=False)]
-    figures = (plot_profile(curves, profiles, reach, id) for profiles in zip(*maps, strict=True))
-    return [replace(figure, height=230) for figure in figures]
+    figures = [replace(plot_profile(curves, profiles, reach, id, at), height=230) for profiles in maps]
+    for figure in figures:
+        figure.data[-1 - len(matches)]["zorder"] = 1  # dots lie on the curves
+        for k, line in enumerate(reversed(figure.data[-len(matches) :])):
+            line["line"] |= {"width": 1.6 * (k + 1)}
+    return figures
 
 
 def name_match(match: Match) -> str:
-    """Return the name of an effect with the share that it explains."""
-    return f"{capitalise(name_effect(match.effect))}: {format_percent(round(match.share, 3))}"
+    """Return the name of an effect, without its joint, and the share that it explains."""
+    return f"{capitalise(name_effect(match.effect.partition('@')[0]))}: {format_percent(round(match.share, 3))}"
+
+
+def describe_match(match: Match) -> str:
+    """State the number of parameters of an effect, and its sign in the residual."""
+    return f"{match.size} parameter{'s' * (match.size > 1)}. {find_description(match.effect).signature}"
 
 
 def make_rivals(case: ReportData) -> Section | None:
-    """Make the section on each added effect beside its nearest rivals; None without an added effect."""
+    """Make the section on each added effect beside its nearest rivals; None without an added effect.
+
+    An effect at a joint has its rivals there. A coupling of joints has none.
+    """
     selected, fitted, parts = case.diagnosis.selected, case.data.parts[0], list[Part]()
-    if not fitted.layout.predicts_torque or not case.diagnosis.model.mechanism.can_simulate:
+    if not fitted.layout.predicts_torque:
         return None
     reasons = {candidate.effect: describe_briefly(candidate) for candidate in case.diagnosis.candidates}
-    for k, (before, effect) in enumerate(zip(case.diagnosis.steps, selected[:EXPLAINED], strict=False)):
-        data = fitted.with_link_states(before.model)
+    for k, (before, effect) in enumerate(zip(case.diagnosis.steps, selected, strict=False)):
+        data, at = fitted.with_link_states(before.model), effect.partition("@")[2]
         residual = data.residual(before.model.terms, before.model.theta)
-        matches = find_matches(data, before.model, {*selected} - {effect})
+        matches = find_matches(data, before.model, {*selected} - {effect}, at)
+        if len(matches) < 2:
+            continue
         compared = sorted(matches, key=lambda match: match.effect != effect)[: RIVALS + 1]  # the effect comes first
         figures, texts = list[Figure](), list[str]()
         for n, match in enumerate(compared):
-            figures += plot_matches(data, residual, [match], [find_own_axis(effect)], f"rival-{k}-{n}")
+            figures += plot_matches(data, residual, [match], [find_own_axis(effect)], f"rival-{k}-{n}", at)
             figures[-1].layout.update(margin={"t": 30}, **make_title(name_match(match)))
-            texts.append(f"{capitalise(name_effect(match.effect))}: {find_description(match.effect).signature}")
+            texts.append(f"{capitalise(name_effect(match.effect))}: {describe_match(match)}")
             if match.effect != effect and match.effect in reasons:
-                texts[-1] += f" Beside {name_effect(effect)}: {reasons[match.effect]}."
+                texts[-1] += f" {capitalise(reasons[match.effect])}."
         parts.append(Part(f"Why {name_effect(effect)}", [tuple(figures), tuple(texts)]))
     about = (
         "Dots: the residual without the effect. Curves: the effect and its two nearest rivals, each fitted to the same "
         "data. Each explains the given part of the mean square of the residual."
     )
-    title = f"Why {join_words([name_effect(effect) for effect in selected])}"
-    return Section("why", "Why", title, [about, *(parts if len(parts) > 1 else parts[0].content)]) if parts else None
+    title = f"Why {name_effects(selected)}"
+    if len(parts) < 2:
+        return Section("why", "Why", title, [about, *parts[0].content]) if parts else None
+    further = [Part("Further effects", parts[EXPLAINED:], brief=False)] if parts[EXPLAINED:] else []
+    return Section("why", "Why", title, [about, *parts[:EXPLAINED], *further])

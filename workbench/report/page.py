@@ -10,9 +10,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs, get_plotlyjs_version
 
-from pendulum_env.formatting import capitalise, format_number, format_unit, join_words, typeset
+from pendulum_env.formatting import capitalise, format_number, format_unit, typeset
 from pendulum_env.mathml import format_law
-from pendulum_env.physics.effect_texts import name_effect, name_parameter
+from pendulum_env.physics.effect_texts import name_effect, name_effects, name_parameter
 from workbench.narrator.parts import Content
 from workbench.report.data import Section
 
@@ -27,7 +27,7 @@ def _load_environment() -> Environment:
         lstrip_blocks=True,
         finalize=lambda value: typeset(value) if type(value) is str else value,  # neither markup nor code
     )
-    functions = (capitalise, join_words, format_number, format_unit, name_effect, name_parameter)
+    functions = (capitalise, format_number, format_unit, name_effect, name_effects, name_parameter)
     environment.filters |= {function.__name__: function for function in functions}
     environment.filters["format_law"] = lambda law: Markup(format_law(law))
     return environment
@@ -45,7 +45,7 @@ def render_fragment(content: Content) -> str:
 
 
 def read_shared(name: str) -> str:
-    """Read a file shared by all pages: `style.css`, `theme.js` or `plot.js`."""
+    """Read a file of the pages: `style.css`, or `app.html`, the page of the app."""
     return _load_environment().get_template(name).render()
 
 

@@ -6,7 +6,7 @@ from estimators.decisions.errors import get_single
 from estimators.diagnosis.result import Diagnosis
 from estimators.simulation.free_running import HORIZON
 from pendulum_env.formatting import capitalise, join_words
-from pendulum_env.physics.effect_texts import find_description, name_effect
+from pendulum_env.physics.effect_texts import find_description, name_effects
 from workbench.figure import Figure, make_axis, make_line
 from workbench.narrator import results
 from workbench.narrator.diagnosis import (
@@ -48,15 +48,9 @@ def make_story(case: ReportData) -> Section:
 def make_joints(case: ReportData) -> Section:
     """Make the section on an arm: added effects, torque errors of joints, unexplained residual and next step."""
     diagnosis = case.diagnosis
-    selected = tuple(
-        f"{term.id}: {term.law}; "
-        + ", ".join(f"{name} {estimate.shown}" for name, estimate in diagnosis.model.get_parameters(term.id).items())
-        for term in diagnosis.model.terms
-        if term.id in diagnosis.selected
-    )
     errors = [step.errors["holdout"] for step in case.ends]
     content: list[Any] = [
-        *([Part("Added effects", [selected])] if selected else []),
+        {"findings": [describe_added(diagnosis, effect) for effect in diagnosis.selected]},
         f"{results.title_errors(errors[-1])} {'on held-out data' if has_searched(diagnosis) else 'on all data'}",
         tabulate_joints(errors, diagnosis.floors, diagnosis.model, [label for label, _ in case.model_labels]),
         JOINT_LEGEND,
@@ -74,7 +68,7 @@ def list_values(diagnosis: Diagnosis) -> list[Part]:
     for name, before, after, unit in tabulate_parameters(diagnosis.steps[0].model, diagnosis.model, headers="12").rows:
         notes = unit.removeprefix("1"), f"was {before.split()[0]}" if before else "new"
         lines.append(f"{name} = {after.split()[0]}  # {', '.join(filter(None, notes))}")
-    about = f"Add the torque of {join_words([name_effect(effect) for effect in diagnosis.selected])}, and use:"
+    about = f"Add {name_effects(diagnosis.selected)}, and use:"
     return [Part("What to change in your model", [about, Code("\n".join(lines))])]
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from dash import dcc, html
 
 from benchmarks.two_link import TwoLink
 from pendulum_env.physics.friction import Stribeck
@@ -33,17 +34,24 @@ def two_link(folder: Path, seconds: float = 6.0) -> tuple[Path, Path]:
 
 
 def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkeypatch):
-    from workbench.app.stages import add, diagnose
+    from workbench.app.stages import add, diagnose, model
 
     drop(session, *two_link(tmp_path, 4.0))
     state = session.state
     assert session.notice == "" and state.body is not None and not state.failure_reason
     assert describe_state(state)[1] == "Something is missing at shoulder and elbow"
     assert list_choices(state.body, tables=True)["torque_by_angle@elbow"].endswith("at elbow")
+    page = model.show_matches(session)  # the offset is an offset, or as good as one, and at its joint
+    tries = [one.id["of"] for one in page._traverse() if isinstance(one, html.Button)]
+    assert len(tries) == 3 and tries[0] in ("torque_offset@elbow", "coulomb_asymmetry@elbow")
     session.run_action(lambda: diagnose.start(session, SearchChoices("torque_offset,spring@elbow")))
     assert session.notice == ""
     assert session.state.suggested_additions == ("torque_offset@elbow",)
     assert describe_state(session.state)[1] == "A torque offset at elbow is missing"
+    page = diagnose.show_rivals(session)
+    markup = "".join(one.data for one in page._traverse() if isinstance(one, dcc.Store))
+    assert [f'id="rival-0-{k}-torque"' in markup for k in range(4)] == [True, True, True, False]
+    assert "Coulomb friction that differs by direction at elbow" in markup and "at shoulder" not in markup
     session.run_action(lambda: add.start(session, "torque_offset@elbow"))
     state = session.state
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.steps)

@@ -20,7 +20,7 @@ from tests import slow
 from tests.patience import PATIENCE
 from tests.workbench.app.plants import record_pendulum, select_button, select_field
 
-WIDTHS = (420, 800, 1024, 1280, 1920)  # [px], from a telephone to a large screen
+WIDTHS = (390, 860, 1024, 1440, 1920)  # [px], from a telephone to a large screen
 MS = 1000 * PATIENCE  # as Playwright counts
 ASCII = re.compile(r"->|`|(?<!\w)--[a-z]+|\bq'|\^[\dn]|\b(?:N|kg) m\b|\btau\b")  # signs of the command line
 WORDS = """[...document.body.querySelectorAll(":not(pre):not(code):not(script):not(style)")].flatMap(

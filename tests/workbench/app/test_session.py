@@ -365,7 +365,7 @@ def test_with_columns_and_late_torque_a_study_and_align_come_to_the_same_model(s
 
 def test_the_residual_is_drawn_with_the_effects_that_look_most_like_it(session, state):
     session.state = state
-    page = html.Div([*model.show_comparison(session), model.show_matches(session.state.report_data, is_busy=False)])
+    page = html.Div([*model.show_comparison(session), model.show_matches(session)])
     markup = "".join(one.data for one in page._traverse() if isinstance(one, dcc.Store))
     ids = *(f"profile-{axis}" for axis in AXES), *(f"match-{axis}" for axis in AXES), "course-0"
     assert all(f'id="{id}"' in markup for id in ids)

@@ -18,34 +18,8 @@ from workbench.app.session import Session, Sessions
 from workbench.app.stages import STAGES
 from workbench.app.state import NO_RECORDING
 from workbench.options import FORMATS
-from workbench.report.page import read_shared
 
 VERSION = Output("version", "data", allow_duplicate=True)
-
-
-def write_index() -> str:
-    """Return the HTML document with the style and scripts of the report."""
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta name="viewport" content="width=device-width, initial-scale=1">
-{{%metas%}}
-<title>{{%title%}}</title>
-<link rel="icon" href="data:,">
-<style>{read_shared("style.css")}</style>
-{{%css%}}
-<script>{read_shared("theme.js")}</script>
-<script>{read_shared("plot.js")}</script>
-</head>
-<body>
-{{%app_entry%}}
-<footer>
-{{%config%}}
-{{%scripts%}}
-{{%renderer%}}
-</footer>
-</body>
-</html>"""
 
 
 def make_page() -> Component:

@@ -19,7 +19,7 @@ from workbench.app import uploads
 from workbench.app.page import layout
 from workbench.app.session import Sessions
 from workbench.errors import USER_ERRORS, InputError, format_mistake
-from workbench.report.page import pack_plotly
+from workbench.report.page import pack_plotly, read_shared
 
 log = logging.getLogger("workbench.app")
 HOST = "127.0.0.1"
@@ -36,7 +36,7 @@ def make_app(recordings: Sequence[Source] = (), robot: RobotFile | None = None) 
     app = Dash(
         "pendulum-ident",
         assets_folder=str(Path(__file__).parents[1] / "assets"),
-        index_string=layout.write_index(),
+        index_string=read_shared("app.html"),
         title="pendulum-ident",
         update_title="",
         suppress_callback_exceptions=True,  # components of other stages are missing

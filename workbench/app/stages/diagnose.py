@@ -10,14 +10,26 @@ from estimators import Diagnosis, diagnose
 from workbench.app.fits import fit_and_diagnose
 from workbench.app.jobs import Task
 from workbench.app.panels import show_suggestions, show_timing
-from workbench.app.parts import KEPT, Stage, label_control, list_choices, make_button, make_panel, show_section
+from workbench.app.parts import (
+    KEPT,
+    Stage,
+    fill_late,
+    label_control,
+    list_choices,
+    make_button,
+    make_panel,
+    show_section,
+)
 from workbench.app.session import Session
 from workbench.app.state import NO_CHOICES, SearchChoices
 from workbench.app.state import State as Work
 from workbench.options import parse_effects
 from workbench.report.data import ReportData
 from workbench.report.evidence import make_candidates
+from workbench.report.matches import make_rivals
 from workbench.report.story import make_joints, make_story
+
+WHY = "rivals"  # id of the panel of effects and their rivals
 
 
 def show(session: Session) -> list[Component]:
@@ -41,6 +53,7 @@ def show(session: Session) -> list[Component]:
     result = make(ReportData(state.result))
     return [
         make_panel("What was found", *show_section(result), className="story"),
+        html.Div(id=WHY),
         *show_timing(state),
         make_panel(
             "Evidence",
@@ -50,6 +63,13 @@ def show(session: Session) -> list[Component]:
         ),
         search,
     ]
+
+
+def show_rivals(session: Session) -> Component | None:
+    """Render each effect of the diagnosis beside its nearest rivals; None without an effect."""
+    diagnosis = session.state.diagnosis
+    section = make_rivals(ReportData(diagnosis)) if diagnosis is not None else None
+    return make_panel(section.title, *show_section(section)) if section is not None else None
 
 
 def show_choices(state: Work, is_open: bool) -> Component:
@@ -108,5 +128,9 @@ def start(session: Session, choices: SearchChoices) -> None:
 
 
 STAGE = Stage(
-    "diagnose", "Diagnose", show, {"diagnose": lambda session, _, form: start(session, SearchChoices.from_form(form))}
+    "diagnose",
+    "Diagnose",
+    show,
+    {"diagnose": lambda session, _, form: start(session, SearchChoices.from_form(form))},
+    fill_late(WHY, show_rivals),
 )

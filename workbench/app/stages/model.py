@@ -2,24 +2,21 @@
 
 from functools import lru_cache
 
-from dash import Dash, Input, Output, html
-from dash import State as Value
+from dash import html
 from dash.development.base_component import Component
-from dash.exceptions import PreventUpdate
 
 from estimators.data.matches import find_matches
 from estimators.data.regions import compute_profiles_at
 from estimators.signals.residual import AXES, find_regions
 from pendulum_env.formatting import TextTable
-from pendulum_env.physics.effect_texts import find_description
-from workbench.app.parts import Stage, make_button, make_panel, show_content, show_section, typeset_texts
-from workbench.app.session import Session, Sessions
+from workbench.app.parts import Stage, fill_late, make_button, make_panel, show_content, show_section
+from workbench.app.session import Session
 from workbench.app.state import State
 from workbench.narrator.identification import TRUST, tabulate_schemes
 from workbench.report.comparison import make_comparison
-from workbench.report.data import ReportData, Section
+from workbench.report.data import Section
 from workbench.report.failures import make_failures
-from workbench.report.matches import name_match, plot_matches
+from workbench.report.matches import describe_match, name_match, plot_matches
 from workbench.report.numbers import COLORS, make_parameters, make_schemes
 
 SIMILAR = "similar"  # id of the panel of effects like the residual
@@ -42,15 +39,14 @@ def _show_schemes(state: State) -> list[Component]:
     if state.schemes is not None and not state.body.can_simulate:
         return show_section(Section("schemes", "Schemes", "Schemes", [tabulate_schemes(state.schemes), f"{TRUST}."]))
     section = make_schemes(state.report_data) if state.schemes is not None else None
-    return show_section(section) if section is not None else [html.P("These recordings are too poor for the schemes.")]
+    return show_section(section) or [html.P("These recordings are too poor for the schemes.")]
 
 
 def show_comparison(session: Session) -> list[Component]:
-    """Render the residuals of the base and the last model, motion over time, and for a pendulum similar effects."""
-    state = session.state
-    failures, comparison = (make_panel(s.title, *show_section(s)) for s in _make_sections(state))
+    """Render the residuals of the base and the last model, similar effects, and motion over time."""
+    failures, comparison = (make_panel(s.title, *show_section(s)) for s in _make_sections(session.state))
     similar = make_panel("What it looks like", html.P("Every effect of the library is fitted to the residual …"))
-    return [failures, *([html.Div(similar, id=SIMILAR)] if state.robot is None else []), comparison]
+    return [failures, html.Div(similar, id=SIMILAR), comparison]
 
 
 @lru_cache(maxsize=4)  # slow to draw
@@ -58,12 +54,19 @@ def _make_sections(state: State) -> tuple[Section, ...]:
     return make_failures(state.report_data), make_comparison(state.report_data)
 
 
-def show_matches(case: ReportData, is_busy: bool) -> Component:
-    """Render the residual of the last model over four quantities, with the torque of the best matches."""
+def show_matches(session: Session) -> Component:
+    """Render the residual of the last model over four quantities, with the torque of the best matches.
+
+    Of an arm, the joint with the largest residual relative to its noise floor is shown.
+    """
+    case, is_busy = session.state.report_data, session.is_busy()
     data, model, residual = case.parts[0][-1], case.diagnosis.model, case.compute_residuals(0)[-1]
-    if not find_regions(compute_profiles_at(data, residual)):
-        return make_panel("What it looks like", html.P("The residual is within the noise: it looks like no effect."))
-    matches = find_matches(data, model)[: len(COLORS)]
+    errors = data.layout.compute_joint_errors(residual)
+    at = max(errors, key=lambda joint: errors[joint] / data.floors[joint])
+    title = f"What it looks like at {at}" if at else "What it looks like"
+    if not find_regions(compute_profiles_at(data, residual, at)):
+        return make_panel(title, html.P("The residual is within the noise: it looks like no effect."))
+    matches = find_matches(data, model, at=at)[: len(COLORS)]
     about = (
         "Dots: the residual of the last model. Curves: the three effects that explain most of its mean square, each "
         "fitted to the same data beside the terms of the model. Only the diagnosis checks them on other data."
@@ -74,25 +77,14 @@ def show_matches(case: ReportData, is_busy: bool) -> Component:
                 html.I(className="stroke", style={"--color": f"var({color})"}),
                 html.Strong(name_match(match)),
                 make_button("Try it", "add", match.effect, disabled=is_busy),
-                html.Small(find_description(match.effect).signature),
+                html.Small(describe_match(match)),
             ]
         )
         for match, color in zip(matches, COLORS, strict=False)
     ]
-    plots = show_content([about, tuple(plot_matches(data, residual, matches, (*AXES,), "match"))], "matches")
-    return make_panel("What it looks like", *plots, html.Ul(rows, className="matches"))
-
-
-def connect(app: Dash, sessions: Sessions) -> None:
-    """Register the callback that fits similar effects once the rest of the page is drawn."""
-
-    @app.callback(Output(SIMILAR, "children"), Input(SIMILAR, "id"), Value("session", "data"))
-    def fit_similar_effects(_: str, id: str) -> Component:
-        session = sessions.find_session(id)
-        if session.state.failure_reason:
-            raise PreventUpdate
-        return typeset_texts(show_matches(session.state.report_data, session.is_busy()))
+    plots = show_content([about, tuple(plot_matches(data, residual, matches, (*AXES,), "match", at))], "matches")
+    return make_panel(title, *plots, html.Ul(rows, className="matches"))
 
 
 MODEL = Stage("model", "Model", show_model)
-COMPARE = Stage("compare", "Compare", show_comparison, connect=connect)
+COMPARE = Stage("compare", "Compare", show_comparison, connect=fill_late(SIMILAR, show_matches))

@@ -93,17 +93,19 @@ const figures = (() => {
   });
 
   // Below its plots over time, a pendulum for the measurement and for each model moves with the cursor, or in real time.
+  // A goal is a mark at the end of its angle.
   const FAR = 0.1;  // [s] from the next sample: a model has no position there
   function replay(plot, turn) {
-    const box = document.createElement("div"), lines = drawn.get(plot).spec.data.filter(({ yaxis }) => yaxis === "y");
+    const box = document.createElement("div"), all = drawn.get(plot).spec.data.filter(({ yaxis = "y" }) => yaxis === "y");
+    const lines = all.filter(({ name }) => name !== "goal"), goals = all.filter(({ name }) => name === "goal");
     const pendulums = lines.map(({ name, line: { color } }) => `<figure><svg viewBox="-1.25 -1.25 2.5 2.5" role="img"
       aria-label="Position, ${name}" style="--color: var(${color})"><g class="rod"><path d="M0 0V1"/><circle cy="1" r="0.16"/></g>
-      <g class="ghost"><path d="M0 0V1.2"/></g><circle r="0.06"/></svg><figcaption>${name}</figcaption></figure>`);
+      <g class="ghost"><path d="M0 0V1.2"/></g>${goals.map(() => '<g class="goal"><path d="M-0.1 1.22H0.1"/></g>')}<circle r="0.06"/></svg><figcaption>${name}</figcaption></figure>`);
     box.className = "replay";
     box.innerHTML = `<button type="button">▶ Play</button>${pendulums.join("")}<output></output>`;
     plot.after(box);
     const [button, output, pictures] = [box.querySelector("button"), box.querySelector("output"), box.querySelectorAll("svg")];
-    const known = lines.map(({ x, y }) => x.map((time, k) => [time, y[k]]).filter(([time, q]) => time !== null && q !== null));
+    const known = [...lines, ...goals].map(({ x, y }) => x.map((time, k) => [time, y[k]]).filter(([time, q]) => time !== null && q !== null));
     let now = known[0][0][0], last = null;
 
     const find = (samples, time) => {
@@ -123,6 +125,7 @@ const figures = (() => {
         rod.style.visibility = angles[k] === null ? "hidden" : "";
         rod.setAttribute("transform", `rotate(${-360 * angles[k] / turn})`);
         ghost.setAttribute("transform", `rotate(${-360 * angles[0] / turn})`);
+        picture.querySelector(".goal")?.setAttribute("transform", `rotate(${-360 * angles.at(-1) / turn})`);
       });
     };
     const step = (stamp) => {
