@@ -89,10 +89,13 @@ class Timing:
         return any(law.delay > 0 and law.is_late and law.joint == joint for law in self.alignments)
 
     def agrees(self, other: Timing) -> bool:
-        """Return whether another timing has the same alignments, within their standard errors; unknown ones agree."""
+        """Return whether another timing has the same alignments, within the errors of this one; unknown ones agree."""
         return all(
             np.isinf(alignment.delay_std)
-            or (alignment.is_late == counterpart.is_late and alignment.agrees(counterpart))
+            or (
+                alignment.is_late == counterpart.is_late
+                and alignment.agrees(replace(counterpart, delay_std=0.0, lag_std=0.0))
+            )
             for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
         )
 
