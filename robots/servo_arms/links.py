@@ -54,6 +54,7 @@ class LinkTorque(Term):
     kind = "potential"
     is_decentralised = False
     is_weight = True
+    has_links = True
     needs = "position"  # of the other joints
     table: ClassVar[LinkTable]
 
