@@ -47,6 +47,7 @@ from pendulum_env.recording.vocabulary import (
     UNSCALED,
     Rank,
     find_name,
+    may_be_unit,
     read_words,
     split_words,
 )
@@ -680,7 +681,7 @@ def find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
     """Return the letters of the unit at the end of a name, `Winkel [deg]` or `phi2_deg`, or None."""
     ending = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip()[-LONGEST_UNIT:])
     unit = normalise_name(next(filter(None, ending.groups()), "")) if ending else ""
-    return unit if unit in units else None
+    return unit if unit in units and may_be_unit(unit, name) else None
 
 
 def _list_headers(headers: Sequence[str]) -> str:
