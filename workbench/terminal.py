@@ -77,9 +77,7 @@ class Terminal:
                     self._out.print(Padding(f"{header:{widest}}  {cell}", (0, 0, 0, 2)))
 
     @contextmanager
-    def progress(
-        self, title: str, lines: bool = False, pause: float = 0.0
-    ) -> Iterator[Callable[[str, float], None]]:
+    def progress(self, title: str, lines: bool = False, pause: float = 0.0) -> Iterator[Callable[[str, float], None]]:
         """Show a progress bar on stderr; yield a function of the current step and the completed share.
 
         With `lines`, a stderr that is not a terminal gets a line for each tenth, at least `pause` seconds apart.

@@ -219,14 +219,20 @@ def export(model: Model, request: Request, actuator: JointActuator) -> Exported:
         joint.range = [math.degrees(end) for end in stop.ends]
         joint.solref_limit = -stop.stiffness / inertia, -stop.damping / inertia
         joint.solimp_limit = SOFT
+    add_actuator(spec, ACTUATOR, JOINT, actuator, model)
+    spec.compile()
+    return Exported(spec.to_xml(), notes)
+
+
+def add_actuator(spec: Any, name: str, joint: str, actuator: JointActuator, model: Model) -> None:
+    """Add an actuator at a joint of a specification, with the torque offset of the joint's model."""
+    mujoco = import_mujoco()
     offset = get_value(model, "torque_offset") + get_value(model, "coulomb_asymmetry")
-    motor = spec.add_actuator(name=ACTUATOR, target=JOINT, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor = spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.actuate(mujoco, motor, model, offset)
     if offset:
         motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         motor.biasprm = [-offset, *motor.biasprm[1:]]
-    spec.compile()
-    return Exported(spec.to_xml(), notes)
 
 
 def _add(parent: Any, name: str, body: RigidBody) -> Any:

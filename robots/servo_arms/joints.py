@@ -115,7 +115,9 @@ def _list_links(
         else:
             chosen = select_columns(weighted[:, k], a[:n_fitted, k], least)
         names = tuple(every_name[place] for place in chosen)
-        table = LinkTable(names, time, series[:, chosen].reshape(len(time), -1))
+        known_columns = np.column_stack([a[:n_fitted, k], total[:n_fitted, k, chosen]])
+        shares = np.linalg.lstsq(known_columns, total[:n_fitted, k])[0]
+        table = LinkTable(names, time, series[:, chosen].reshape(len(time), -1), shares)
         result.append((make_link_torque(LinkTorque, table)(),) if chosen else ())
     return result
 

@@ -171,10 +171,12 @@ class Servo(Case):
         """
         recordings, held_out = data.recordings, data.holdout or data.recordings
         train_part, check_part = choose_parts(data.holdout)
-        windows = TorqueRows(prepare_windows(recordings, part=train_part))
-        train = RolloutRows(Rollouts(recordings, shares=train_part), windows, criterion=options.criterion)
-        windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
-        check = RolloutRows(Rollouts(held_out, shares=check_part), windows, train, options.criterion)
+        rollouts = Rollouts.from_pieces(recordings, shares=train_part)
+        windows = TorqueRows(prepare_windows(rollouts.recordings, part=train_part))
+        train = RolloutRows(rollouts, windows, criterion=options.criterion)
+        rollouts = Rollouts.from_pieces(held_out, shares=check_part)
+        windows = TorqueRows(prepare_windows(rollouts.recordings, part=check_part, fewest=0))
+        check = RolloutRows(rollouts, windows, train, options.criterion)
         return add_back_emf(data, options).make_evidence((make_data(train), make_data(check)))
 
     def refit(self, found: SearchResult, start: Model | None) -> SearchResult:

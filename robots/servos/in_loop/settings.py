@@ -54,6 +54,14 @@ class FitSettings:
 
 
 @dataclass(frozen=True)
+class SearchSettings:
+    """Pieces of long recordings in a search."""
+
+    count: int = 20000  # samples in all; more are left to the final fits
+    piece: float = 12.0  # [s], length of a piece
+
+
+@dataclass(frozen=True)
 class LinkSettings:
     """Starts of the fit of a link, over whose parameters the likelihood has many local minima."""
 
@@ -83,6 +91,7 @@ class LoopSettings:
 
     simulation: SimulationSettings = SimulationSettings()
     encoder: EncoderSettings = EncoderSettings()
+    search: SearchSettings = SearchSettings()
     fit: FitSettings = FitSettings()
     link: LinkSettings = LinkSettings()
     profile: ProfileSettings = ProfileSettings()
