@@ -37,6 +37,7 @@ from pendulum_env.recording.vocabulary import (
     NO_TORQUE,
     OPTIONAL,
     OUTPUTS,
+    PERCENT_OF_RANGE,
     RAW,
     RAW_NAMES,
     SI,
@@ -655,6 +656,13 @@ def _refuse_other_unit(quantity: str, name: str, *, is_unit_known: bool) -> None
         raise ColumnError(
             f"position cannot be column {name!r}, a velocity by its name: name a column of position, or give its unit, "
             f"as in {format_setting('columns', {quantity: f'{name}:rad'})}"
+        )
+    if name.endswith(PERCENT_OF_RANGE):
+        bare = name.removesuffix(PERCENT_OF_RANGE)
+        example = format_setting("columns", {quantity: f"{bare}:deg*0.9"})
+        raise ColumnError(
+            f"{quantity} cannot be column {name!r} without its range: give LeRobot's calibration.json, or half of the "
+            f"range in degrees over 100, as in {example}"
         )
     if not is_unit_known and is_unscaled(name):
         example = format_setting("columns", {quantity: f"{name}*0.001"})

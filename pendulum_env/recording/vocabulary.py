@@ -9,6 +9,7 @@ from functools import cache
 
 from pendulum_env.recording.expression import normalise_name
 
+PERCENT_OF_RANGE = " [percent of range]"  # end of a header of values in percent of an unknown range
 UNKNOWN_UNIT = " [unknown unit]"  # end of a header of values whose unit a dataset does not tell
 HEADER = "time,position,torque"  # standard header, in s, rad and N m
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +10,14 @@ from pendulum_env.recording import Recording
 from robots.servos.in_loop.settings import LOOP
 
 
-def select_pieces(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+def select_pieces(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
     """Select pieces of recordings of about `LOOP.search.count` samples in all, spread over each; all of short ones.
 
     A loop forgets its start, so each piece is a rollout of its own. Rollouts of equal length are simulated at once.
     """
     setting, total = LOOP.search, sum(map(len, recordings))
     if total <= setting.count:
-        return tuple(recordings)
+        return recordings
     return tuple(_cut(recording, setting.count / total) for recording in recordings)
 
 

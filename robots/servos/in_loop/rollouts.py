@@ -45,8 +45,9 @@ class Rollouts:
 
     @classmethod
     def from_pieces(cls, recordings: Sequence[Recording], steps: int = LOOP.simulation.steps, **options: Any) -> Self:
-        """Make the rollouts of pieces of long recordings, or of whole short ones, for a search."""
-        return cls(select_pieces(recordings), steps, **options, whole=tuple(recordings))
+        """Make the rollouts of pieces of long recordings, with fewer steps, or of whole short ones, for a search."""
+        pieces = select_pieces(whole := tuple(recordings))
+        return cls(pieces, steps if pieces is whole else LOOP.search.steps, **options, whole=whole)
 
     @property
     def fine(self) -> Self:

@@ -59,6 +59,7 @@ class SearchSettings:
 
     count: int = 20000  # samples in all; more are left to the final fits
     piece: float = 12.0  # [s], length of a piece
+    steps: int = 6  # of the integrator in `SimulationSettings.grain`
 
 
 @dataclass(frozen=True)
