@@ -207,8 +207,8 @@ class ServoDrive(Actuator):
                 if name in ("ki", "kd") and preset.kp != 1.0 and value >= 1:
                     unit = {"ki": "duty/(rad s)", "kd": "duty s/rad"}[name]
                     raise UserError(
-                        f"{name} is {value:g}, as a register has it, and its unit is not known: leave it out, kd is then "
-                        f"part of the viscous friction, or give it in {unit}; with a preset, kp alone is a register"
+                        f"{name} is {value:g}, that of a register with an unknown unit: leave it out, as kd is part "
+                        f"of the viscous friction, or give it in {unit}; with a preset, kp alone is a register"
                     )
                 values[name] = float(value) * (preset.kp if name == "kp" else 1.0)
         if not values.keys() & {"kp", "ki"}:
