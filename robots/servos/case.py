@@ -62,7 +62,7 @@ from robots.servos.in_loop.rollout_rows import RolloutRows
 from robots.servos.in_loop.rollouts import Rollouts
 from robots.servos.in_loop.servos import are_driven, choose_parts, make_base
 from robots.servos.in_loop.settings import LOOP
-from robots.servos.refit import make_data, refine, refit
+from robots.servos.refit import make_data, refine, refine_rows, refit
 from robots.servos.rest import find_rest_band
 
 
@@ -197,6 +197,10 @@ class Servo(Case):
     def present(self, trial: Trial, step: Step, is_final: bool) -> Step:
         """Return a step with back-EMF as part of viscous friction, unless the recordings distinguish the two."""
         return present(trial, step)
+
+    def find_floors(self, trial: Trial) -> Mapping[str, float]:
+        """Return the mean error of the motion by the encoder alone [rad]."""
+        return {"": refine_rows(trial.evidence)[0].rollouts.noise.encoder_error}
 
     def conclude(self, trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         """Add findings on the residual and the next step."""

@@ -45,7 +45,7 @@ class ScaledTorque(Finding):
 
 
 def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
-    """Add the noise floors of the rollouts, and the next step.
+    """Add the next step.
 
     Candidates that the refit dropped get the reason `ResultOfLongSteps`. An unexplained residual forbids a next
     experiment.
@@ -57,7 +57,6 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             replace(candidate, reason=ResultOfLongSteps()) if candidate.effect in dropped else candidate
             for candidate in diagnosis.candidates
         ),
-        floors={"": refine_rows(trial.evidence)[0].rollouts.noise.encoder_error},
         no_experiment=DoubtfulDrive() if diagnosis.unexplained else None,
     )
 
