@@ -29,7 +29,7 @@ from robots.servo_arms.links import (
 SAME_RATE = 1e-3  # largest relative difference of rates that are equal, apart from clocks
 PAUSE = 1.0  # [s] between recordings on the common clock
 STRIDE = 2  # samples of the log between two of the regressors
-LEAST_SHARE = 0.01  # least norm of the independent part of a column, relative to the largest at all joints
+LEAST_SHARE = 0.006  # least norm of the independent part of a column, relative to the largest at all joints
 SMOOTHING = 0.16  # [s], length of the filter that differentiates positions
 
 
