@@ -52,7 +52,9 @@ class Rollouts:
     @property
     def fine(self) -> Self:
         """Return the rollouts of the whole recordings with shorter steps of the integrator."""
-        return replace(self, recordings=self.whole or self.recordings, steps=LOOP.simulation.fine_steps)
+        whole = self.whole or self.recordings
+        steps = LOOP.simulation.fine_steps if whole is self.recordings else LOOP.search.fine_steps
+        return replace(self, recordings=whole, steps=steps)
 
     @cached_property
     def positions(self) -> ComparedPositions:

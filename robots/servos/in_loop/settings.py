@@ -57,9 +57,10 @@ class FitSettings:
 class SearchSettings:
     """Pieces of long recordings in a search."""
 
-    count: int = 20000  # samples in all; more are left to the final fits
+    count: int = 12000  # samples in all; more are left to the final fits
     piece: float = 12.0  # [s], length of a piece
     steps: int = 6  # of the integrator in `SimulationSettings.grain`
+    fine_steps: int = 8  # the same for the final fit of the whole recordings
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,8 @@ def test_final_fits_have_the_whole_recordings():
     recordings = (record(600.0),)
     rollouts = Rollouts.from_pieces(recordings)
     assert len(rollouts.recordings[0]) < len(recordings[0])
-    assert rollouts.fine.recordings == recordings and rollouts.fine.steps == LOOP.simulation.fine_steps
+    assert rollouts.fine.recordings == recordings and rollouts.fine.steps == LOOP.search.fine_steps
+    assert Rollouts.from_pieces((record(40.0),)).fine.steps == LOOP.simulation.fine_steps
 
 
 def test_recordings_at_rest_do_not_hide_the_error_of_others():
