@@ -5,7 +5,7 @@ the robot file. Shapes and meshes are left out.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from pendulum_env.export.actuators import JointActuator
 from pendulum_env.export.exporter import Exporter
 from pendulum_env.export.mjcf import Friction, get_value, is_spring_linear
 from pendulum_env.export.request import Exported, ExportError, Request, escape_comment, escape_text, note_missing
+from pendulum_env.export.sizes import SPEEDS
 from pendulum_env.physics import Model, Table, find_term, list_loads
 from pendulum_env.physics.joints import Coupling, Rotor
 from robots.arms.body import Body
@@ -49,11 +50,15 @@ class JointExport:
         model: terms at the joint, without links.
         actuator: of the joint; None for a torque input.
         losses: parts of the joint and its actuator that MuJoCo lacks, a phrase each.
+        speeds: at which viscous and dry friction approximate other friction [rad/s].
+        load: typical torque at the joint, for friction that follows it [N m].
     """
 
     model: Model
     actuator: JointActuator | None
     losses: tuple[str, ...] = ()
+    speeds: Array = field(default_factory=lambda: SPEEDS)
+    load: float = 0.0
 
 
 def build_arm(
@@ -66,11 +71,14 @@ def build_arm(
     MuJoCo.
     """
     import_mujoco()
-    omissions, friction = [*omissions], dict[str, tuple[float, float]]()
+    omissions, friction, drag = [*omissions], dict[str, tuple[float, float]](), dict[str, float]()
     for at, joint in joints.items():
         held = {"spring"} if is_spring_linear(joint.model) else set()
         held.update(() if joint.actuator is None else joint.actuator.list_held(joint.model))
-        of_joint = Friction.from_model(joint.model, held)
+        if (drag_at := get_value(joint.model, "quadratic_drag")) > 0:  # MuJoCo's dampers only dissipate
+            held.add("quadratic_drag")
+            drag[at] = drag_at
+        of_joint = Friction.from_model(joint.model, held, joint.speeds, joint.load)
         friction[at] = of_joint.viscous, of_joint.dry
         omissions += [f"{text} (at {at})" for text in (*of_joint.missing, *joint.losses)]
     notes = note_missing(omissions, request, remedy="")
@@ -78,6 +86,7 @@ def build_arm(
     spec.option.timestep = request.step
     for hinge in spec.joints:
         hinge.solref_friction = STEPS * request.step, 1.0
+        hinge.damping = [hinge.damping[0], drag.get(hinge.name, 0.0), 0.0]
         model = joints[hinge.name].model if hinge.name in joints else Model(())
         stiffness = get_value(model, "spring.stiffness")
         if stiffness > 0 and is_spring_linear(model):

@@ -10,12 +10,15 @@ from pendulum_env.export import feedforward, snippet
 from pendulum_env.export.exporter import CheckResult, Exporter
 from pendulum_env.export.mjcf import add_actuator
 from pendulum_env.export.request import Exported, ExportError, Request
+from pendulum_env.export.sizes import SPEEDS
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from robots.arms.export import LINKS, JointExport, build_arm, write_specification
 from robots.servo_arms.model import ServoArmModel
-from robots.servo_arms.whole import WholeArm, join_links
+from robots.servo_arms.whole import WholeArm, find_typical_loads, join_links
 from robots.servos.exported_servo import Servo
+
+SLOW = np.geomspace(0.02, SPEEDS[-1], len(SPEEDS))  # [rad/s], speeds of servos, mostly slow
 
 
 class ServoArmExporter(Exporter):
@@ -63,7 +66,10 @@ class ServoArmExporter(Exporter):
 def export_arm(arm: WholeArm, request: Request) -> Exported:
     """Write an arm for MuJoCo, with the drive of each joint; raises as `build_arm`."""
     servos = {at: Servo(drive) for at, drive in arm.drives.items()}
-    joints = {at: JointExport(model, servos[at], servos[at].missing) for at, model in arm.joints.items()}
+    loads = find_typical_loads(arm)
+    joints = {
+        at: JointExport(model, servos[at], servos[at].missing, SLOW, loads[at]) for at, model in arm.joints.items()
+    }
     spec, notes = build_arm(arm.body, arm.standard, joints, (), request)
     for at, servo in servos.items():
         add_actuator(spec, at, at, servo, arm.joints[at])

@@ -24,6 +24,7 @@ from robots.servo_arms.links import LinkTorque, find_table
 from robots.servo_arms.model import ServoArmModel
 from robots.servos.drive import ServoDrive
 
+POSTURES = 500  # random ones, for typical loads
 LEAST_ERROR = 0.02  # least standard error of a parameter of the links, relative to the largest of its unit at the joint
 
 
@@ -68,6 +69,17 @@ def join_links(model: ServoArmModel, request: Request) -> WholeArm:
     if scale is not None:
         drives = {at: drive.with_gain(scale, model.torque_unit) for at, drive in drives.items()}
     return WholeArm(body, standard, joints, drives, scale)
+
+
+def find_typical_loads(arm: WholeArm) -> dict[str, float]:
+    """Find the mean size of gravity at each joint over random postures within the joint limits [N m]."""
+    model, joints = arm.body.model, len(arm.body.joints)
+    low, high = (np.asarray(end)[:joints] for end in (model.lowerPositionLimit, model.upperPositionLimit))
+    low, high = np.maximum(low, -np.pi), np.minimum(high, np.pi)
+    postures = np.random.default_rng(0).uniform(low, high, (POSTURES, joints))
+    rest = np.zeros_like(postures)
+    gravity = arm.body.torque(postures, rest, rest) @ (arm.body.combine @ arm.standard)
+    return dict(zip(arm.body.joints, np.abs(gravity).mean(axis=0).tolist(), strict=True))
 
 
 def find_drives(model: ServoArmModel, request: Request) -> dict[str, ServoDrive]:

@@ -2,30 +2,43 @@
 
 import json
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from pendulum_env.physics import Model
+from pendulum_env.physics import Model, find_term
 from pendulum_env.physics.base import Coulomb, Inertia, Viscous
 from robots.arms.body import read_body
-from robots.servo_arms.links import LinkTable, LinkTorque, make_link_torque
+from robots.servo_arms.links import LinkTable, LinkTorque, make_link_torque, remove_weight
 from robots.servo_arms.model import ServoArmModel
-from tests.robots.servo_arms.simulated_arm import DRY, JOINTS, KP, ROTOR, URDF, VISCOUS, ZERO, simulate
+from tests.robots.servo_arms.simulated_arm import (
+    DRY,
+    JOINTS,
+    KP,
+    LENGTHS,
+    MASSES,
+    ROTOR,
+    URDF,
+    VISCOUS,
+    ZERO,
+    simulate,
+)
 from workbench.cli import main
 from workbench.export import ExportError, Request, export
 
 PER_VOLT = 0.5  # [N m/V]
 
 
-def make_model(body, scale=1.0, drive=None):
+def make_model(body, scale=1.0, drive=None, added=()):
     """Return the true model of the arm in units of `scale` N m."""
     names = tuple(name.replace("@", "_") for name in body.names)
     shares = np.vstack([np.zeros(len(names)), np.eye(len(names))])
     table = LinkTable(names, np.zeros(1), np.zeros((1, 4 * len(names))), shares)
-    theta = np.array([ROTOR, *body.values, VISCOUS, DRY]) / scale
+    theta = np.array([ROTOR, *body.values, VISCOUS, DRY, *(value for _, value in added)]) / scale
     links = make_link_torque(LinkTorque, table)()
-    servo = Model.build((Inertia(), links, Viscous(), Coulomb()), theta, 0.01 * np.abs(theta))
+    terms = (Inertia(), links, Viscous(), Coulomb(), *(remove_weight(find_term(id))() for id, _ in added))
+    servo = Model.build(terms, theta, 0.01 * np.abs(theta))
     servo = servo.convert_units(replace(servo.units(), torque_unit="V")) if scale != 1.0 else servo
     model = ServoArmModel.join(dict.fromkeys(JOINTS, servo), body)
     drive = drive or {"output": "torque", "kp": KP, "goal": "held", "reads": "exact", "encoder": "output"}
@@ -76,6 +89,19 @@ def test_drive_and_joints_are_in_the_units_of_the_file(body):
     limit = world.actuator("elbow").forcerange
     assert limit == pytest.approx([-6.0 * PER_VOLT, 6.0 * PER_VOLT], rel=0.03)
     assert any("N m by the masses" in note for note in exported.notes)
+
+
+def test_drag_is_held_and_friction_under_load_is_that_of_a_typical_load(body):
+    mujoco = pytest.importorskip("mujoco")
+    model = make_model(body, added=[("load_dependent_friction", 0.2), ("quadratic_drag", 0.1)])
+    exported = export(model, "mjcf", Request(approximate=True))
+    world = mujoco.MjModel.from_xml_string(exported.content)
+    weight = 9.81 * LENGTHS[0] * MASSES.sum()  # at most, of the first link alone at the lift
+    assert DRY + 0.1 * weight < world.dof_frictionloss[0] < DRY + 0.4 * weight
+    assert world.dof_frictionloss[0] > world.dof_frictionloss[2] + 0.02
+    joint = ElementTree.fromstring(exported.content).find(".//joint[@name='lift']")
+    assert float(joint.get("damping").split()[1]) == pytest.approx(0.1)
+    assert any("at a load of" in note and "(at lift)" in note for note in exported.notes)
 
 
 def test_parts_that_mujoco_lacks_are_named_with_their_joint(body):
