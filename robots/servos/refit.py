@@ -33,13 +33,14 @@ def refit(result: SearchResult, start: Model | None = None) -> SearchResult:
 def require_share_in_loop(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     """Test the share of the squared error in the loop that `after` explains, in fitted and in held-out data.
 
-    The share is that of the search, see `ComparedPositions.measure_structure`: no single recording decides. It is at
-    least `needed`; for a link `dominant` if the residual is not noise.
+    The share is at least `needed`; for a link `dominant` if the residual is not noise.
     """
     evidence, limits, ids = after.evidence, after.evidence.criterion.loop, list_ids(before.terms)
     adds_link = any(term.link for term in after.terms if term.id not in ids)
     least = limits.dominant if adds_link and not evidence.residuals.is_noise(after.terms) else limits.needed
-    share = evidence.shares.compute_of_torque(after.terms, before.terms)
+    models = [evidence.fits.fit_model(each.terms) for each in (after, before)]
+    errors = [[compute_errors(part, model).motion_errors[0] for model in models] for part in evidence.fits.parts]
+    share = min(1.0 - (new / old) ** 2 for new, old in errors)
     yield Gate("explained_share", share, least, share > least)
 
 
