@@ -2,7 +2,7 @@
 
 At joint i, the base parameters p of the links act as r_i + S_i p: r_i is the inertia of the rotor, S_i the shares of
 `LinkTable`. The common links have the least squared distance from the parameters of all joints, in standard errors, and
-are possible bodies near the robot file. In the unit of a drive without a gain, the file's first moments give the scale.
+are possible bodies near the robot file. In the unit of a drive without a gain, the file's masses give the scale.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ import numpy as np
 
 from pendulum_env._typing import Array
 from pendulum_env.export.request import ExportError, Request
-from pendulum_env.physics import SIGNIFICANT, Model
+from pendulum_env.physics import Model
 from pendulum_env.physics.terms import set_nonlinear_values
 from pendulum_env.recording.actuator import name_joint_errors, parse_actuator
 from pendulum_env.recording.channel import NEWTON_METRE
 from robots.arms.body import Body, find_body
 from robots.arms.standard import fit_possible_links
-from robots.servo_arms.links import LinkTorque, find_table
+from robots.servo_arms.links import LinkTorque, find_table, list_link_columns, list_names
 from robots.servo_arms.model import ServoArmModel
 from robots.servos.drive import ServoDrive
 
@@ -56,7 +56,7 @@ def join_links(model: ServoArmModel, request: Request) -> WholeArm:
     body, drives = replace(find_body(model.terms), rotors=True), find_drives(model, request)
     fixed = replace(body, rotors=False)
     pairs = {at: _select_links(servo, at) for at, servo in model.servos.items()}
-    scale = None if model.torque_unit == NEWTON_METRE else _find_scale(fixed, pairs)
+    scale = None if model.torque_unit == NEWTON_METRE else _find_scale(fixed, model.servos)
     columns, target = [], []
     for k, (values, covariance, shares) in enumerate(pairs.values()):
         root = np.linalg.cholesky(np.linalg.inv(covariance)).T
@@ -73,13 +73,18 @@ def join_links(model: ServoArmModel, request: Request) -> WholeArm:
 
 def find_typical_loads(arm: WholeArm) -> dict[str, float]:
     """Find the mean size of gravity at each joint over random postures within the joint limits [N m]."""
-    model, joints = arm.body.model, len(arm.body.joints)
+    gravity = _draw_gravity(arm.body) @ (arm.body.combine @ arm.standard)
+    return dict(zip(arm.body.joints, np.abs(gravity).mean(axis=0).tolist(), strict=True))
+
+
+def _draw_gravity(body: Body) -> Array:
+    """Return the regressors of gravity (M, n, P) in random postures within the joint limits."""
+    model, joints = body.model, len(body.joints)
     low, high = (np.asarray(end)[:joints] for end in (model.lowerPositionLimit, model.upperPositionLimit))
     low, high = np.maximum(low, -np.pi), np.minimum(high, np.pi)
     postures = np.random.default_rng(0).uniform(low, high, (POSTURES, joints))
     rest = np.zeros_like(postures)
-    gravity = arm.body.torque(postures, rest, rest) @ (arm.body.combine @ arm.standard)
-    return dict(zip(arm.body.joints, np.abs(gravity).mean(axis=0).tolist(), strict=True))
+    return body.torque(postures, rest, rest)
 
 
 def find_drives(model: ServoArmModel, request: Request) -> dict[str, ServoDrive]:
@@ -130,17 +135,17 @@ def _select_links(servo: Model, at: str) -> tuple[Array, Array, Array]:
     return values, covariance, shares
 
 
-def _find_scale(body: Body, pairs: Mapping[str, tuple[Array, Array, Array]]) -> float:
-    """Return the torque in N m per unit of the drives with which gravity is that of the masses of the file.
+def _find_scale(body: Body, servos: Mapping[str, Model]) -> float:
+    """Return the torque in N m per unit of the drives with which gravity has the size that the file's masses give.
 
-    Wrong zeros turn first moments, and keep their size.
+    Sizes are RMS values over random postures, which wrong zeros of joints change little.
     """
-    known = fitted = 0.0
-    for values, covariance, shares in pairs.values():
-        significant = np.abs(values) > SIGNIFICANT * np.sqrt(np.diag(covariance))
-        significant[0] = False
-        known += float(np.sum((shares @ body.values)[significant] ** 2))
-        fitted += float(np.sum(values[significant] ** 2))
+    gravity, names = _draw_gravity(body), list_names(body.names)
+    known, fitted = np.sum((gravity @ body.values) ** 2), 0.0
+    for k, servo in enumerate(servos.values()):
+        chosen = list_link_columns(servo.terms)
+        values = np.array([servo.estimates[f"{LinkTorque.id}.{name}"].value for name in chosen])
+        fitted += np.sum((gravity[:, k, [names.index(name) for name in chosen]] @ values) ** 2)
     return float(np.sqrt(known / fitted)) if known > 0 and fitted > 0 else 1.0
 
 
