@@ -43,7 +43,7 @@ def write_model(model: Model, path: str | None, findings: Sequence[Finding] = ()
     """
     inertia = model.estimates.get("inertia")
     turned = next((finding for finding in findings if isinstance(finding, WrongColumn) and finding.inertia), None)
-    if path is not None and inertia is not None and inertia.value <= 0 and (turned or not inertia.is_unknown):
+    if path is not None and inertia is not None and (model.lacks_inertia or (turned and inertia.value <= 0)):
         remark = " (the earlier file stays)" if Path(path).is_file() else ""
         value = f"{format_estimate(inertia.value, inertia.std)} {inertia.unit}"
         reason = describe(turned) if turned else f"The inertia came out as {value}. {advise_inertia()}"

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from textwrap import fill
@@ -76,18 +77,18 @@ class Terminal:
                     self._out.print(Padding(f"{header:{widest}}  {cell}", (0, 0, 0, 2)))
 
     @contextmanager
-    def progress(self, title: str, lines: bool = False) -> Iterator[Callable[[str, float], None]]:
+    def progress(self, title: str, lines: bool = False, pause: float = 0.0) -> Iterator[Callable[[str, float], None]]:
         """Show a progress bar on stderr; yield a function of the current step and the completed share.
 
-        With `lines`, a stderr that is not a terminal gets a line for each tenth.
+        With `lines`, a stderr that is not a terminal gets a line for each tenth, at least `pause` seconds apart.
         """
         if lines and not self._err.is_terminal:
-            printed = 0
+            printed, last = 0, time.monotonic()
 
             def print_tenth(step: str, share: float) -> None:
-                nonlocal printed
-                if (tenths := int(10 * share + 1e-9)) > printed:
-                    printed = tenths
+                nonlocal printed, last
+                if (tenths := int(10 * share + 1e-9)) > printed and time.monotonic() >= last + pause:
+                    printed, last = tenths, time.monotonic()
                     self._err.print(f"{title} {10 * tenths} %: {step}")
 
             yield print_tenth

@@ -133,7 +133,7 @@ def _add_kind(
     steps = case.present(trial, before, True), trial.present(trial.final.steps[-1], True)
     before, after = (step.with_log_format(log_format) for step in steps)
     findings = examine(Subject("add", case, trial.data, after.model))
-    return Addition(before, after, trial.evidence.residuals.holdout_floors, decision, findings, criterion)
+    return Addition(before, after, case.find_floors(trial), decision, findings, criterion)
 
 
 def _fit_effect(

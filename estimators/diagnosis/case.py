@@ -92,6 +92,10 @@ class Case(Preparation, ABC):
         """Return the refitted result of a trial, and findings on parameters that the data do not determine."""
         return trial.result, ()
 
+    def find_floors(self, trial: Trial) -> Mapping[str, float]:
+        """Return the noise floor of the held-out errors at each joint, by default that of the torque [N m]."""
+        return trial.evidence.residuals.holdout_floors
+
     def show_effect(self, data: FitData, base: Terms, kind: type[Term]) -> FitData:
         """Return data that show an effect beside base terms, for `add`; by default unchanged."""
         return data

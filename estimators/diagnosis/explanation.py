@@ -33,7 +33,7 @@ def explain(trial: Trial, treatments: Sequence[TriedTreatment]) -> Diagnosis:
         candidates=tuple(candidates),
         ambiguous=tuple(groups),
         unexplained=trial.unexplained,
-        floors=trial.evidence.residuals.holdout_floors,
+        floors=trial.case.find_floors(trial),
         findings=(),
         alignments=(data.whole or data).timing.alignments,
         torque_constant=data.recordings[0].torque_constant,

@@ -130,5 +130,7 @@ def _diagnose_joints(
             criterion=options.criterion,
             rng=options.rng,
         )
+        found = ", ".join(diagnoses[at].selected) or "no effect"
+        options.progress(f"{at}: {found} found", (number + 1) / len(parts))
     data = FitData(tuple(fitted), tuple(holdout), terms=tuple(options.base), criterion=options.criterion)
     return division.join_diagnoses(data, diagnoses)

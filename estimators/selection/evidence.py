@@ -108,9 +108,12 @@ class Evidence:
         return self.fits.holdout
 
     def with_fits(self, fits: Fits) -> Evidence:
-        """Return the evidence of other fits to the same blocks of time, as with estimated states of a link."""
+        """Return the evidence of other fits, as with estimated states of a link, or of more blocks of time."""
         others = self.library, self.tables, self.criterion, self.progress
-        return self._from_fits(fits, self.densities.bootstrap, *others)
+        bootstrap, of_block = self.densities.bootstrap, number_recordings(fits)
+        if len(of_block) != len(bootstrap.of_block):
+            bootstrap = Bootstrap(of_block, np.random.default_rng(0))
+        return self._from_fits(fits, bootstrap, *others)
 
     def with_library(self, library: Mapping[str, type[Term]]) -> Evidence:
         """Return the evidence with other effects that may be selected."""

@@ -56,8 +56,9 @@ def _find_violations_at(model: Model, x: Samples, is_coupled: bool) -> list[Gate
     than the range between them. Friction accelerates if its power in a sample is negative by more than 3 standard
     errors. The power of friction is not tested at a coupled joint, dry friction not with links.
     """
-    gates, inertia = [], model.estimates.get("inertia")
-    if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
+    gates = []
+    if model.lacks_inertia:
+        inertia = model.estimates["inertia"]
         gates.append(Gate("negative_inertia", inertia.value, 0.0, False, inertia.unit))
     columns = [(term, column) for term in model.terms for column in term.columns]
     parts = [(*pair, value) for pair, value in zip(columns, model.theta.tolist(), strict=True)]

@@ -20,7 +20,8 @@ class CheckResult:
 
     title: str  # definition of the deviations
     errors: Mapping[str, float]  # by pair of compared motions
-    motion: float  # the same measure of the recorded position about its mean, or of the torque
+    motion: float | Mapping[str, float]  # the same measure of the recorded position about its mean, or of the torque;
+    # of an arm by pair
     unit: str = "rad"
     of: str = "of the motion"  # what the deviations are compared with
 

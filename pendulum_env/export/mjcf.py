@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from pendulum_env._typing import Array
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
 from pendulum_env.export.actuators import JointActuator
 from pendulum_env.export.request import Exported, ExportError, Request, escape_comment, note_missing, write_title
@@ -96,14 +97,16 @@ class Friction:
     missing: tuple[str, ...]  # parts of the model that are missing or approximated
 
     @classmethod
-    def from_model(cls, model: Model, included: Collection[str]) -> Friction:
+    def from_model(cls, model: Model, included: Collection[str], speeds: Array = SPEEDS, load: float = 0.0) -> Friction:
         """Return the friction of a model; terms in `included` and `EVERY` are represented elsewhere.
 
-        Other friction laws are approximated by symmetric viscous and dry friction, by a fit over `SPEEDS`.
+        Other friction laws are approximated by symmetric viscous and dry friction, by a fit over `speeds` [rad/s].
+        Friction that follows the torque is that at a typical `load` [N m], and left out without one.
         """
         unit = model.torque_unit
         remaining = [term for term in model.terms if term.id not in EVERY and term.id not in included]
-        approximated_terms = [term for term in remaining if find_description(term.id).fits_friction]
+        at_load = {term.id for term in remaining if load and any(column.of_torque for column in term.columns)}
+        approximated_terms = [t for t in remaining if t.id in at_load or find_description(t.id).fits_friction]
         omissions = [] if unit == NEWTON_METRE else [f"a torque in {unit}: masses and inertias are those per {unit}"]
         omitted_terms = [term for term in remaining if term not in approximated_terms]
         omissions += [
@@ -113,17 +116,19 @@ class Friction:
         viscous, dry = get_value(model, "viscous") + get_value(model, "back_emf"), get_value(model, "coulomb")
         if not approximated_terms and min(viscous, dry) >= 0:
             return cls(viscous, dry, tuple(omissions))
-        zeros = np.zeros_like(SPEEDS)
-        law = viscous * SPEEDS + dry
+        zeros = np.zeros_like(speeds)
+        law = viscous * speeds + dry
         for column in (column for term in approximated_terms for column in term.columns):
-            ways = [column.torque(Samples(zeros, zeros, v, zeros), 0.0) for v in (SPEEDS, -SPEEDS)]
+            ways = [column.torque(Samples(zeros, zeros, v, zeros + load), 0.0) for v in (speeds, -speeds)]
             law = law + 0.5 * model.estimates[column.name].value * (ways[0] - ways[1])
-        (viscous, dry), _ = scipy.optimize.nnls(np.column_stack([SPEEDS, np.ones_like(SPEEDS)]), law)
-        kinds = [f"{term.id} ({term.law})" for term in approximated_terms] or ["friction below zero"]
-        error = float(np.abs(viscous * SPEEDS + dry - law).max())
+        (viscous, dry), _ = scipy.optimize.nnls(np.column_stack([speeds, np.ones_like(speeds)]), law)
+        typical = f" at a load of {load:.2g} {model.units().unit('N m')}" if at_load else ""
+        kinds = [f"{t.id} ({t.law}){typical * (t.id in at_load)}" for t in approximated_terms]
+        kinds = kinds or ["friction below zero"]
+        error = float(np.abs(viscous * speeds + dry - law).max())
         units = model.units()
         close = (
-            f"viscous and dry friction come closest to the sum up to {SPEEDS[-1]:g} {units.unit('rad/s')}, within "
+            f"viscous and dry friction come closest to the sum up to {speeds[-1]:g} {units.unit('rad/s')}, within "
             f"{error:.2g} {units.unit('N m')}"
         )
         return cls(float(viscous), float(dry), (*omissions, *(f"{kind}: {close}" for kind in kinds)))
@@ -219,14 +224,20 @@ def export(model: Model, request: Request, actuator: JointActuator) -> Exported:
         joint.range = [math.degrees(end) for end in stop.ends]
         joint.solref_limit = -stop.stiffness / inertia, -stop.damping / inertia
         joint.solimp_limit = SOFT
+    add_actuator(spec, ACTUATOR, JOINT, actuator, model)
+    spec.compile()
+    return Exported(spec.to_xml(), notes)
+
+
+def add_actuator(spec: Any, name: str, joint: str, actuator: JointActuator, model: Model) -> None:
+    """Add an actuator at a joint of a specification, with the torque offset of the joint's model."""
+    mujoco = import_mujoco()
     offset = get_value(model, "torque_offset") + get_value(model, "coulomb_asymmetry")
-    motor = spec.add_actuator(name=ACTUATOR, target=JOINT, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor = spec.add_actuator(name=name, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     actuator.actuate(mujoco, motor, model, offset)
     if offset:
         motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         motor.biasprm = [-offset, *motor.biasprm[1:]]
-    spec.compile()
-    return Exported(spec.to_xml(), notes)
 
 
 def _add(parent: Any, name: str, body: RigidBody) -> Any:

@@ -211,11 +211,14 @@ class Model(Mapping[str, Estimate], Shown):
         """Return the model with other values of some parameters, by name."""
         for name, value in values.items():
             find("parameter of the model", name, self.estimates)
-            if not np.isfinite(value) or (name == "inertia" and value <= 0):
-                raise model_file.ModelError(f"{name} of a model cannot be {value:g}: give a positive number")
+            if not np.isfinite(value):
+                raise model_file.ModelError(f"{name} of a model cannot be {value:g}: give a number")
         estimates = {name: Estimate(float(value), 0.0, self.estimates[name].unit) for name, value in values.items()}
         terms = set_nonlinear_values(self.terms, values)
-        return replace(self, terms=terms, estimates={**self.estimates, **estimates}, correlation=())
+        model = replace(self, terms=terms, estimates={**self.estimates, **estimates}, correlation=())
+        if "inertia" in values and model.lacks_inertia:
+            raise model_file.ModelError(f"inertia of a model cannot be {values['inertia']:g}: give a positive number")
+        return model
 
     def units(self, joint: str = "") -> JointUnits:
         """Return the units of quantities at a joint."""
@@ -258,7 +261,15 @@ class Model(Mapping[str, Estimate], Shown):
         inertia = self.estimates.get("inertia")
         if inertia is None:
             return any(term.kind == "inertial" for term in self.terms)  # the links
-        return not inertia.is_unknown and inertia.value > 0
+        return not (inertia.is_unknown or self.lacks_inertia)
+
+    @property
+    def lacks_inertia(self) -> bool:
+        """Return whether the determined inertia is negative, or 0 without the inertia of links beside it."""
+        inertia = self.estimates.get("inertia")
+        if inertia is None or inertia.is_unknown:
+            return False
+        return inertia.value < 0 or (inertia.value == 0 and not any(term.has_links for term in self.terms))
 
     def refuse_unknown_inertia(self) -> None:
         """Refuse a missing or unknown inertia, before a simulation."""
@@ -324,6 +335,9 @@ class Model(Mapping[str, Estimate], Shown):
             torque_constant=None if constant is None else constant.estimate(constant.unit or "N m/A"),
             log_format=content.log_format or {},
         )
+        if model.lacks_inertia:
+            value = estimates["inertia"].value
+            raise model_file.ModelError(f"'theta.inertia.value' is {value:g}: expected a number above zero")
         if covariance is None:
             return model
         determined = [name for name, estimate in estimates.items() if np.isfinite(estimate.std)]

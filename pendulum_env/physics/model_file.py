@@ -104,11 +104,7 @@ def build_terms(data: ModelFile, find: Callable[[str], type[Term]] = library.fin
 
 def read_estimates(data: ModelFile, units: Mapping[str, str]) -> dict[str, Estimate]:
     """Read the parameters of a model file in the given units, by name."""
-    estimates = {name: read_estimate(data.theta, name, unit) for name, unit in units.items()}
-    inertia = estimates.get("inertia")
-    if inertia is not None and inertia.value <= 0 and not inertia.is_unknown:
-        raise ModelError(f"'theta.inertia.value' is {inertia.value:g}: expected a number above zero")
-    return estimates
+    return {name: read_estimate(data.theta, name, unit) for name, unit in units.items()}
 
 
 def describe_terms(terms: Sequence[Term]) -> JSON:

@@ -217,6 +217,7 @@ class Term:
     has_impacts: ClassVar[bool] = False  # whether the torque acts for less time than the motion is smoothed
     typical_size: ClassVar[str] = ""  # typical size, `sin=0.15,cos=0.1`; by default from the units
     is_weight: ClassVar[bool] = False  # whether the torque is part of the joint's weight: gravity may have any sign
+    has_links: ClassVar[bool] = False  # whether the torque has the inertia of links: that of the rotor may be 0
     is_restoring: ClassVar[bool] = False  # whether the torque must not fall with the angle
     can_hide_scale: ClassVar[bool] = False  # whether the torque may be a share of the torque that moves the joint, so
     # that the scale of all parameters is unknown

@@ -37,6 +37,7 @@ from pendulum_env.recording.vocabulary import (
     NO_TORQUE,
     OPTIONAL,
     OUTPUTS,
+    PERCENT_OF_RANGE,
     RAW,
     RAW_NAMES,
     SI,
@@ -47,6 +48,7 @@ from pendulum_env.recording.vocabulary import (
     UNSCALED,
     Rank,
     find_name,
+    may_be_unit,
     read_words,
     split_words,
 )
@@ -655,6 +657,13 @@ def _refuse_other_unit(quantity: str, name: str, *, is_unit_known: bool) -> None
             f"position cannot be column {name!r}, a velocity by its name: name a column of position, or give its unit, "
             f"as in {format_setting('columns', {quantity: f'{name}:rad'})}"
         )
+    if name.endswith(PERCENT_OF_RANGE):
+        bare = name.removesuffix(PERCENT_OF_RANGE)
+        example = format_setting("columns", {quantity: f"{bare}:deg*0.9"})
+        raise ColumnError(
+            f"{quantity} cannot be column {name!r} without its range: give LeRobot's calibration.json, or half of the "
+            f"range in degrees over 100, as in {example}"
+        )
     if not is_unit_known and is_unscaled(name):
         example = format_setting("columns", {quantity: f"{name}*0.001"})
         meaning = f"with the {SI[quantity]} in a unit of it"
@@ -680,7 +689,7 @@ def find_trailing_unit(units: Mapping[str, float], name: str) -> str | None:
     """Return the letters of the unit at the end of a name, `Winkel [deg]` or `phi2_deg`, or None."""
     ending = re.search(r"\[([^\]]*)\]$|\(([^)]*)\)$|[\s_]([^\s_]+)$", name.strip()[-LONGEST_UNIT:])
     unit = normalise_name(next(filter(None, ending.groups()), "")) if ending else ""
-    return unit if unit in units else None
+    return unit if unit in units and may_be_unit(unit, name) else None
 
 
 def _list_headers(headers: Sequence[str]) -> str:

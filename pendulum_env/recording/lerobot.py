@@ -26,7 +26,7 @@ from pendulum_env.recording.arrays import build_table
 from pendulum_env.recording.notes import Note, NoteKind
 from pendulum_env.recording.rounding import find_least_change
 from pendulum_env.recording.table import ColumnFinder, RawTable, convert_series
-from pendulum_env.recording.vocabulary import UNKNOWN_UNIT
+from pendulum_env.recording.vocabulary import PERCENT_OF_RANGE, UNKNOWN_UNIT
 from pendulum_env.settings import Blank, format_setting
 
 INFO, CALIBRATION = Path("meta", "info.json"), "calibration.json"
@@ -125,7 +125,7 @@ def read_episode(path: Path, find: ColumnFinder) -> RawTable:
             kind = _name_quantity(feature, ending)
             header, unit = f"{kind}_{joint}", units.get(joint) if kind in CONVERTED else None
             if unit is not None and unit.gain is None:
-                header += UNKNOWN_UNIT if unit.unit == "unknown" else " [percent of range]"
+                header += UNKNOWN_UNIT if unit.unit == "unknown" else PERCENT_OF_RANGE
             elif unit is not None and unit.gain is not None:
                 cells = unit.gain * cells + (unit.offset if kind != "velocity" else 0.0)
             columns[header] = cells

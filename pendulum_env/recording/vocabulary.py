@@ -9,6 +9,7 @@ from functools import cache
 
 from pendulum_env.recording.expression import normalise_name
 
+PERCENT_OF_RANGE = " [percent of range]"  # end of a header of values in percent of an unknown range
 UNKNOWN_UNIT = " [unknown unit]"  # end of a header of values whose unit a dataset does not tell
 HEADER = "time,position,torque"  # standard header, in s, rad and N m
 
@@ -148,6 +149,7 @@ NO_TORQUE = frozenset(  # words in names of columns that are not torque
     "potential counter count index idx id row no nr sample samples frame frames seq sequence step label comment note "
     "event marker date error err limit max min std offset integral".split()
 )
+NAMES_OF_JOINTS = frozenset(("rotation",))  # units in brackets alone: `position_Rotation` is that of a joint
 SHORT_UNITS = frozenset("h hr hrs min".split())  # after `t` they make other names: `thr`, `th`, `tmin`
 HAS_SHORT_UNIT = re.compile(r"([\[(]\s*|[^\W\d_]{3,}[\s_\-./:,]+)(h|hrs?|min)\s*[\])]?\s*$", re.IGNORECASE)
 INDICES = ("unnamed: 0", "__index_level_0__")  # names of a column of row numbers; it may have none
@@ -217,9 +219,16 @@ def find_name(name: str) -> tuple[str, str | None, Rank] | None:
         if letters[:end] in STEMS:
             quantity, rank = STEMS[letters[:end]]
             unit = letters[end:]
-            if not unit or (unit in UNITS[quantity] and (unit not in SHORT_UNITS or HAS_SHORT_UNIT.search(name))):
+            if not unit or (unit in UNITS[quantity] and may_be_unit(unit, name)):
                 return quantity, unit or None, rank
     return None
+
+
+def may_be_unit(unit: str, name: str) -> bool:
+    """Return whether the letters of a unit at the end of a name are one, and no part of a word or name of a joint."""
+    if unit in NAMES_OF_JOINTS:
+        return name.rstrip().endswith(("]", ")"))
+    return unit not in SHORT_UNITS or bool(HAS_SHORT_UNIT.search(name))
 
 
 @dataclass(frozen=True)

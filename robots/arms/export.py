@@ -4,15 +4,23 @@ The links are those of `nearest_body`: physically possible bodies with the ident
 the robot file. Shapes and meshes are left out.
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
 import numpy as np
 
+from pendulum_env._typing import Array
 from pendulum_env.backends.constrained_body import IMPEDANCE, STEPS, import_mujoco
 from pendulum_env.export import feedforward, snippet
+from pendulum_env.export.actuators import JointActuator
 from pendulum_env.export.exporter import Exporter
 from pendulum_env.export.mjcf import Friction, get_value, is_spring_linear
 from pendulum_env.export.request import Exported, ExportError, Request, escape_comment, escape_text, note_missing
+from pendulum_env.export.sizes import SPEEDS
 from pendulum_env.physics import Model, Table, find_term, list_loads
 from pendulum_env.physics.joints import Coupling, Rotor
+from robots.arms.body import Body
 from robots.arms.model import ArmModel
 from robots.arms.standard import nearest_body
 from robots.arms.texts import describe_nearest_body
@@ -34,48 +42,89 @@ def select_joint(model: ArmModel, joint: str) -> tuple[Model, tuple[str, ...]]:
     return Model.build(terms, theta, std), tables
 
 
-def export_arm(model: ArmModel, request: Request) -> Exported:
-    """Write an arm for MuJoCo, with a motor at each joint.
+@dataclass(frozen=True)
+class JointExport:
+    """Joint of an exported arm.
 
-    Raises ExportError if MuJoCo cannot represent the model and approximations are not allowed, and
-    ModuleNotFoundError without MuJoCo.
+    Attributes:
+        model: terms at the joint, without links.
+        actuator: of the joint; None for a torque input.
+        losses: parts of the joint and its actuator that MuJoCo lacks, a phrase each.
+        speeds: at which viscous and dry friction approximate other friction [rad/s].
+        load: typical torque at the joint, for friction that follows it [N m].
     """
-    mujoco, body = import_mujoco(), model.mechanism
-    links, joints = nearest_body(model), {}
-    standard = np.array([links.parameters[name].value for name in body.standard])
-    omissions = [] if links.exists else [f"the links as identified: {describe_nearest_body(links)}"]
-    for joint in body.joints:
-        friction_model, tables = select_joint(model, joint)
-        joints[joint] = Friction.from_model(friction_model, ("spring",) if is_spring_linear(friction_model) else ())
-        omissions += [f"{text} (at {joint})" for text in (*joints[joint].missing, *tables)]
+
+    model: Model
+    actuator: JointActuator | None
+    losses: tuple[str, ...] = ()
+    speeds: Array = field(default_factory=lambda: SPEEDS)
+    load: float = 0.0
+
+
+def build_arm(
+    body: Body, standard: Array, joints: Mapping[str, JointExport], omissions: Sequence[str], request: Request
+) -> tuple[Any, tuple[str, ...]]:
+    """Build the `MjSpec` of an arm with friction and springs, without actuators; return it with notes on what it lacks.
+
+    `standard` are the standard parameters of the links (S,), `omissions` further parts that MuJoCo lacks. Raises
+    ExportError if MuJoCo cannot represent the model and approximations are not allowed, and ModuleNotFoundError without
+    MuJoCo.
+    """
+    import_mujoco()
+    omissions, friction, drag = [*omissions], dict[str, tuple[float, float]](), dict[str, float]()
+    for at, joint in joints.items():
+        held = {"spring"} if is_spring_linear(joint.model) else set()
+        held.update(() if joint.actuator is None else joint.actuator.list_held(joint.model))
+        if (drag_at := get_value(joint.model, "quadratic_drag")) > 0:  # MuJoCo's dampers only dissipate
+            held.add("quadratic_drag")
+            drag[at] = drag_at
+        of_joint = Friction.from_model(joint.model, held, joint.speeds, joint.load)
+        friction[at] = of_joint.viscous, of_joint.dry
+        omissions += [f"{text} (at {at})" for text in (*of_joint.missing, *joint.losses)]
     notes = note_missing(omissions, request, remedy="")
-    spec = build_specification(
-        body, standard, {joint: (friction.viscous, friction.dry) for joint, friction in joints.items()}
-    )
+    spec = build_specification(body, standard, friction)
     spec.option.timestep = request.step
-    for joint in spec.joints:
-        joint.solref_friction = STEPS * request.step, 1.0
-        stiffness = get_value(model, f"spring.stiffness@{joint.name}")
-        if stiffness > 0 and is_spring_linear(select_joint(model, joint.name)[0]):
-            joint.stiffness = [stiffness, 0.0, 0.0]
-            joint.springref = -get_value(model, f"spring.preload@{joint.name}") / stiffness
+    for hinge in spec.joints:
+        hinge.solref_friction = STEPS * request.step, 1.0
+        hinge.damping = [hinge.damping[0], drag.get(hinge.name, 0.0), 0.0]
+        model = joints[hinge.name].model if hinge.name in joints else Model(())
+        stiffness = get_value(model, "spring.stiffness")
+        if stiffness > 0 and is_spring_linear(model):
+            hinge.stiffness = [stiffness, 0.0, 0.0]
+            hinge.springref = -get_value(model, "spring.preload") / stiffness
     for tie in spec.equalities:
         tie.solref = STEPS * request.step, 1.0
-    for rotor in (part for part in model.terms if isinstance(part, Rotor)):  # those of `body` are in `standard`
-        spec.joint(rotor.at).armature += get_value(model, f"rotor@{rotor.at}")
-    for term in (part for part in model.terms if isinstance(part, Coupling)):
-        motor = spec.add_tendon(name=term.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
-        for joint, factor in list_loads(term.at).items():
-            motor.wrap_joint(joint, factor)
-        motor.damping = [max(get_value(model, f"coupling.viscous@{term.at}"), 0.0), 0.0, 0.0]
-        motor.frictionloss = max(get_value(model, f"coupling.coulomb@{term.at}"), 0.0)
-        motor.armature = max(get_value(model, f"coupling.inertia@{term.at}"), 0.0)
-    for joint in body.joints:
-        motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        motor.gainprm[0] = 1.0
+    return spec, notes
+
+
+def write_specification(spec: Any, body: Body, notes: tuple[str, ...]) -> Exported:
+    """Write a specification of an arm, with notes in its head."""
     spec.compile()
     head = escape_comment((f"The arm {escape_text(body.name)}, as identified.", *notes))
     return Exported(f'<?xml version="1.0"?>\n<!-- {head} -->\n{spec.to_xml()}', notes)
+
+
+def export_arm(model: ArmModel, request: Request) -> Exported:
+    """Write an arm for MuJoCo, with a motor at each joint; raises as `build_arm`."""
+    body, links = model.mechanism, nearest_body(model)
+    standard = np.array([links.parameters[name].value for name in body.standard])
+    omissions = [] if links.exists else [f"the links as identified: {describe_nearest_body(links)}"]
+    parts = {at: select_joint(model, at) for at in body.joints}
+    joints = {at: JointExport(part, None, tables) for at, (part, tables) in parts.items()}
+    spec, notes = build_arm(body, standard, joints, omissions, request)
+    for rotor in (part for part in model.terms if isinstance(part, Rotor)):  # those of `body` are in `standard`
+        spec.joint(rotor.at).armature += get_value(model, f"rotor@{rotor.at}")
+    for term in (part for part in model.terms if isinstance(part, Coupling)):
+        tendon = spec.add_tendon(name=term.id, solimp_friction=IMPEDANCE, solref_friction=[STEPS * request.step, 1.0])
+        for joint, factor in list_loads(term.at).items():
+            tendon.wrap_joint(joint, factor)
+        tendon.damping = [max(get_value(model, f"coupling.viscous@{term.at}"), 0.0), 0.0, 0.0]
+        tendon.frictionloss = max(get_value(model, f"coupling.coulomb@{term.at}"), 0.0)
+        tendon.armature = max(get_value(model, f"coupling.inertia@{term.at}"), 0.0)
+    for at in body.joints:
+        motor = spec.add_actuator(name=at, target=at, trntype=import_mujoco().mjtTrn.mjTRN_JOINT)
+        motor.gainprm[0] = 1.0
+    return write_specification(spec, body, notes)
 
 
 def export_joints(model: ArmModel, format: str, request: Request) -> Exported:
@@ -107,6 +156,8 @@ class ArmExporter(Exporter):
     def export(self, model: Model, format: str, request: Request) -> Exported:
         """Write an arm for MuJoCo, or the friction of its joints; raises ExportError for other formats."""
         assert isinstance(model, ArmModel)
+        if request.drive is not None:
+            raise ExportError("a model of known torques has no drive: leave --drive out")
         if format in ("snippet", "feedforward"):
             return export_joints(model, format, request)
         if format != "mjcf":

@@ -81,27 +81,35 @@ def nearest_body(model: Model) -> Nearest:
     count = len(body.base)
     theta, std = model.theta[:count], np.array([model.estimates[name].std for name in body.names])
     std = np.maximum(std, NEAREST.min_std * np.maximum(np.abs(theta), 1e-3 * np.abs(theta).max()))
-    start, scale = _factorise_links(body)
-    n_links = len(body.links)
-
-    def compute_misfit(x: Array) -> Array:
-        base = body.combine @ _compute_standard(start + scale * x, n_links)
-        return np.concatenate([(base - theta) / std, x / NEAREST.prior_std])
-
-    def compute_slope(x: Array) -> Array:
-        base = body.combine @ (_differentiate_standard(start + scale * x, n_links) * scale)
-        return np.vstack([base / std[:, None], np.eye(len(x)) / NEAREST.prior_std])
-
-    solution = scipy.optimize.least_squares(
-        compute_misfit, np.zeros(len(start)), compute_slope, x_scale="jac", max_nfev=NEAREST.max_steps
-    )
-    values = _compute_standard(start + scale * solution.x, n_links)
+    values = fit_possible_links(body, body.combine / std[:, None], theta / std)
     parameters = {
         name: Estimate(value, 0.0, body.get_unit(name))
         for name, value in zip(body.standard, values.tolist(), strict=True)
     }
     distance = np.abs(body.combine @ values - theta) / std
     return Nearest(parameters, float(distance.max()), body.names[int(distance.argmax())])
+
+
+def fit_possible_links(body: Body, columns: Array, target: Array) -> Array:
+    """Return the standard parameters (S,) of possible links with the least |columns standard - target|, near the file.
+
+    `columns` (R, S) and `target` (R,) are in standard errors.
+    """
+    start, scale = _factorise_links(body)
+    n_links = len(body.links)
+
+    def compute_misfit(x: Array) -> Array:
+        misfit = columns @ _compute_standard(start + scale * x, n_links) - target
+        return np.concatenate([misfit, x / NEAREST.prior_std])
+
+    def compute_slope(x: Array) -> Array:
+        slopes = columns @ (_differentiate_standard(start + scale * x, n_links) * scale)
+        return np.vstack([slopes, np.eye(len(x)) / NEAREST.prior_std])
+
+    solution = scipy.optimize.least_squares(
+        compute_misfit, np.zeros(len(start)), compute_slope, x_scale="jac", max_nfev=NEAREST.max_steps
+    )
+    return _compute_standard(start + scale * solution.x, n_links)
 
 
 def standard_parameters(model: Model) -> dict[str, Estimate]:

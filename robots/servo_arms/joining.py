@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from estimators.data.fit_data import FitData
+from estimators.data.regions import ResidualWithoutPlace
 from estimators.decisions.errors import Step, join_errors
 from estimators.diagnosis.result import Diagnosis
 from estimators.findings import Finding
@@ -59,13 +60,16 @@ def join_diagnoses(data: FitData, diagnoses: Mapping[str, Diagnosis]) -> Diagnos
         floors={at: floor for at, one in pairs for floor in one.floors.values()},
         findings=tuple(AtJoint(at, finding) for at, one in pairs for finding in one.findings),
         data=data,
-        joint_residuals={at: get_motion_error(one.steps[-1]) for at, one in pairs if one.unexplained},
+        joint_residuals={at: _get_residual(one) for at, one in pairs if one.unexplained},
     )
 
 
-def get_motion_error(step: Step) -> float:
-    """Return the held-out error of the motion in the loop [rad]."""
-    return step.errors["holdout"].motion
+def _get_residual(diagnosis: Diagnosis) -> float:
+    """Return the error of the motion in the loop that the cause of the unexplained region states [rad]."""
+    cause = diagnosis.unexplained[0].cause
+    if isinstance(cause, ResidualWithoutPlace):
+        return cause.residual.value
+    return diagnosis.steps[-1].errors["holdout"].motion
 
 
 def join_steps(steps: Mapping[str, Step], body: Mechanism, added: str | None = None, of: Model | None = None) -> Step:

@@ -26,9 +26,10 @@ from robots.servo_arms.links import (
     select_columns,
 )
 
+SAME_RATE = 1e-3  # largest relative difference of rates that are equal, apart from clocks
 PAUSE = 1.0  # [s] between recordings on the common clock
 STRIDE = 2  # samples of the log between two of the regressors
-LEAST_SHARE = 0.004  # least norm of the independent part of a column, relative to the largest at all joints
+LEAST_SHARE = 0.006  # least norm of the independent part of a column, relative to the largest at all joints
 SMOOTHING = 0.16  # [s], length of the filter that differentiates positions
 
 
@@ -77,9 +78,19 @@ def divide_arm(
 
 
 def _put_on_one_clock(recordings: Sequence[ArmRecording]) -> list[ArmRecording]:
-    begin, result = 0.0, list[ArmRecording]()
+    """Return the recordings after each other, those of almost equal rates with one rate.
+
+    Samples of one rate are whole numbers of steps apart in a simulation, so its inputs are constant between them.
+    """
+    begin, result, rates = 0.0, list[ArmRecording](), np.array([recording.rate for recording in recordings])
+    rate = float(np.median(rates))
+    is_same = bool((np.abs(rates - rate) <= SAME_RATE * rate).all())
     for recording in recordings:
-        result.append(replace(recording, time=recording.time - recording.time[0] + begin, clock_start=0.0))
+        time = recording.time - recording.time[0]
+        if is_same:
+            count = np.diff((*recording.starts, len(recording)))
+            time = np.repeat(time[[*recording.starts]], count) + np.concatenate([np.arange(n) for n in count]) / rate
+        result.append(replace(recording, time=time + begin, clock_start=0.0))
         begin = float(result[-1].time[-1]) + PAUSE
     return result
 
@@ -115,7 +126,9 @@ def _list_links(
         else:
             chosen = select_columns(weighted[:, k], a[:n_fitted, k], least)
         names = tuple(every_name[place] for place in chosen)
-        table = LinkTable(names, time, series[:, chosen].reshape(len(time), -1))
+        known_columns = np.column_stack([a[:n_fitted, k], total[:n_fitted, k, chosen]])
+        shares = np.linalg.lstsq(known_columns, total[:n_fitted, k])[0]
+        table = LinkTable(names, time, series[:, chosen].reshape(len(time), -1), shares)
         result.append((make_link_torque(LinkTorque, table)(),) if chosen else ())
     return result
 

@@ -12,7 +12,7 @@ moments absorb wrong zeros of parallel joints.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, ClassVar, cast
 
@@ -34,11 +34,14 @@ class LinkTable:
         names: of the columns (K,).
         time: instants (N,) [s].
         series: m_k, c_k, s_k and f_k of each column in turn (N, 4 K).
+        shares: parameters that stand for each base parameter of the arm, first the inertia at the joint, then those of
+            the columns (K + 1, P); empty if unknown.
     """
 
     names: tuple[str, ...]
     time: Array
     series: Array
+    shares: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     def interpolate(self, time: Array) -> list[Array]:
         """Return the series at some instants."""
@@ -54,6 +57,7 @@ class LinkTorque(Term):
     kind = "potential"
     is_decentralised = False
     is_weight = True
+    has_links = True
     needs = "position"  # of the other joints
     table: ClassVar[LinkTable]
 
@@ -141,6 +145,12 @@ def list_names(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(name.replace("@", "_") for name in names)
 
 
+def find_table(terms: Sequence[Term]) -> LinkTable | None:
+    """Return the regressors of the links in a model of a servo; None without links."""
+    return next((term.table for term in terms if isinstance(term, LinkTorque)), None)
+
+
 def list_link_columns(terms: Sequence[Term]) -> tuple[str, ...]:
     """Return the names of the columns of the links in a model of a servo."""
-    return next((term.table.names for term in terms if isinstance(term, LinkTorque)), ())
+    table = find_table(terms)
+    return () if table is None else table.names

@@ -16,8 +16,16 @@ from pendulum_env.physics.joints import Links, place_effect
 from pendulum_env.physics.library import find_term
 from pendulum_env.physics.mechanism import LinkedMechanism, Mechanism
 from pendulum_env.physics.model_file import ModelFile, build_terms
-from pendulum_env.reading import Text, convert
-from robots.servo_arms.links import SERIES, LinkTable, LinkTorque, list_names, make_link_torque, remove_weight
+from pendulum_env.reading import Number, Text, convert
+from robots.servo_arms.links import (
+    SERIES,
+    LinkTable,
+    LinkTorque,
+    find_table,
+    list_names,
+    make_link_torque,
+    remove_weight,
+)
 
 SCHEMA = "pendulum-ident/servo-arm@1"
 
@@ -60,7 +68,9 @@ class ServoArmModel(Model):
         """Return a dictionary for JSON: that of a model, with the models of the servos."""
         content = super().json()
         servos = {at: model.json() for at, model in self.servos.items()}
-        return content | {"schema": SCHEMA, "joints": list(self.servos), "servos": servos}
+        tables = {at: table for at, model in self.servos.items() if (table := find_table(model.terms)) is not None}
+        shares = {at: table.shares.round(9).tolist() for at, table in tables.items()}
+        return content | {"schema": SCHEMA, "joints": list(self.servos), "servos": servos, "link_shares": shares}
 
     @classmethod
     def from_json_of_body(cls, content: JSON, body: LinkedMechanism) -> ServoArmModel:
@@ -77,7 +87,11 @@ class ServoArmModel(Model):
                     f"{LinkTorque.id}.{foreign[0]} at '{at}' is of other links than this robot has: give the robot "
                     "file that it was made with"
                 )
-            weight = make_link_torque(LinkTorque, LinkTable(names, np.zeros(1), np.zeros((1, SERIES * len(names)))))
+            shares = np.array(file.link_shares.get(at, []), ndmin=2)
+            if shares.shape != (len(names) + 1, len(body.names)):
+                shares = np.empty((0, 0))  # of an earlier version
+            table = LinkTable(names, np.zeros(1), np.zeros((1, SERIES * len(names))), shares)
+            weight = make_link_torque(LinkTorque, table)
             terms = build_terms(data, lambda id: weight if id == LinkTorque.id else remove_weight(find_term(id)))  # noqa: B023
             models[at] = Model.from_content(data, terms)
         return replace(cls.join(models, body), log_format=file.log_format)
@@ -89,3 +103,4 @@ class _ServoArmFile(Struct):
     joints: tuple[Text, ...]
     servos: dict[str, Any]
     log_format: dict[str, Any] = {}
+    link_shares: dict[str, list[list[Number]]] = {}

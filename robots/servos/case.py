@@ -61,7 +61,8 @@ from robots.servos.in_loop.motion import simulate_in_loop
 from robots.servos.in_loop.rollout_rows import RolloutRows
 from robots.servos.in_loop.rollouts import Rollouts
 from robots.servos.in_loop.servos import are_driven, choose_parts, make_base
-from robots.servos.refit import make_data, refine, refit
+from robots.servos.in_loop.settings import LOOP
+from robots.servos.refit import make_data, refine, refine_rows, refit
 from robots.servos.rest import find_rest_band
 
 
@@ -149,7 +150,7 @@ class Servo(Case):
     ) -> tuple[FitData, Options]:
         """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
 
-        An effect must explain at least the share `criterion.loop.needed` of the residual.
+        An effect must explain at least the share `criterion.loop.needed` of the residual, or `needed_long`.
 
         Raises:
             RecordingError: if some recordings have no drive, or they cannot be simulated together.
@@ -158,8 +159,10 @@ class Servo(Case):
         data = FitData.from_recordings(recordings, holdout, options.base, criterion=options.criterion)
         base = make_base(data.recordings, options.base)
         library = {id: kind for id, kind in options.library.items() if kind.kind != "sensor"}
-        share = max(options.criterion.explained_share, options.criterion.loop.needed)
-        criterion = replace(options.criterion, explained_share=share, needed_share=share)
+        limits, is_long = options.criterion.loop, sum(map(len, data.recordings)) > LOOP.search.count
+        share = limits.needed_long if is_long else max(options.criterion.explained_share, limits.needed)
+        limits = replace(limits, needed=share)
+        criterion = replace(options.criterion, explained_share=share, needed_share=share, loop=limits)
         data = decide_drives(data, options)
         return data, replace(options, base=base, library=library, criterion=criterion)
 
@@ -171,10 +174,12 @@ class Servo(Case):
         """
         recordings, held_out = data.recordings, data.holdout or data.recordings
         train_part, check_part = choose_parts(data.holdout)
-        windows = TorqueRows(prepare_windows(recordings, part=train_part))
-        train = RolloutRows(Rollouts(recordings, shares=train_part), windows, criterion=options.criterion)
-        windows = TorqueRows(prepare_windows(held_out, part=check_part, fewest=0))
-        check = RolloutRows(Rollouts(held_out, shares=check_part), windows, train, options.criterion)
+        rollouts = Rollouts.from_pieces(recordings, shares=train_part)
+        windows = TorqueRows(prepare_windows(rollouts.recordings, part=train_part))
+        train = RolloutRows(rollouts, windows, criterion=options.criterion)
+        rollouts = Rollouts.from_pieces(held_out, shares=check_part)
+        windows = TorqueRows(prepare_windows(rollouts.recordings, part=check_part, fewest=0))
+        check = RolloutRows(rollouts, windows, train, options.criterion)
         return add_back_emf(data, options).make_evidence((make_data(train), make_data(check)))
 
     def refit(self, found: SearchResult, start: Model | None) -> SearchResult:
@@ -192,6 +197,10 @@ class Servo(Case):
     def present(self, trial: Trial, step: Step, is_final: bool) -> Step:
         """Return a step with back-EMF as part of viscous friction, unless the recordings distinguish the two."""
         return present(trial, step)
+
+    def find_floors(self, trial: Trial) -> Mapping[str, float]:
+        """Return the mean error of the motion by the encoder alone [rad]."""
+        return {"": refine_rows(trial.evidence)[0].rollouts.noise.encoder_error}
 
     def conclude(self, trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
         """Add findings on the residual and the next step."""

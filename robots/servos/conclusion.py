@@ -15,7 +15,7 @@ from estimators.findings import Finding, Quantity
 from estimators.signals.residual import Region, make_region_everywhere
 from pendulum_env.physics import Model, list_ids
 from pendulum_env.recording import Recording
-from robots.servos.refit import refine_rows
+from robots.servos.refit import make_data, refine_rows
 from robots.servos.torque import compute_commanded_torque, list_drives
 
 
@@ -45,7 +45,7 @@ class ScaledTorque(Finding):
 
 
 def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
-    """Add the noise floors of the rollouts, and the next step.
+    """Add the next step.
 
     Candidates that the refit dropped get the reason `ResultOfLongSteps`. An unexplained residual forbids a next
     experiment.
@@ -57,7 +57,6 @@ def conclude(trial: Trial, diagnosis: Diagnosis) -> Diagnosis:
             replace(candidate, reason=ResultOfLongSteps()) if candidate.effect in dropped else candidate
             for candidate in diagnosis.candidates
         ),
-        floors={"": refine_rows(trial.evidence)[0].rollouts.noise.encoder_error},
         no_experiment=DoubtfulDrive() if diagnosis.unexplained else None,
     )
 
@@ -102,8 +101,8 @@ def find_loop_regions(trial: Trial) -> Sequence[Region]:
     The result is empty if the residual is noise in fitted and in held-out data.
     """
     evidence, last, theta = trial.evidence, trial.final.steps[-1], np.asarray(trial.final.steps[-1].model.theta)
-    for part, rows, names in zip(evidence.fits.parts, refine_rows(evidence), ((), evidence.holdout.names), strict=True):
-        residual, data = rows.residual(last.model.terms, theta), rows.rollouts
+    for rows, names in zip(refine_rows(evidence), ((), evidence.holdout.names), strict=True):
+        residual, data, part = rows.residual(last.model.terms, theta), rows.rollouts, make_data(rows)
         if evidence.residuals.is_noise_in(part, residual):
             continue
         mean_errors = np.array(

@@ -204,6 +204,12 @@ class ServoDrive(Actuator):
             elif find("key of a drive", name, KEYS) and name != "preset":
                 if isinstance(value, bool) or not isinstance(value, int | float):
                     raise UserError(f"{name} is {quote_value(value)}: it should be a number")
+                if name in ("ki", "kd") and preset.kp != 1.0 and value >= 1:
+                    unit = {"ki": "duty/(rad s)", "kd": "duty s/rad"}[name]
+                    raise UserError(
+                        f"{name} is {value:g}, that of a register with an unknown unit: leave it out, as kd is part "
+                        f"of the viscous friction, or give it in {unit}; with a preset, kp alone is a register"
+                    )
                 values[name] = float(value) * (preset.kp if name == "kp" else 1.0)
         if not values.keys() & {"kp", "ki"}:
             raise UserError("the controller has no gain: give kp (or ki)")

@@ -14,8 +14,8 @@ class ServoExporter(Exporter):
     """Export of a joint with a drive."""
 
     def accepts(self, model: Model, request: Request) -> bool:
-        """Return whether the drive of the request is that of a servo."""
-        return isinstance(request.drive, ServoDrive)
+        """Return whether the model is that of a joint, and the drive of the request that of a servo."""
+        return isinstance(request.drive, ServoDrive) and model.mechanism.can_simulate
 
     def export(self, model: Model, format: str, request: Request) -> Exported:
         """Write a joint with its drive; raises ExportError as `make_servo`, and as `export_joint`."""

@@ -145,6 +145,13 @@ def test_urdf_and_configurations_have_the_same_numbers(monkeypatch):
         assert {key: settings[key] for key in expected[name]} == pytest.approx(expected[name], rel=1e-8)
 
 
+def test_a_motor_of_mjlab_has_the_limit_that_it_needs(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mjlab", SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "mjlab.actuator", SimpleNamespace(BuiltinMotorActuatorCfg=dict))
+    text = export(joint(), "snippet").content
+    assert load_module(section(text, "mjlab")).ACTUATOR["effort_limit"] > 1e3
+
+
 def test_bam_has_the_friction_and_the_motor_of_the_model():
     model = joint(STRIBECK, LOADED, "back-EMF")
     bam = SimpleNamespace(**json.loads(section(export(model, "snippet", Request(drive=DRIVE)).content, "BAM")))

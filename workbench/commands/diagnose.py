@@ -16,6 +16,7 @@ from workbench.printing import MORE, print_diagnosis
 from workbench.terminal import Terminal
 
 ASKED = "only without fixed bounds max_torque max_angle max_speed horizon".split()  # options passed on to `diagnose`
+PAUSE = 10.0  # [s], least time between two lines of progress in a pipe
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +74,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     inputs = open_sources(arguments, list_sources(arguments, outputs), terminal)
     criterion = Criterion(p_value=arguments.significance, block=arguments.block)
     data = inputs.calibrate(terminal, fixed=arguments.fixed, criterion=criterion)
-    with terminal.progress("diagnosing") as progress:
+    with terminal.progress("diagnosing", lines=True, pause=PAUSE) as progress:
         diagnosis = diagnose(
             data.recordings,
             data.holdout,

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from collections.abc import Mapping
 from dataclasses import fields, replace
 
 from estimators.data.calibration import convert_to_model_unit
@@ -9,11 +10,13 @@ from pendulum_env.files import write_whole
 from pendulum_env.physics import Model
 from pendulum_env.recording import Recording
 from pendulum_env.recording.study import Source, apply_log_format
+from pendulum_env.robot_file import RobotOptions
 from workbench import options
 from workbench.errors import InputError
 from workbench.export import FORMATS, Exported, Request, export
 from workbench.inputs import make_body, read_all, read_model, read_source_names
 from workbench.outputs import check_outputs, report_files
+from workbench.robot import make_robot
 from workbench.terminal import Terminal
 
 
@@ -65,7 +68,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "that it leaves",
     )
     options.declare(parser, *options.READING)
-    options.add_robot(parser, pendulums=["drive", "mass", "armature", "check"], about="with mjcf: the arm")
+    options.add_robot(parser, pendulums=["mass", "armature"], about="the arm of the model")
 
 
 def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
@@ -80,6 +83,7 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     }.items():
         if getattr(arguments, option) and arguments.to not in formats:
             raise InputError(f"--{option} goes with {' or '.join(formats)}, not with {arguments.to}")
+    saved = RobotOptions.read_from_model(arguments.model if arguments.robot else None)
     model = read_model(arguments.model, make_body(arguments))
     request = Request(**{field.name: getattr(arguments, field.name) for field in fields(Request)})
     if request.drive is not None:
@@ -88,7 +92,10 @@ def run(arguments: argparse.Namespace, terminal: Terminal) -> None:
     exported = export(model, arguments.to, request)
     if sources:
         sources = tuple(apply_log_format(source, model.log_format, arguments.model) for source in sources)
-        recordings = convert_to_model_unit(model, read_all(sources, terminal, Source.read))
+        read = Source.read if arguments.robot is None else make_robot(arguments, sources, saved).read
+        recordings = tuple(read_all(sources, terminal, read))
+        if model.mechanism.can_simulate:
+            recordings = convert_to_model_unit(model, recordings)
         _check(model, exported, request, recordings, terminal, arguments.to)
     if arguments.output is not None:
         write_whole(arguments.output, exported.content)
@@ -125,7 +132,8 @@ def _check(
     with terminal.progress("comparing" if is_torque else "running in MuJoCo"):
         result = check_feedforward(model, recordings) if is_torque else check(model, exported, request, recordings)
     terminal.print_heading(result.title)
-    shares = [100 * error / result.motion for error in result.errors.values()]
+    motions = result.motion if isinstance(result.motion, Mapping) else dict.fromkeys(result.errors, result.motion)
+    shares = [100 * error / motions[name] for name, error in result.errors.items()]
     rows = [
         (name, f"{error:.3g} {result.unit}", f"{share:.0f} %" if share > 99 else f"{share:.2g} %")
         for (name, error), share in zip(result.errors.items(), shares, strict=True)

@@ -125,13 +125,14 @@ def describe_result(diagnosis: Diagnosis) -> str:
         if is_coarse and after > before / 3:  # effects do not explain wrong settings of the drive
             verb = "explains" if len(groups) == 1 else "explain"
             part = f". {capitalise(join_words(groups))} {verb} {1 - after / before:.0%} of the error" if groups else ""
-            return f"The servo as described does not reproduce the log{part}"
+            return f"The servo as described does not reproduce the log{_name_worst_joint(diagnosis)}{part}"
     if withhold_everything(diagnosis.findings) or diagnosis.model.is_undetermined:
         return "These recordings do not determine the parameters"
     contacts = [finding for finding in diagnosis.findings if isinstance(finding, Contact)]
     places = [f"{f' by {contact.joint}' * bool(contact.joint)} at {measure(contact.angle)}" for contact in contacts]
     met = [f"a stop or a blow was met{where_met}" for where_met in places]
     if groups:
+        place += _name_worst_joint(diagnosis)
         remainder = f", and more{place} that no known effect explains" if diagnosis.unexplained else ""
         remainder = remainder or "".join(f", and {text}" for text in met)
         return f"{capitalise(join_words(groups))} {'is' if len(groups) == 1 else 'are'} missing{remainder}"
@@ -141,8 +142,18 @@ def describe_result(diagnosis: Diagnosis) -> str:
     if not diagnosis.unexplained:
         return "Nothing is missing" if has_searched(diagnosis) else "The model explains what was measured"
     if has_searched(diagnosis):
-        return f"Something is missing{place}, and no known effect explains it"
+        return f"Something is missing{place}{_name_worst_joint(diagnosis)}, and no known effect explains it"
     return f"Something is missing{place or ' in this model'}"
+
+
+def _name_worst_joint(diagnosis: Diagnosis) -> str:
+    """Name the joint of an arm of servos with the largest held-out error; empty for other machines."""
+    last = diagnosis.steps[-1].errors["holdout"]
+    if len(diagnosis.floors) < 2 or not last.is_of_motion:
+        return ""
+    worst = max(diagnosis.floors, key=last.get_joint_error)
+    size = Quantity(last.get_joint_error(worst), unit=get_error_unit(diagnosis, worst))
+    return f", most at {worst} ({measure(size, 2)})"
 
 
 def describe_errors(diagnosis: Diagnosis) -> str:

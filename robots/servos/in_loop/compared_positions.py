@@ -16,6 +16,8 @@ from pendulum_env._typing import Array, Index, Mask
 from pendulum_env.recording import Recording
 from robots.servos.in_loop.settings import LOOP
 
+STILL = 0.01  # largest range of a joint at rest, relative to the largest of all recordings
+
 
 def choose_grain(recordings: Sequence[Recording]) -> float:
     """Return the time between compared positions [s]: some samples of the log, or `grain` if the rates differ.
@@ -110,11 +112,16 @@ class ComparedPositions:
         return block.ravel(), self.recording_of, blocks[:, 0]
 
     def measure_structure(self, residual: Array) -> ResidualStructure:
-        """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.
+        """Return the size of a residual (R,) [rad], the geometric mean over recordings.
 
-        Correlated neighbours do not indicate a missing effect: a servo that sticks at another position than its model
-        is off for seconds. The geometric mean limits the weight of one recording.
+        That of a recording is the RMS of normal errors with its mean absolute error, in which rare large errors count
+        as in the likelihood. Correlated neighbours do not indicate a missing effect: a servo that sticks at another
+        position than its model is off for seconds. The geometric mean limits the weight of one recording.
+        Recordings at rest have no error and do not count beside others.
         """
-        squares = np.bincount(self.recording_of, residual**2) / np.bincount(self.recording_of)
-        rms = float(np.exp(0.5 * np.mean(np.log(np.maximum(squares, 1e-300)))))
+        sizes = np.bincount(self.recording_of, np.abs(residual)) / np.bincount(self.recording_of)
+        spans = np.array([np.ptp(self.measured[self.recording_of == k]) for k in range(len(sizes))])
+        is_moving = spans > STILL * spans.max()
+        sizes = sizes[is_moving] if is_moving.any() else sizes
+        rms = float(np.sqrt(np.pi / 2) * np.exp(np.mean(np.log(np.maximum(sizes, 1e-150)))))
         return ResidualStructure(rms, 0.0, rms)

@@ -105,8 +105,9 @@ def fit_conventions(
     fits = []
     for own in settings:
         variant = complete_drives(recordings, own)
-        torque = TorqueRows(prepare_windows(variant, part=part))
-        rollouts = Rollouts(variant, LOOP.simulation.fine_steps, shares=part, has_counts=has_counts)
+        options: Any = {"shares": part, "has_counts": has_counts}
+        rollouts = Rollouts.from_pieces(variant, LOOP.simulation.fine_steps, **options)
+        torque = TorqueRows(prepare_windows(rollouts.recordings, part=part))
         rows = RolloutRows(rollouts, torque, criterion=criterion)
         fits.append(ConventionFit.from_rows(own, rows, rows.fit(base, exactly=True).terms))
     return fits

@@ -73,7 +73,8 @@ def _fit_by_steps(
         visited.append(LocalErrors(local, cost, local.weights * local.error, slopes, at_least, at_most))
         return visited[-1]
 
-    polls = iter(range(0 if share or (nonlinear and has_local_minima(point.terms)) else LOOP.fit.polls))
+    is_long = len(rollouts.positions.measured) > LOOP.fit.long_count  # the start is a fit of pieces
+    polls = iter(range(0 if share or is_long or (nonlinear and has_local_minima(point.terms)) else LOOP.fit.polls))
 
     def choose_step(local: LocalErrors[LinearErrors], steps: list[Array]) -> tuple[Point, float]:
         point, count = local.known.point, local.slopes.shape[1]

@@ -72,7 +72,9 @@ class RolloutFits:
         key = tuple(terms)
         if exactly and self.guide is None and key not in self._converged:
             typical = self.sizes.list_sizes(key)
-            starts = vary_dry_friction(self.linearise(key).point, typical)
+            starts = [self.linearise(key).point]
+            if len(self.rollouts.positions.measured) <= LOOP.fit.long_count:  # longer ones start from a fit of pieces
+                starts = vary_dry_friction(starts[0], typical)
             likeliest = self._fit_likeliest(starts, typical, LOOP.fit.roughly).point
             self._store(key, fit_rollouts(self.rollouts, likeliest, typical, share=0.0))
             self._converged |= {key, self.linearise(key).point.terms}

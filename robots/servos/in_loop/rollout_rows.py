@@ -28,7 +28,6 @@ from robots.servos.in_loop.likelihood import compute_likelihood_scale
 from robots.servos.in_loop.linearisation import TypicalSizes, linearise_errors
 from robots.servos.in_loop.rollout_fits import RolloutFits
 from robots.servos.in_loop.rollouts import Rollouts
-from robots.servos.in_loop.settings import LOOP
 
 
 @dataclass(eq=False)
@@ -76,9 +75,8 @@ class RolloutRows:
     @property
     @memoized
     def fine(self) -> RolloutRows:
-        """The rows with shorter steps of the integrator, without fits."""
-        rollouts = replace(self.rollouts, steps=LOOP.simulation.fine_steps)
-        return replace(self, rollouts=rollouts, guide=self.guide and self.guide.fine)
+        """The rows of whole recordings with shorter steps of the integrator, without fits."""
+        return replace(self, rollouts=self.rollouts.fine, guide=self.guide and self.guide.fine)
 
     def fit(self, terms: Terms, exactly: bool = False) -> Point:
         """Fit some terms, to convergence if `exactly`; return the fitted terms and parameters."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from pendulum_env.recording import Recording
 from robots.servos.in_loop.compared_positions import ComparedPositions, choose_grain
 from robots.servos.in_loop.counts import compute_creep_torque, find_encoder_step, make_quantisation_noise
 from robots.servos.in_loop.noise import MotionNoise, mistime_recordings
+from robots.servos.in_loop.pieces import select_pieces
 from robots.servos.in_loop.servo_inputs import make_servos
 from robots.servos.in_loop.settings import LOOP
 from robots.servos.loop import Servos, simulate_servos
@@ -32,6 +33,7 @@ class Rollouts:
         grain: time between compared positions [s]; None chooses it by the logs, see `choose_grain`.
         has_counts: whether positions are compared in counts of the encoder, if the log shows them; None: if the
             controllers read counts.
+        whole: recordings of which `recordings` are pieces; None if they are whole.
     """
 
     recordings: tuple[Recording, ...]
@@ -39,6 +41,20 @@ class Rollouts:
     shares: Part = WHOLE
     grain: float | None = None
     has_counts: bool | None = None
+    whole: tuple[Recording, ...] | None = None
+
+    @classmethod
+    def from_pieces(cls, recordings: Sequence[Recording], steps: int = LOOP.simulation.steps, **options: Any) -> Self:
+        """Make the rollouts of pieces of long recordings, with fewer steps, or of whole short ones, for a search."""
+        pieces = select_pieces(whole := tuple(recordings))
+        return cls(pieces, steps if pieces is whole else LOOP.search.steps, **options, whole=whole)
+
+    @property
+    def fine(self) -> Self:
+        """Return the rollouts of the whole recordings with shorter steps of the integrator."""
+        whole = self.whole or self.recordings
+        steps = LOOP.simulation.fine_steps if whole is self.recordings else LOOP.search.fine_steps
+        return replace(self, recordings=whole, steps=steps)
 
     @cached_property
     def positions(self) -> ComparedPositions:

@@ -54,6 +54,16 @@ class FitSettings:
 
 
 @dataclass(frozen=True)
+class SearchSettings:
+    """Pieces of long recordings in a search."""
+
+    count: int = 12000  # samples in all; more are left to the final fits
+    piece: float = 12.0  # [s], length of a piece
+    steps: int = 6  # of the integrator in `SimulationSettings.grain`
+    fine_steps: int = 8  # the same for the final fit of the whole recordings
+
+
+@dataclass(frozen=True)
 class LinkSettings:
     """Starts of the fit of a link, over whose parameters the likelihood has many local minima."""
 
@@ -83,6 +93,7 @@ class LoopSettings:
 
     simulation: SimulationSettings = SimulationSettings()
     encoder: EncoderSettings = EncoderSettings()
+    search: SearchSettings = SearchSettings()
     fit: FitSettings = FitSettings()
     link: LinkSettings = LinkSettings()
     profile: ProfileSettings = ProfileSettings()

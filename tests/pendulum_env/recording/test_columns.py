@@ -257,3 +257,10 @@ def test_a_speed_alone_is_integrated(header: str, factor: float) -> None:
     assert not read_recording(log | {"position": np.sin(2 * time)}).has_integrated_position
     with pytest.raises(RecordingError, match="no column for position"):  # counts need their number in a turn
         read_recording(log | {"position [counts]": np.round(1000 * np.sin(2 * time))})
+
+
+def test_a_joint_named_rotation_is_not_read_in_turns() -> None:
+    headers = ["time", "position_Rotation", "goal_Rotation", "position_Pitch", "goal_Pitch"]
+    columns = find_columns(headers, {"position": "position_Rotation", "reference": "goal_Rotation"}, "torque")
+    assert columns["position"].scale == columns["reference"].scale == 1.0
+    assert find_columns(["t", "position [rotation]", "tau"])["position"].scale == pytest.approx(2 * np.pi)

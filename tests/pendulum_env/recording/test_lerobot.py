@@ -142,6 +142,8 @@ def test_percent_without_a_calibration_needs_the_ranges(tmp_path: Path) -> None:
     folder = write_dataset(tmp_path / "pick", unit="percent")
     with pytest.raises(ColumnError, match=r"percent of the range .*calibration.json"):
         read_recording(f"{folder}#0", columns={"torque": None})
+    with pytest.raises(ColumnError, match=r"calibration\.json"):  # also of columns that are named
+        read_recording(f"{folder}#0", columns={**READ, "torque": None})
     half = 0.5 * (RANGES["elbow_flex"][1] - RANGES["elbow_flex"][0]) * 360 / 4096 / 100
     columns = {name: f"{column}:deg*{half!r}" for name, column in READ.items() if column != "none"}
     recording = read_recording(f"{folder}#0", columns={**columns, "torque": None})

@@ -59,6 +59,14 @@ def test_model_file_gives_the_same_errors_in_compare(result, folder):
         assert joints[at]["in_loop"] == pytest.approx(last["errors"]["holdout"]["joints"][at]["in_loop"], rel=0.05)
 
 
+def test_noise_floor_of_add_is_that_of_the_diagnosis(result, folder):
+    out = folder / "added.json"
+    words = ["add", folder / "model.json", "stribeck@wrist", folder / "arm.toml", "--robot", folder / "arm.urdf"]
+    assert main([str(word) for word in [*words, "--json", out]]) == 0
+    floor = json.loads(out.read_text())["noise_floor"]["joints"]["wrist"]
+    assert floor == pytest.approx(result["noise_floor"]["joints"]["wrist"], rel=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("draw", range(10))
 def test_hidden_effect_is_named_in_most_draws(tmp_path, draw):
