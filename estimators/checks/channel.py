@@ -114,7 +114,7 @@ class ChannelFits(ChannelRows):
             return [self.compute_residual(self.compute_torque(variant)) for variant in variants]
 
         law = refine_nonlinear(law, list_residuals)
-        if law.lag <= 0:
+        if law.lag <= 0 or not self._has_noise:
             return law
         noises = self._measure_noise(self._list_channels(law))
 
@@ -125,10 +125,10 @@ class ChannelFits(ChannelRows):
 
         return refine_nonlinear(law, list_relative_residuals)
 
-    def fit_given(self, laws: Sequence[Alignment]) -> Alignment:
+    def fit_given(self, laws: Sequence[Alignment], delays: Sequence[Term] = ()) -> Alignment:
         """Fit the columns under given laws of late torque, one for each recording; return the first with its density.
 
-        Torque that acts late stays as logged.
+        Torque that acts late by a law stays as logged. The effects `delays` delay the acting torque, to first order.
         """
         windows, entries = self.rows.data.windows, self.rows.data.recording_of_window
         of_windows = [laws[k if w.run is None else w.run] for k, w in enumerate(windows)]
@@ -136,7 +136,8 @@ class ChannelFits(ChannelRows):
             law.select_channel(1.0 / w.recording.rate) if law.is_late and law.moves(w.at) else Channel()
             for law, w in zip(of_windows, windows, strict=True)
         ]
-        torques = np.array([self.compute_torque(channel) for channel in channels])
+        data = self.rows.data
+        torques = np.array([data.equations([channel, *delays]).y * data.weights for channel in channels])
         torque = torques[entries, np.arange(len(entries))]
         predicted = self._fit_torque(torque, channels)[2]
         first = next((law for law in laws if law.is_late), NO_ALIGNMENT)
@@ -190,17 +191,14 @@ class ChannelFits(ChannelRows):
         Torque that is late by a quarter to half a sample is more plausibly sampled, and later torque held. A row that
         reacts to its position has the present torque, which was sampled.
         """
-        sampled, shifts, limits = (
-            replace(self, is_sampled=True).with_jump_errors(),
-            self.fit_shifts(),
-            self.criterion.timing,
-        )
+        sampled = replace(self, is_sampled=True).with_jump_errors()
+        shifts, limits = self.fit_shifts(), self.criterion.timing
         shift, error = self.delay_fit.delay / self.period, limits.z_score * self.delay_fit.delay_std / self.period
         is_within_sample = shift <= 0.5 + error
         if shift + error >= limits.least_sampled:
             if is_within_sample and self.has_feedback:
                 shifts = [law for law in shifts if not law.is_late]
-            shifts += [law for law in sampled.fit_shifts() if law.is_late]
+            shifts += [law for law in sampled.fit_shifts() if law.is_late and law.delay]
         shifts.sort(key=lambda law: (law.penalty, law.channel.is_sampled != is_within_sample))
         return [self.in_time_fit, sampled.half_sample_fit, *shifts]
 
@@ -230,6 +228,11 @@ class ChannelFits(ChannelRows):
         """Return whether the torque of a row reacts to its position."""
         return bool(find_feedback([w.recording for w in self.rows.data.windows], self.criterion))
 
+    @property
+    def _has_noise(self) -> bool:
+        """Return whether noise of the log is known: an answer of a controller looks like it, and links follow any."""
+        return not (self.has_feedback or self.rows.data.shared_columns)
+
     def compute_amplification(
         self, channels: Sequence[Channel], residual: Array, noises: Sequence[LogNoise] | None = None
     ) -> Array:
@@ -244,7 +247,7 @@ class ChannelFits(ChannelRows):
         `start`, and no more. The answer of a controller to its encoder looks like noise of the log, and acts: the ratio
         is then 1, as for joints with links.
         """
-        if self.has_feedback or self.rows.data.shared_columns:
+        if not self._has_noise:
             return np.ones(len(residual))
         noises = noises or self._measure_noise(channels)
         power, is_white = self._compute_power(residual), np.array([noise.is_filtered for noise in noises])
@@ -375,25 +378,31 @@ def predict_log(
 ) -> list[Alignment]:
     """Predict the log of recordings by models: laws of late torque, one for each recording, and terms of the joint.
 
-    The density of each model is that of the log in the same windows. The list is empty if these are too few.
+    The density of each model is that of the log in the same windows. The list is empty if these are too few, and for
+    laws of the present torque, for example saturation: the density of a log that they change is not known.
     """
     predicted, given = list[Alignment](), [*models]
     latest = LONGEST if any(law.delay >= REACH for laws, _ in given for law in laws) else REACH
     for laws, terms in given:
-        logs = [_apply_torque_laws(recording, terms) for recording in recordings]
+        delays = [term for term in terms if term.delays_torque and not term.at]
         try:
-            fits = ChannelFits.from_recordings(logs, terms, latest, criterion, is_model=True)
+            fits = ChannelFits.from_recordings(recordings, terms, latest, criterion, is_model=True)
         except IdentificationError:
             fits = None
-        if fits is None:
+        if fits is None or any(map(_is_torque_law, terms)):
             return []
-        predicted.append(fits.fit_given(laws))
+        predicted.append(fits.fit_given(laws, delays))
     return predicted
+
+
+def _is_torque_law(term: Term) -> bool:
+    """Return whether a term of a pendulum is a law of the present torque without parameters, as saturation."""
+    return bool(term.fixed) and not term.has_state() and not term.at
 
 
 def _apply_torque_laws(recording: Recording, terms: Sequence[Term]) -> Recording:
     """Return a recording of a pendulum with torque after the laws of the present torque, for example saturation."""
-    laws = [term for term in terms if term.fixed and not term.has_state() and not term.at]
+    laws = [term for term in terms if _is_torque_law(term)]
     if not laws:
         return recording
     velocity = np.gradient(recording.position, recording.time)
@@ -422,8 +431,8 @@ def estimate_alignments(
     is_closed = all(find_feedback([recording], criterion) for recording in recordings)
     if len(recordings) == 1 or (is_closed and np.isfinite(joint.delay_std)):
         return [joint] * len(recordings)
-    strict = replace(criterion, p_value=criterion.p_value / len(recordings))  # one of many is late by chance
-    own_laws = [estimate_alignment([recording], terms, strict, is_model) for recording in recordings]
+    strict_criterion = replace(criterion, p_value=criterion.p_value / len(recordings))  # one of many is late by chance
+    own_laws = [estimate_alignment([recording], terms, strict_criterion, is_model) for recording in recordings]
     if is_closed and not all(np.isfinite(own.delay_std) for own in own_laws):
         return [joint] * len(recordings)
     for law in (joint, *sorted(own_laws, key=lambda own: own.delay_std + own.lag_std)):

@@ -130,7 +130,6 @@ class LoopLimits(Limits):
 
     Attributes:
         needed: least share of the squared error that an effect explains; sticking alone changes the error.
-        needed_long: the same for long recordings, of which a search takes pieces: sticking averages out.
         dominant: the same of a link if the residual is not noise: a link imitates another controller.
         counts_p_value: largest p-value of a gain by which counts overrule exact positions: most controllers read
             counts.
@@ -141,7 +140,6 @@ class LoopLimits(Limits):
     """
 
     needed: float = 0.3
-    needed_long: float = 0.1
     dominant: float = 0.75
     counts_p_value: float = 0.16
     same: float = 1e-3

@@ -24,7 +24,7 @@ from estimators.findings import Finding
 from estimators.selection.evidence import Evidence
 from estimators.selection.search import SearchResult, search
 from estimators.signals.residual import Region
-from pendulum_env.physics import Model, Term, list_ids
+from pendulum_env.physics import BASE, Model, Term, list_ids
 from pendulum_env.recording import Recording
 
 Treatment = Callable[["Trial"], FitData | None]  # data after one more treatment; None if it does not apply
@@ -218,8 +218,8 @@ class Trial:
 
     @property
     def effects(self) -> list[Term]:
-        """Effects that the search found."""
-        base = list_ids(self.evidence.fits.base)
+        """Terms of the result beyond the base model of a joint."""
+        base = list_ids((*BASE, *self.data.base_terms))
         return [term for term in self.result.terms if term.id not in base]
 
     def present(self, step: Step, is_final: bool) -> Step:

@@ -7,6 +7,7 @@ import numpy as np
 
 from estimators.checks.alignment import NO_ALIGNMENT, Alignment
 from estimators.checks.channel import predict_log
+from estimators.checks.settings import CHECKS
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.treatment import Action, DataChange, Treatment
@@ -99,7 +100,9 @@ def _compare_times(trial: Trial, best: Trial) -> tuple[Decision, Decision]:
         return failed, failed
     after, before = predicted
     bootstrap = Bootstrap(after.of_block, np.random.default_rng(0))
-    penalty = trial.evidence.penalty(trial.result.terms, best.result.terms) + max(after.penalty - before.penalty, 0.0)
+    n_more = trial.data.timing.count_parameters() - best.data.timing.count_parameters()
+    penalty = trial.evidence.penalty(trial.result.terms, best.result.terms)
+    penalty += max(n_more, 0) * float(np.log(CHECKS.channel.candidates))
     gates = limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, criterion.p_value)
     probability = float(bootstrap.probabilities([after.density, before.density])[0])
     tie = Gate("tie_probability", probability, criterion.tie_probability, probability > criterion.tie_probability)

@@ -232,8 +232,8 @@ EFFECTS: dict[str, Description] = {
         title="friction that drifts with time",
         symptom="a change in time",
         signature=(
-            "Friction falls from the beginning of the recording on, fast at first. The residual has one sign at its "
-            "start and the other at its end."
+            "Friction falls from the beginning of the recording on, fast at first. The residual opposes the motion "
+            "at its start and helps it at its end."
         ),
         resembles=("payload_change",),
         informative_experiment="a recording from cold that lasts several warm-up times",

@@ -61,7 +61,6 @@ from robots.servos.in_loop.motion import simulate_in_loop
 from robots.servos.in_loop.rollout_rows import RolloutRows
 from robots.servos.in_loop.rollouts import Rollouts
 from robots.servos.in_loop.servos import are_driven, choose_parts, make_base
-from robots.servos.in_loop.settings import LOOP
 from robots.servos.refit import make_data, refine, refine_rows, refit
 from robots.servos.rest import find_rest_band
 
@@ -150,7 +149,7 @@ class Servo(Case):
     ) -> tuple[FitData, Options]:
         """Calibrate the recordings; leave out effects of a sensor, which simulations from goals do not show.
 
-        An effect must explain at least the share `criterion.loop.needed` of the residual, or `needed_long`.
+        An effect must explain at least the share `criterion.loop.needed` of the residual.
 
         Raises:
             RecordingError: if some recordings have no drive, or they cannot be simulated together.
@@ -159,10 +158,8 @@ class Servo(Case):
         data = FitData.from_recordings(recordings, holdout, options.base, criterion=options.criterion)
         base = make_base(data.recordings, options.base)
         library = {id: kind for id, kind in options.library.items() if kind.kind != "sensor"}
-        limits, is_long = options.criterion.loop, sum(map(len, data.recordings)) > LOOP.search.count
-        share = limits.needed_long if is_long else max(options.criterion.explained_share, limits.needed)
-        limits = replace(limits, needed=share)
-        criterion = replace(options.criterion, explained_share=share, needed_share=share, loop=limits)
+        share = max(options.criterion.explained_share, options.criterion.loop.needed)
+        criterion = replace(options.criterion, explained_share=share, needed_share=share)
         data = decide_drives(data, options)
         return data, replace(options, base=base, library=library, criterion=criterion)
 

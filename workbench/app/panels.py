@@ -86,8 +86,11 @@ def show_findings(state: State) -> Component:
     """Render the parameters that the recordings determine, and findings on the others."""
     withheld = {parameter for doubt in state.doubts for parameter in doubt.withheld}
     terms = BASE if state.failure_reason else state.model.terms
-    known = [name_parameter(column.name) for term in terms for column in term.columns if column.name not in withheld]
-    known_text = [html.P(["They tell ", html.Strong(join_words(known)), "."])] if known and state.fit else []
+    is_relative = not state.failure_reason and state.model.torque_unit == "rad/s^2"  # of a free swing
+    unknown = withheld | ({"inertia"} if is_relative else set())
+    known = [name_parameter(column.name) for term in terms for column in term.columns if column.name not in unknown]
+    relative = ", relative to the inertia." if is_relative else "."
+    known_text = [html.P(["They tell ", html.Strong(join_words(known)), relative])] if known and state.fit else []
     result = state.diagnosis or state.fit
     findings = [*(result.disagreements if result is not None else ()), *state.doubts]
     texts = [*filter(None, [state.failure_reason]), *map(describe, findings)]

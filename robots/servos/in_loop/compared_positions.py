@@ -112,16 +112,15 @@ class ComparedPositions:
         return block.ravel(), self.recording_of, blocks[:, 0]
 
     def measure_structure(self, residual: Array) -> ResidualStructure:
-        """Return the size of a residual (R,) [rad], the geometric mean over recordings.
+        """Return the size of a residual (R,) [rad], the geometric mean of the RMS over recordings.
 
-        That of a recording is the RMS of normal errors with its mean absolute error, in which rare large errors count
-        as in the likelihood. Correlated neighbours do not indicate a missing effect: a servo that sticks at another
-        position than its model is off for seconds. The geometric mean limits the weight of one recording.
-        Recordings at rest have no error and do not count beside others.
+        Correlated neighbours do not indicate a missing effect: a servo that sticks at another position than its model
+        is off for seconds. The geometric mean limits the weight of one recording. Recordings at rest have no error and
+        do not count beside others.
         """
-        sizes = np.bincount(self.recording_of, np.abs(residual)) / np.bincount(self.recording_of)
-        spans = np.array([np.ptp(self.measured[self.recording_of == k]) for k in range(len(sizes))])
+        squares = np.bincount(self.recording_of, residual**2) / np.bincount(self.recording_of)
+        spans = np.array([np.ptp(self.measured[self.recording_of == k]) for k in range(len(squares))])
         is_moving = spans > STILL * spans.max()
-        sizes = sizes[is_moving] if is_moving.any() else sizes
-        rms = float(np.sqrt(np.pi / 2) * np.exp(np.mean(np.log(np.maximum(sizes, 1e-150)))))
+        squares = squares[is_moving] if is_moving.any() else squares
+        rms = float(np.exp(0.5 * np.mean(np.log(np.maximum(squares, 1e-300)))))
         return ResidualStructure(rms, 0.0, rms)
