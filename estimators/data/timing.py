@@ -99,6 +99,11 @@ class Timing:
             for alignment, counterpart in zip(self.alignments, other.alignments, strict=True)
         )
 
+    def contradicts(self, other: Timing) -> bool:
+        """Return whether torque is late or acts late by this timing, and is not late or late by another one."""
+        pairs = zip(self.alignments, other.alignments, strict=True)
+        return any(law.is_found and law.is_late != counterpart.is_late for law, counterpart in pairs)
+
     @property
     def corrections(self) -> list[TorqueTiming]:
         """Findings on torque that was logged late and is corrected."""

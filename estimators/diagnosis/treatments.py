@@ -178,8 +178,8 @@ def align_with_effects(trial: Trial) -> FitData | None:
     A dead time after the correction of a delay is the excess of this delay, and shortens it. Other effects may have
     been found because torque is late: it is timed under the fewest of them, see `_time_by_fewest`.
 
-    None if this was done, if torque is kept as logged, if the timing agrees, or if a corrected delay would be lost: the
-    few columns of a wrong model may hide a delay.
+    None if this was done, if torque is kept as logged, if the timing agrees, or if it contradicts the one beside nearly
+    any law: the few columns of a wrong model may hide a delay, or imitate one.
     """
     data, model, effects = trial.data, trial.result.steps[-1].model, trial.effects
     dead_times = [term for term in effects if isinstance(term, DeadTime) and data.timing.is_late_at(term.at)]
@@ -192,8 +192,7 @@ def align_with_effects(trial: Trial) -> FitData | None:
     if done:
         return None
     timed = _time_by_fewest(data, effects, data.with_timing(effects))
-    is_lost = data.timing.has_moved and not timed.timing.has_moved
-    return None if is_lost or timed.timing.agrees(data.timing) else timed
+    return None if data.timing.contradicts(timed.timing) or timed.timing.agrees(data.timing) else timed
 
 
 def _time_by_fewest(data: FitData, effects: Sequence[Term], timed: FitData) -> FitData:

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from benchmarks.independent_plant import Experiment, Plant, random_case
 from estimators.checks.alignment import NO_ALIGNMENT, Alignment, TorqueTiming
-from estimators.checks.channel import estimate_alignment, estimate_alignments
+from estimators.checks.channel import estimate_alignment, estimate_alignments, predict_log
 from estimators.data.fits import fit_terms
 from estimators.data.regression_data import RegressionData
 from estimators.data.timing import Timing
@@ -17,6 +17,7 @@ from estimators.decisions.criterion import Criterion
 from estimators.signals.channel import Channel
 from estimators.signals.differentiation import has_white_noise
 from pendulum_env.physics import BASE
+from pendulum_env.physics.actuation import ActuatorLag, DeadTime, TorqueSaturation
 from pendulum_env.physics.library import effect
 from pendulum_env.recording import Recording, read_recording
 from robots.arms import arm_base
@@ -394,3 +395,31 @@ def test_a_filter_is_not_underestimated_because_a_shorter_one_amplifies_less_noi
     experiment = Experiment(rate=200.0, seconds=20.0, seed=seed, excitation="two_tone", torque_noise=0.1)
     found = estimate_alignment([logged_filtered(recorded(Plant(), experiment)[0], 0.008)], is_model=True)
     assert abs(found.lag - 0.008) < found.lag_std < 1.5e-4
+
+
+MULTISINE = Experiment(rate=1000.0, seconds=12.0, excitation="multisine", seed=3, counts=65_536)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "effect"),
+    [({"actuator_lag": {"lag_T": 0.02}}, ActuatorLag(0.02)), ({"dead_time": {"dead_n": 10}}, DeadTime(0.01))],
+    ids=["lag", "dead time"],
+)
+def test_a_log_is_predicted_by_its_delay_and_that_of_its_actuator_together(hidden, effect):
+    late = logged_late(recorded(Plant(effects=hidden), MULTISINE)[0], 4)
+    law = Alignment(Channel(0.004), 1e-4, 0.0)
+    true, *others = predict_log([late], [([law], [effect]), ([law], []), ([NO_ALIGNMENT], [])])
+    assert all(true.beats(other) for other in others)
+
+
+def test_each_recording_of_a_log_is_predicted_with_its_own_delay():
+    logs = [logged_late(recorded(Plant(), replace(MULTISINE, seed=seed))[0], n) for seed, n in ((4, 4), (5, 9))]
+    first, second = (Alignment(Channel(delay), 1e-4, 0.0) for delay in (0.004, 0.009))
+    true, *others = predict_log(logs, [([first, second], []), ([first, first], []), ([NO_ALIGNMENT, second], [])])
+    assert all(true.beats(other) for other in others)
+
+
+def test_a_saturation_that_removes_the_torque_predicts_no_log():
+    late = logged_late(recorded(Plant(), MULTISINE)[0], 4)
+    law = Alignment(Channel(0.004), 1e-4, 0.0)
+    assert predict_log([late], [([law], []), ([law], [TorqueSaturation(0.001, 0.1)])]) == []
