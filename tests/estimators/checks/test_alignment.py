@@ -289,9 +289,9 @@ def test_sampled_torque_is_late_by_half_a_sample_though_that_hardly_helps_to_pre
 def test_recordings_that_alone_may_be_half_a_sample_late_do_not_overrule_what_they_show_together():
     """Every fifth row of a controller is late by two fifths of a sample; together two logs tell that from a half."""
     fast = [run("pd_loop", 1000.0, seed) for seed in (5, 7)]
-    noise = [np.random.default_rng(seed).normal(0.0, 0.1, len(own)) for seed, own in zip((5, 7), fast, strict=True)]
+    noise = [np.random.default_rng(seed).normal(0.0, 0.14, len(own)) for seed, own in zip((5, 7), fast, strict=True)]
     logs = [every_few(replace(own, torque=own.torque + e), 5) for own, e in zip(fast, noise, strict=True)]
-    assert any(estimate_alignment([log]).is_half_sample for log in logs)
+    assert all(estimate_alignment([log]).is_half_sample for log in logs)
     for found in estimate_alignments(logs):
         assert not found.is_half_sample and abs(found.delay - 0.002) < 2 * found.delay_std < 0.0005
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.independent_plant import Experiment, Plant
-from estimators import align, identify
+from estimators import align, diagnose, identify
 from estimators.checks.alignment import TorqueTiming
 from estimators.checks.remedies import WrongColumn
 from estimators.data.model_errors import compute_errors
@@ -173,3 +173,12 @@ def test_where_windows_are_too_few_to_hold_some_out_shorter_ones_are_taken(monke
     few = len(prepare_windows([brief], [0.08]).weights)
     train, holdout = split_recordings([brief])
     assert few < 20 and min(len(part.data.weights) for part in (train, holdout)) >= 10
+
+
+def test_a_given_effect_counts_where_torque_is_timed():
+    """Cogging is in the base model: the base of a joint alone would hide the delay of four milliseconds."""
+    experiment = Experiment(rate=500.0, seconds=12.0, excitation="multisine", seed=3, counts=65_536)
+    run = recorded(Plant(effects={"cogging": {"cog_n": 12, "cog_s": 0.3, "cog_c": 0.0}}), experiment)[0]
+    late = replace(run, torque=np.concatenate([np.full(2, run.torque[0]), run.torque[:-2]]))
+    found = diagnose(late, base=(*BASE, effect("cogging")(order=12.0)), only=("stribeck",))
+    assert found.selected == () and found.alignments[0].delay == pytest.approx(0.004, abs=1e-4)
