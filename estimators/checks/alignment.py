@@ -33,7 +33,6 @@ from estimators.signals.differentiation import (
     estimate_encoder_noise,
     estimate_log_noise,
     estimate_noise_slope,
-    has_white_noise,
 )
 from pendulum_env._typing import JSON, Array, Index
 from pendulum_env.recording import MovedTorque, Note, NoteKind, Recording
@@ -194,8 +193,8 @@ class Alignment:
             feedback = 0 if channel.is_sampled or not channel.delay else UNMIXED_SAMPLES
             reach = n_omitted + margin + int(np.ceil(5 * max(channel.lag, 0.0) / period)) + feedback
             log, impulse = recording, np.eye(1, 2 * reach + 1, reach)[0]
-            unfiltered, response = (channel.remove_filter(torque, period) for torque in (recording.torque, impulse))
-            if channel.lag > 0 and has_white_noise(unfiltered, response):  # the log filtered its noise, too
+            if channel.has_filtered_noise(recording.torque, period):
+                unfiltered = channel.remove_filter(recording.torque, period)
                 log, channel = replace(recording, torque=unfiltered), replace(channel, lag=0.0)
             is_sampled = self.channel.is_sampled or self.is_half_sample
             series["moved"] = make_moved_torque(log, channel.hold_torque(impulse, period), is_sampled, self.criterion)

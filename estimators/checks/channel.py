@@ -29,7 +29,7 @@ from estimators.decisions.score import Blocks, cross_validate_density
 from estimators.regression.balance import Balance
 from estimators.regression.least_squares import Fit, IdentificationError
 from estimators.signals.channel import LONGEST, REACH, Channel
-from estimators.signals.differentiation import estimate_log_noise, has_white_noise
+from estimators.signals.differentiation import estimate_log_noise
 from estimators.weak_form.floors import compute_numerical_error
 from estimators.weak_form.nonlinear import compute_nonlinear_slopes, refine_nonlinear
 from pendulum_env._typing import Array
@@ -291,10 +291,10 @@ class ChannelFits(ChannelRows):
         noises, impulse = list[LogNoise](), self._impulse
         for w, law in zip(self.rows.data.windows, channels, strict=True):
             log, period = w.recording.torque, 1.0 / w.recording.rate
-            acting = law.remove_filter(log, period)
-            is_filtered = law.lag > 0 and has_white_noise(acting, law.remove_filter(impulse, period))
+            is_filtered = law.has_filtered_noise(log, period)
             response = filter_lag(impulse, float(np.exp(-period / law.lag))) if is_filtered else impulse
-            std = estimate_log_noise(acting if is_filtered else log, w.recording.position)
+            white = law.remove_filter(log, period) if is_filtered else log
+            std = estimate_log_noise(white, w.recording.position)
             noises.append(LogNoise(std, response, is_filtered))
         return noises
 

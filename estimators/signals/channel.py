@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.signals.differentiation import has_white_noise
 from pendulum_env._typing import Array
 from pendulum_env.filters import filter_lag
 from pendulum_env.physics import Column, NonlinearParameter, Samples, Term
@@ -58,6 +59,14 @@ class Channel(Term):
         if self.lag <= 0:
             return torque
         return torque + np.diff(torque, prepend=torque[0]) / np.expm1(min(period / self.lag, 700.0))
+
+    def has_filtered_noise(self, torque: Array, period: float) -> bool:
+        """Return whether the log filtered its noise with the torque (N,): it is white without the filter."""
+        if self.lag <= 0:
+            return False
+        reach = int(np.ceil(5 * self.lag / period)) + 1
+        response = self.remove_filter(np.eye(1, 2 * reach + 1, reach)[0], period)
+        return has_white_noise(self.remove_filter(torque, period), response)
 
     def hold_torque(self, torque: Array, period: float) -> Array:
         """Return the torque (N,) held from each sample to the next, before delay and filter of the log.
