@@ -431,8 +431,8 @@ def estimate_alignments(
     is_closed = all(find_feedback([recording], criterion) for recording in recordings)
     if len(recordings) == 1 or (is_closed and np.isfinite(joint.delay_std)):
         return [joint] * len(recordings)
-    strict_criterion = replace(criterion, p_value=criterion.p_value / len(recordings))  # one of many is late by chance
-    own_laws = [estimate_alignment([recording], terms, strict_criterion, is_model) for recording in recordings]
+    criterion = replace(criterion, p_value=criterion.p_value / len(recordings))  # one of many is late by chance
+    own_laws = [estimate_alignment([recording], terms, criterion, is_model) for recording in recordings]
     if is_closed and not all(np.isfinite(own.delay_std) for own in own_laws):
         return [joint] * len(recordings)
     for law in (joint, *sorted(own_laws, key=lambda own: own.delay_std + own.lag_std)):
