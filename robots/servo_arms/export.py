@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimators.comparison import compare
+from estimators.decisions.criterion import Criterion
 from pendulum_env.backends.constrained_body import import_mujoco
 from pendulum_env.export import feedforward, snippet
 from pendulum_env.export.exporter import CheckResult, Exporter
@@ -48,10 +49,17 @@ class ServoArmExporter(Exporter):
             ]
         )
 
-    def check(self, model: Model, exported: Exported, request: Request, recordings: Sequence[Recording]) -> CheckResult:
+    def check(
+        self,
+        model: Model,
+        exported: Exported,
+        request: Request,
+        recordings: Sequence[Recording],
+        criterion: Criterion = Criterion(),
+    ) -> CheckResult:
         """Play the goals of recordings of the arm in MuJoCo, beside this project's simulation joint by joint."""
         assert isinstance(model, ServoArmModel)
-        own = compare(model, recordings).joint.errors
+        own = compare(model, recordings, criterion=criterion).joint.errors
         joints = model.mechanism.joints
         differences = np.concatenate([play_goals(exported, joints, one) for one in recordings])
         measured = np.concatenate([recording.position for recording in recordings])
