@@ -36,7 +36,7 @@ def test_diagnosis_records_the_treatments_that_were_tried():
     assert [gate.name for gate in tried.decision.gates] == ["gain", "p_value", "stops"] and tried.decision.passed
     assert Action.IMPACTS_INCLUDED in found.data.actions
     (row,) = found.json()["treatments"]
-    assert row["action"] == "impacts_included" and row["kept"] and row["assumptions"] == {"with": 2, "without": 0}
+    assert row["action"] == "impacts_included" and row["kept"] and row["assumptions"] == {"with": 5, "without": 0}
 
 
 def test_friction_that_fades_under_a_chirp_is_no_late_log():
