@@ -85,6 +85,17 @@ class PlotCurve(NamedTuple):
 
     values: Array
     color: str
+    dashed: bool = False
+
+
+def make_legend(entries: Iterable[tuple[str, PlotCurve]]) -> Html:
+    """Make the legend of curves, each name in its colour."""
+    line = "display:inline-block;width:1.6em;margin:0 .4em .25em 0;border-top:2px"
+    keys = []
+    for name, curve in entries:
+        line_sample = make_element("span", f"{line} {'dashed' if curve.dashed else 'solid'} {curve.color}")
+        keys.append(make_element("span", "margin-right:1.2em;white-space:nowrap", line_sample, name))
+    return make_element("div", SMALL, *keys)
 
 
 def make_plot(
@@ -92,6 +103,7 @@ def make_plot(
     x: Array,
     curves: Sequence[PlotCurve],
     noise: Array | None = None,
+    span: tuple[float, float] | None = None,
 ) -> Html:
     """Make a small plot of curves with its lowest and highest value in print.
 
@@ -100,9 +112,10 @@ def make_plot(
         x: abscissa, increasing (N,).
         curves: curves with values (N,).
         noise: half width of a band about zero (N,).
+        span: lowest and highest plotted value; None: those of the curves.
     """
     values = np.concatenate([curve.values for curve in curves])
-    low, high = float(values.min()), float(values.max())
+    low, high = span or (float(values.min()), float(values.max()))
     room = (high - low) or 1.0
 
     def make_path(x_values: Array, y_values: Array) -> str:
@@ -118,7 +131,8 @@ def make_plot(
         shapes.append(f'<path d="{band}Z" fill="currentColor" fill-opacity=".18"/>')
     for curve in curves:
         indices = select_samples(curve.values, 480)
-        line = f'd="{make_path(x[indices], curve.values[indices])}" stroke="{curve.color}"'
+        dashes = ' stroke-dasharray="5 3"' if curve.dashed else ""
+        line = f'd="{make_path(x[indices], curve.values[indices])}" stroke="{curve.color}"{dashes}'
         shapes.append(f'<path {line} fill="none" stroke-width="1.4" vector-effect="non-scaling-stroke"/>')
     drawing = Html(
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" preserveAspectRatio="none" role="img" aria-label="{escape(label)}" '
