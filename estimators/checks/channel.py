@@ -66,7 +66,7 @@ class ChannelFits(ChannelRows):
         return self.fit([self.make_law(CHANNEL.zero), self.start])
 
     @cached_property
-    def in_time_fit(self) -> Alignment:
+    def zero_shift_fit(self) -> Alignment:
         """Law without delay and lag."""
         return self.fit([Channel()], is_free=False)
 
@@ -175,7 +175,7 @@ class ChannelFits(ChannelRows):
         """
         delay, criterion = self.delay_fit, self.criterion
         is_small = abs(delay.delay) < criterion.timing.negligible * self.period
-        if is_small and delay.misfit > (1 - criterion.equal_error_share) * self.in_time_fit.misfit:
+        if is_small and delay.misfit > (1 - criterion.equal_error_share) * self.zero_shift_fit.misfit:
             return []
         time, half = delay.delay, 0.5 * self.period * (delay.delay > 0)
         lag = self.fit([self.make_law(0.0, share * time + half) for share in (0.5, 1.0, 1.5)])
@@ -200,7 +200,7 @@ class ChannelFits(ChannelRows):
                 shifts = [law for law in shifts if not law.is_late]
             shifts += [law for law in sampled.fit_shifts() if law.is_late and law.delay]
         shifts.sort(key=lambda law: (law.penalty, law.channel.is_sampled != is_within_sample))
-        return [self.in_time_fit, sampled.half_sample_fit, *shifts]
+        return [self.zero_shift_fit, sampled.half_sample_fit, *shifts]
 
     def select_law(self) -> Alignment:
         """Return the simplest law that the most probable one does not beat."""
@@ -324,12 +324,13 @@ def estimate_alignment(
         criterion: limits of the decisions.
         is_model: whether the base model with `terms` is that of the joint; else nearly any law of the joint is fitted.
 
-    The laws are no shift, half a sample of sampled torque, a delay, a lag, and both, of held or of sampled torque. The
-    simplest one is reported that the most probable law does not beat: by the log density of held-out seconds, with a
-    penalty for each free parameter. Free parameters are `timing.z_score` standard errors from zero. A filter that the
-    best law does not beat is the rival of a delay. See `ChannelFits.list_laws`.
+    The laws are no shift, half a sample of sampled torque, a delay of held or of sampled torque, and a lag with or
+    without a delay. The simplest one is reported that the most probable law does not beat: by the log density of
+    held-out seconds, with a penalty for each free parameter. Free parameters are `timing.z_score` standard errors from
+    zero. A filter that the best law does not beat is the rival of a delay. See `ChannelFits.list_laws`.
 
-    Torque that is set n times a sample seems late by (1 - 1/n) / 2 of a sample.
+    Torque that is set n times a sample seems late by (1 - 1/n) / 2 of a sample. Laws of sampled torque with a free
+    delay are therefore fitted to a delay of `timing.least_sampled` and more.
 
     With links, the law of one joint is kept if it predicts significantly better than one law for all.
 

@@ -70,6 +70,11 @@ def limit_gain(gain: Gain, penalty: float, p_value: float) -> list[Gate]:
     return [limit_total(gain, penalty), limit_p_value("p_value", gain.p_value, p_value)]
 
 
+def limit_tie(probability: float, least: float) -> Gate:
+    """Make the gate on the probability of a model in the place of another."""
+    return Gate("tie_probability", probability, least, probability > least)
+
+
 @dataclass(frozen=True)
 class FailedGates(Finding):
     """Gates that an effect failed; `selected` are the ids of effects in the model that it was added to."""

@@ -11,8 +11,8 @@ from estimators.checks.settings import CHECKS
 from estimators.data.fit_data import FitData
 from estimators.data.fits import find_inertia_of_noise
 from estimators.data.treatment import Action, DataChange, Treatment
-from estimators.decisions.decision import Decision, Policy, decide
-from estimators.decisions.gate import Gate, limit_gain
+from estimators.decisions.decision import NOTHING_TESTED, Decision, Policy, decide
+from estimators.decisions.gate import Gate, limit_gain, limit_tie
 from estimators.decisions.score import Bootstrap
 from estimators.diagnosis.case import Case, Trial
 from estimators.diagnosis.options import Options
@@ -59,12 +59,14 @@ def decide_treatment(trial: Trial, best: Trial) -> TriedTreatment:
     treatment = find_treatment(trial, best)
     counts = count_assumptions(trial), count_assumptions(best)
     if isinstance(treatment, Treatment) and treatment.action in TIMES:
-        gain, tie = _compare_times(trial, best)
+        decision, tie = _compare_times(trial, best)
     else:
         after, before = _make_hypotheses(trial, best, treatment)
-        gain, tie = decide(after, before, SWAP), decide(after, before, TIE)
-    equal = tie.join(Decision((Gate("assumptions", *counts, counts[0] <= counts[1]),)))
-    decision = gain if gain.passed else equal if equal.passed else gain.join(equal)
+        decision = decide(after, before, SWAP)
+        tie = NOTHING_TESTED if decision.passed else decide(after, before, TIE)
+    if not decision.passed:
+        equal = tie.join(Decision((Gate("assumptions", *counts, counts[0] <= counts[1]),)))
+        decision = equal if equal.passed else decision.join(equal)
     tried = TriedTreatment(treatment, decision, *counts)
     if decision.passed and tried.action in PURPOSES:
         tried = replace(tried, decision=decision.join(decide(after, before, PURPOSES[tried.action])))
@@ -105,8 +107,7 @@ def _compare_times(trial: Trial, best: Trial) -> tuple[Decision, Decision]:
     penalty += max(n_more, 0) * float(np.log(CHECKS.channel.candidates))
     gates = limit_gain(bootstrap.gain(after.density, before.density, penalty), penalty, criterion.p_value)
     probability = float(bootstrap.probabilities([after.density, before.density])[0])
-    tie = Gate("tie_probability", probability, criterion.tie_probability, probability > criterion.tie_probability)
-    return Decision(tuple(gates)), Decision((tie,))
+    return Decision(tuple(gates)), Decision((limit_tie(probability, criterion.tie_probability),))
 
 
 def _predict_log(*models: tuple[FitData, Sequence[Term]]) -> list[Alignment]:

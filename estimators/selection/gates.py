@@ -14,7 +14,7 @@ import scipy
 from estimators.checks.signs import compute_significant_sign
 from estimators.data.variants import compute_unique_share, rank_variants
 from estimators.decisions.errors import Step
-from estimators.decisions.gate import Gate, limit_gain, limit_p_value, limit_total
+from estimators.decisions.gate import Gate, limit_gain, limit_p_value, limit_tie, limit_total
 from estimators.decisions.score import Bootstrap, Gain
 from estimators.regression.least_squares import Fit, compute_widening, invert_covariance
 from estimators.selection.evidence import Evidence, Hypothesis, adds_dry_friction
@@ -92,7 +92,7 @@ def require_tie(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
     if have_same_rows(after, before):
         bootstrap, densities = _compare_densities(after, before)
         probability = float(bootstrap.probabilities(densities)[0])
-    yield Gate("tie_probability", probability, least, probability > least)
+    yield limit_tie(probability, least)
 
 
 def require_share(after: Hypothesis, before: Hypothesis) -> Iterator[Gate]:
