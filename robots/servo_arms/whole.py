@@ -18,6 +18,7 @@ from pendulum_env.physics import Model
 from pendulum_env.physics.terms import set_nonlinear_values
 from pendulum_env.recording.actuator import name_joint_errors, parse_actuator
 from pendulum_env.recording.channel import NEWTON_METRE
+from pendulum_env.units import is_of_torque
 from robots.arms.body import Body, find_body
 from robots.arms.standard import fit_possible_links
 from robots.servo_arms.links import LinkTorque, find_table, list_link_columns, list_names
@@ -105,7 +106,7 @@ def scale_torque(model: Model, factor: float) -> Model:
     units |= {term.get_full_name(p.name): p.unit for term in model.terms for p in term.nonlinear_parameters}
 
     def scale(name: str) -> float:
-        return factor if "N m" in units.get(name, "") or "kg" in units.get(name, "") else 1.0
+        return factor if is_of_torque(units.get(name, "")) else 1.0
 
     estimates = {
         name: replace(one, value=one.value * scale(name), std=one.std * scale(name))
