@@ -1,4 +1,4 @@
-"""Two filters of SciPy, without the import time of `scipy.signal`."""
+"""Filters of series, without the import time of `scipy.signal`."""
 
 from math import factorial
 
@@ -18,6 +18,13 @@ def filter_lag(series: Array, keep: float, before: float = 0.0) -> Array:
     bands = np.array([[1.0], [-keep]]) * np.ones(len(series))
     solved, _ = scipy.linalg.lapack.dtbtrs(bands, driven, uplo="L")
     return np.asarray(solved)
+
+
+def filter_shifted(series: Array, newest: int, weights: Array) -> Array:
+    """Filter a series x (N,) by y[k] = sum of weights[j] x[k + newest - j], with weights (L,); its ends repeat."""
+    first = newest - len(weights) + 1
+    samples = np.arange(first, len(series) + newest)
+    return np.convolve(series.take(samples, mode="clip"), weights, "valid")
 
 
 def filter_savitzky_golay(series: Array, length: int, degree: int, derivative: int = 0, period: float = 1.0) -> Array:

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,7 +110,7 @@ class ChannelFits(ChannelRows):
         The residual alone would be least under a filter with too short a time constant, which amplifies less noise.
         """
 
-        def list_residuals(variants: Iterable[Term]) -> list[Array]:
+        def list_residuals(variants: Iterable[Channel]) -> list[Array]:
             return [self.compute_residual(self.compute_torque(variant)) for variant in variants]
 
         law = refine_nonlinear(law, list_residuals)
@@ -118,9 +118,8 @@ class ChannelFits(ChannelRows):
             return law
         noises = self._measure_noise(self._list_channels(law))
 
-        def list_relative_residuals(variants: Sequence[Term]) -> list[Array]:
-            channels = (self._list_channels(cast(Channel, variant)) for variant in variants)
-            pairs = zip(list_residuals(variants), channels, strict=True)
+        def list_relative_residuals(variants: Sequence[Channel]) -> list[Array]:
+            pairs = zip(list_residuals(variants), map(self._list_channels, variants), strict=True)
             return [residual / self.compute_amplification(own, residual, noises) for residual, own in pairs]
 
         return refine_nonlinear(law, list_relative_residuals)
@@ -302,7 +301,7 @@ class ChannelFits(ChannelRows):
         """Compute the variance of the windows of each entry by noise of the log, under its law [(N m)^2]."""
         powers = []
         for w, law, noise in zip(self.rows.data.windows, channels, noises, strict=True):
-            traced = replace(law, delay=0.0).trace(w.samples, noise.response, 1.0 / w.recording.rate)[0]
+            traced = replace(law, delay=0.0).average_torque(noise.response, 1.0 / w.recording.rate)
             response = np.convolve(traced, w.kernel)
             powers.append(float(response @ response) * noise.std**2)
         return np.array(powers)

@@ -136,7 +136,7 @@ class ChannelRows:
     joint: str = ""
     latest: float = REACH
     criterion: Criterion = Criterion()
-    torques: dict[Term, Array] = field(default_factory=dict)
+    torques: dict[Channel, Array] = field(default_factory=dict)
 
     @classmethod
     def from_recordings(
@@ -266,10 +266,12 @@ class ChannelRows:
         """Return the law of held or of sampled torque with a delay and a lag [s]; zero is not fitted."""
         return Channel(float(delay), float(lag), self.is_sampled)
 
-    def compute_torque(self, law: Term) -> Array:
+    def compute_torque(self, law: Channel) -> Array:
         """Return the weighted acting torque (R,) of the windows without that of known loads, cached in `torques`."""
         if law not in self.torques:
-            self.torques[law] = self.rows.data.equations([law]).y * self.rows.data.weights
+            data, loads = self.rows.data, self.rows.data.torque.net - self.rows.data.torque.recorded
+            moved = [w.averages.narrow @ _average_acting_torque(w.recording, law) for w in data.windows]
+            self.torques[law] = (np.concatenate(moved) + loads) * data.weights
         if not self.joint or law == Channel():
             return self.torques[law]
         torque, rows = self.compute_torque(Channel()).copy(), self.rows.data.locate_rows(self.joint)
@@ -289,3 +291,9 @@ class ChannelRows:
         torque, logged = self.compute_torque(law), self.compute_torque(Channel())
         size, logged_size = float(np.linalg.norm(torque)), float(np.linalg.norm(logged))
         return float(np.linalg.norm(self.compute_residual(torque))) * max(1.0, logged_size / max(size, 1e-300))
+
+
+def _average_acting_torque(recording: Recording, law: Channel) -> Array:
+    """Return the acting torque of a recording (N,) under the triangle about each sample, see `Channel`."""
+    segments = (recording.torque[rows] for rows in recording.segment_slices)
+    return np.concatenate([law.average_torque(torque, 1.0 / recording.rate) for torque in segments])

@@ -11,7 +11,6 @@ Motion of one frequency determines neither delay nor lag: inertia and viscous fr
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -110,7 +109,7 @@ def _estimate_feedback_gain(recording: Recording, stride: int, timing: TimingLim
     torque and position by their rates. The covariance of the innovations must be significantly negative without its
     part in proportion to the product of the predicted changes.
     """
-    pieces = [slice(a, b, stride) for a, b in pairwise((*recording.starts, len(recording)))]
+    pieces = [slice(part.start, part.stop, stride) for part in recording.segment_slices]
     pieces = [piece for piece in pieces if piece.stop - piece.start > 2 * FEEDBACK.past * stride]
     if sum((piece.stop - piece.start) // stride - FEEDBACK.past for piece in pieces) < 20 * FEEDBACK.parts:
         return None

@@ -6,9 +6,9 @@ import numpy as np
 
 from estimators.signals.differentiation import has_white_noise
 from pendulum_env._typing import Array
-from pendulum_env.filters import filter_lag
+from pendulum_env.filters import filter_lag, filter_shifted
 from pendulum_env.physics import Column, NonlinearParameter, Samples, Term
-from pendulum_env.physics.actuation import ActuatorLag, DeadTime
+from pendulum_env.physics.actuation import average_delayed, average_lagged
 from pendulum_env.physics.term import Memory
 
 REACH = 0.05  # [s], largest lag, and largest delay of a first search
@@ -78,7 +78,7 @@ class Channel(Term):
         """
         torque = self.remove_filter(torque, period)
         if self.is_sampled:
-            return _hold_sampled_torque(torque, self.delay / period)
+            return filter_shifted(torque, *_hold_sampled_torque(self.delay / period))
         whole_samples, share = divmod(self.delay / period, 1.0)
         if share <= 0.5:
             acting = _unmix_series(torque, share)
@@ -87,30 +87,35 @@ class Channel(Term):
         return acting[np.clip(np.arange(len(torque)) + int(whole_samples), 0, len(torque) - 1)]
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
+        """Return the acting torque, see `average_torque`."""
+        return (self.average_torque(command, period),)
+
+    def average_torque(self, torque: Array, period: float) -> Array:
         """Average the acting torque under a triangle from one sample before to one after each sample (N,) [N m].
 
-        A negative lag is applied without the delay. `x` are the samples of the recording (N,).
+        A negative lag is applied without the delay.
         """
         if self.lag < 0:
-            return ActuatorLag(-self.lag).trace(x, command, period)
-        torque, delay = self.remove_filter(command, period), self.delay
-        if self.is_sampled:
-            torque, delay = _hold_sampled_torque(torque, delay / period), 0.0
-        return DeadTime(-delay).trace(x, torque, period)
+            return average_lagged(torque, -self.lag / period)
+        torque = self.remove_filter(torque, period)
+        if not self.is_sampled:
+            return filter_shifted(torque, *average_delayed(-self.delay / period))
+        newest, weights = _hold_sampled_torque(self.delay / period)
+        own, average = average_delayed(0.0)
+        return filter_shifted(torque, newest + own, np.convolve(weights, average))
 
 
-def _hold_sampled_torque(torque: Array, late: float) -> Array:
-    """Compute the held torque (N,) with the same effect as a smooth torque that is logged `late` samples late.
+def _hold_sampled_torque(late: float) -> tuple[int, Array]:
+    """Return the filter of a smooth torque, logged `late` samples late, to the held torque with the same effect.
 
     A cubic through four samples gives the torque `late` - 0.5 samples later. A filter of four samples adds the missing
-    half sample and converts it into held torque, with an error of fourth order. The ends repeat.
+    half sample and converts it into held torque, with an error of fourth order. The filter is that of
+    `filter_shifted`: its newest sample and weights (7,).
     """
     whole_samples, share = divmod(late - 0.5, 1.0)
-    nodes = np.arange(-1, 3)
+    nodes = np.arange(2, -2, -1)
     cubic = [np.prod([(share - b) / (a - b) for b in nodes if b != a]) for a in nodes]
-    weights = np.convolve(cubic, np.array([-1.0, 7.0, 7.0, -1.0]) / 12)  # of samples k + whole - 2 to k + whole + 4
-    index = np.arange(len(torque))[:, None] + int(whole_samples) + np.arange(-2, 5)
-    return np.asarray(torque[np.clip(index, 0, len(torque) - 1)] @ weights)
+    return int(whole_samples) + 4, np.convolve(cubic, np.array([-1.0, 7.0, 7.0, -1.0]) / 12)
 
 
 def _unmix_series(mixed: Array, share: float) -> Array:

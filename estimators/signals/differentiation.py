@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from math import comb
 
 import numpy as np
@@ -132,8 +131,8 @@ def smooth_motion(recording: Recording, series: Array, half_width: int) -> tuple
     The filter has no delay. Each segment of the recording is smoothed alone, with a shorter filter if it is short.
     """
     parts = []
-    for first, stop in pairwise((*recording.starts, len(recording))):
-        segment = series[first:stop]
+    for rows in recording.segment_slices:
+        segment = series[rows]
         length = min(2 * half_width + 1, len(segment) - 1 + len(segment) % 2)
         order = min(3, length - 1)
         slope = filter_savitzky_golay(segment, length, order, 1, 1.0 / recording.rate)

@@ -7,7 +7,6 @@ growing errors of an upright pendulum.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -87,8 +86,8 @@ def choose_segments(windows: Windows, seconds: float = HORIZON, covers: bool = F
 
 def list_spans(windows: Windows) -> list[tuple[int, int]]:
     """Return first sample and end of each stretch without a gap, in the part of the recording with windows."""
-    bounds = pairwise((*windows.recording.starts, len(windows.recording)))
-    cut_off = ((max(begin, windows.first), min(end, windows.stop)) for begin, end in bounds)
+    parts = windows.recording.segment_slices
+    cut_off = ((max(part.start, windows.first), min(part.stop, windows.stop)) for part in parts)
     return [(begin, end) for begin, end in cut_off if end - begin > 1]
 
 

@@ -18,7 +18,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import NonlinearParameter, Samples, Term
 
 T = TypeVar("T", bound=Term)
-ResidualFunction = Callable[[Sequence[Term]], list[Array]]  # weighted residual (R,) of the best fit with each variant
+ResidualFunction = Callable[[Sequence[T]], list[Array]]  # weighted residual (R,) of the best fit with each variant
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def list_reset_variants(term: Term) -> list[Term]:
 
 
 def compute_nonlinear_slopes(
-    term: Term, torques: Callable[[Sequence[Term]], Sequence[Array]], width: float = 1.0
+    term: T, torques: Callable[[Sequence[T]], Sequence[Array]], width: float = 1.0
 ) -> dict[str, Array]:
     """Return derivatives (R,) of a term's torque by its continuous nonlinear parameters, keyed by their full names.
 
@@ -104,7 +104,7 @@ def compute_nonlinear_slopes(
 
 def refine_nonlinear(
     term: T,
-    residuals: ResidualFunction,
+    residuals: ResidualFunction[T],
     edges: Sequence[NonlinearParameter] = (),
     gain: float = 0.0,
     longest: float = np.inf,
@@ -203,7 +203,9 @@ def _evaluate_laws(term: Term, x: Samples) -> Array:
     return np.array([np.broadcast_to(law, np.shape(x.velocity)) for law in laws])
 
 
-def scan_edges(term: Term, residuals: ResidualFunction, edges: Sequence[NonlinearParameter], reach: float) -> Term:
+def scan_edges(
+    term: Term, residuals: ResidualFunction[Term], edges: Sequence[NonlinearParameter], reach: float
+) -> Term:
     """Search each edge on a grid, then on finer grids around the best value; return the best variant.
 
     The first grid extends to either side by `reach` [s] if the parameter is an instant, else by `NONLINEAR.leap` step
@@ -219,7 +221,7 @@ def scan_edges(term: Term, residuals: ResidualFunction, edges: Sequence[Nonlinea
     return term
 
 
-def search_by_cross_entropy(variants: Sequence[Term], residuals: ResidualFunction) -> Term:
+def search_by_cross_entropy(variants: Sequence[Term], residuals: ResidualFunction[Term]) -> Term:
     """Search the variant of least residual by random draws around the best variants; for many local minima.
 
     The free continuous parameters must be positive: the draws are normal in their logarithms. The seed is fixed.

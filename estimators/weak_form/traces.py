@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -29,12 +28,11 @@ def trace_all(windows: Sequence[Windows], variants: Sequence[Term]) -> list[list
         return [[x] * len(variants) for x in driving]
     segments, commands, periods = [], [], []  # one of each segment
     for w, x in zip(windows, driving, strict=True):
-        for begin, end in pairwise((*w.recording.starts, len(w.recording))):
-            rows = slice(begin, end)
+        for rows in w.recording.segment_slices:
             temperature = np.broadcast_to(x.temperature, x.time.shape)[rows]
             motion = x.time[rows], x.position[rows], x.velocity[rows], x.torque[rows]
             segments.append(Samples(*motion, temperature=temperature))
-            commands.append(w.recording.torque[begin:end])
+            commands.append(w.recording.torque[rows])
             periods.append(1.0 / w.recording.rate)
     if kind.has_own_trace():
         arguments = zip(segments, commands, periods, strict=True)

@@ -48,7 +48,7 @@ class VariantRows:
             [(here, regressor.add_fixed_change(variant, columns))], *list_bounds((*terms, variant)), perturbations
         )
 
-    def make_residual_function(self) -> ResidualFunction:
+    def make_residual_function(self) -> ResidualFunction[Term]:
         """Make the function from variants to the weighted residual (R,) of the fit of the terms plus each variant.
 
         The columns of the unknown parameters are projected out once, so each variant takes a small solve. A variant

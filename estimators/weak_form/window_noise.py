@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 
 from estimators.signals.differentiation import (
     Motion,
@@ -195,6 +195,7 @@ def compute_jump_errors(recording: Recording) -> Array:
         return np.zeros(len(recording))
     changes = np.diff(recording.torque, prepend=recording.torque[0])
     changes[list(recording.starts)] = 0.0
-    jumps = changes - scipy.signal.medfilt(changes, RESOLUTION.cut.neighbours)
+    count = RESOLUTION.cut.neighbours
+    jumps = changes - np.median(sliding_window_view(np.pad(changes, count // 2), count), axis=1)
     jumps[np.abs(jumps) < RESOLUTION.cut.jump * np.sqrt(2) * recording.moved.noise] = 0.0
     return np.asarray(np.abs(jumps) / np.sqrt(12))

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -104,8 +103,7 @@ class Windows:
         """Standard deviation of recorded plus known load torque [N m]; in a free swing, of the inertia's torque."""
         if not self.recording.known_inertia:
             return float(np.std(self.recording.torque + self.samples.load.torque))
-        bounds = pairwise((*self.recording.starts, len(self.moving)))
-        rates = [np.diff(self.samples.velocity[begin:end]) for begin, end in bounds]
+        rates = [np.diff(self.samples.velocity[part]) for part in self.recording.segment_slices]
         return self.recording.known_inertia * self.recording.rate * float(np.std(np.concatenate(rates)))
 
     @cached_property
@@ -214,7 +212,7 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: flo
     near_stick = ~mostly_moving if has_reversals else find_near_reversals(v, moving, guard)
     is_excluded = np.zeros(len(v), dtype=bool)
     distance = math.ceil(margin * recording.rate)
-    for begin, end in pairwise((*recording.starts, len(recording))):
+    for begin, end in ((part.start, part.stop) for part in recording.segment_slices):
         lead_in = max(distance, round(min(LEAD_IN * recording.rate, settings.lead_in * (end - begin))))
         is_excluded[begin : begin + guard + 1 + lead_in] = True
         is_excluded[max(begin, end - guard - 1 - distance) : end] = True

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pendulum_env._typing import Array, ArrayLike
-from pendulum_env.filters import filter_lag
+from pendulum_env.filters import filter_lag, filter_shifted
 from pendulum_env.physics.symbols import may_be_true
 from pendulum_env.physics.term import Column, Memory, NonlinearParameter, Samples, Term, return_one
 
@@ -101,18 +101,25 @@ class ActuatorLag(Term):
         return (x.torque + (memory[0] - x.torque) * np.exp(-duration / self.time_constant),)
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        if not self.time_constant:
-            return (0.5 * (command + np.concatenate([command[:1], command[:-1]])),)
-        ratio = period / self.time_constant
-        keep = np.exp(-ratio)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
-        lagged = np.concatenate([command[:1], filter_lag(command[:-1], keep, command[0])])
-        # The equations of motion at sample k contain the average of tau_a under a triangle from k - 1 to k + 1.
-        # Within a period tau_a = tau + (tau_a[k] - tau) exp(-t / T), with these falling and rising moments.
-        falling = (ratio - 1.0 + keep) / ratio**2
-        rising = (1.0 - (1.0 + ratio) * keep) / ratio**2
-        after = 0.5 * command + (lagged - command) * falling
-        before = 0.5 * command + (lagged - command) * rising
-        return (after + np.concatenate([[before[0]], before[:-1]]),)
+        return (average_lagged(command, self.time_constant / period),)
+
+
+def average_lagged(command: Array, time_constant: float) -> Array:
+    """Average a held torque (N,) after a lag, under the triangle of the equation of motion at each sample (N,).
+
+    The triangle spans the samples k - 1 to k + 1. Within a period tau_a = tau + (tau_a[k] - tau) exp(-t / T), which has
+    a falling and a rising moment. The time constant T is in samples.
+    """
+    if not time_constant:
+        return filter_shifted(command, *average_delayed(0.0))
+    ratio = 1.0 / time_constant
+    keep = np.exp(-ratio)  # tau_a[k + 1] = keep tau_a[k] + (1 - keep) tau[k]
+    lagged = np.concatenate([command[:1], filter_lag(command[:-1], keep, command[0])])
+    falling = (ratio - 1.0 + keep) / ratio**2
+    rising = (1.0 - (1.0 + ratio) * keep) / ratio**2
+    after = 0.5 * command + (lagged - command) * falling
+    before = 0.5 * command + (lagged - command) * rising
+    return np.asarray(after + np.concatenate([[before[0]], before[:-1]]))
 
 
 @dataclass(frozen=True)
@@ -136,12 +143,17 @@ class DeadTime(Term):
         return self.dead_time
 
     def trace(self, x: Samples, command: Array, period: float) -> Memory:
-        # Average of the delayed, held command under a triangle from one sample before to one after the instant.
-        # With d = n + f periods, it covers three periods with these shares.
-        whole, share = divmod(self.dead_time / period, 1.0)
-        shares = (0.5 * (1 - share) ** 2, 0.5 + share - share**2, 0.5 * share**2)
-        index = np.arange(len(command))[:, None] - int(whole) - np.arange(3)
-        return (command[np.clip(index, 0, len(command) - 1)] @ np.array(shares),)
+        return (filter_shifted(command, *average_delayed(self.dead_time / period)),)
+
+
+def average_delayed(delay: float) -> tuple[int, Array]:
+    """Return the filter that averages a held torque `delay` samples later, under a triangle of two samples.
+
+    With a delay of n + f samples, the triangle from one sample before to one after the instant covers three periods.
+    The filter is that of `filter_shifted`: its newest sample and weights (3,).
+    """
+    whole, share = divmod(delay, 1.0)
+    return -int(whole), np.array([0.5 * (1 - share) ** 2, 0.5 + share - share**2, 0.5 * share**2])
 
 
 @dataclass(frozen=True)

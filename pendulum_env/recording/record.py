@@ -141,7 +141,7 @@ class Recording(Shown):
 
     def _check_unit(self) -> None:
         """Refuse degrees or turns; add a note and warn if the unit is uncertain."""
-        part = max(map(slice, self.starts, (*self.starts[1:], len(self))), key=lambda run: run.stop - run.start)
+        part = max(self.segment_slices, key=lambda run: run.stop - run.start)
         suspicion = suspect_unit(self.position[part], self.torque[part], self.rate)
         if suspicion is None:
             return
@@ -221,13 +221,16 @@ class Recording(Shown):
         return sum_durations(self.time, self.starts)
 
     @property
+    def segment_slices(self) -> tuple[slice, ...]:
+        """Return the samples of each segment."""
+        return tuple(map(slice, self.starts, (*self.starts[1:], len(self))))
+
+    @property
     def segments(self) -> tuple[Self, ...]:
         """Return the recordings of all segments; the recording itself without gaps."""
         if len(self.starts) == 1:
             return (self,)
-        return tuple(
-            self.slice(start, stop) for start, stop in zip(self.starts, (*self.starts[1:], len(self)), strict=True)
-        )
+        return tuple(self.slice(part.start, part.stop) for part in self.segment_slices)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, savgol_filter
 
-from pendulum_env.filters import filter_lag, filter_savitzky_golay
+from pendulum_env.filters import filter_lag, filter_savitzky_golay, filter_shifted
 
 
 @pytest.mark.parametrize("shape", [(300,), (300, 3)])
@@ -29,3 +29,12 @@ def test_savitzky_golay_is_scipys(length, derivative):
     wanted = savgol_filter(series, length, 3, deriv=derivative, delta=0.01)
     found = filter_savitzky_golay(series, length, 3, derivative, 0.01)
     np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
+
+
+@given(st.integers(-30, 30), st.integers(1, 8), st.integers(2, 40))
+def test_a_shifted_filter_repeats_the_ends(newest, count, length):
+    series, weights = np.arange(1.0, length + 1) ** 2, np.arange(1.0, count + 1)
+    expected = [
+        sum(weights[j] * series[min(max(k + newest - j, 0), length - 1)] for j in range(count)) for k in range(length)
+    ]
+    np.testing.assert_allclose(filter_shifted(series, newest, weights), expected)
