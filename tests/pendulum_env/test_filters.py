@@ -1,7 +1,9 @@
-"""The two filters are SciPy's."""
+"""Filters of series."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.signal import lfilter, savgol_filter
 
 from pendulum_env.filters import filter_lag, filter_savitzky_golay, filter_shifted
