@@ -24,6 +24,7 @@ class Figure:
     data: list[JSON]  # traces for plotly.js
     layout: JSON  # layout for plotly.js
     height: int = 340  # [px]
+    caption: str = ""  # above the plot
 
 
 def round_numbers(values: Array) -> list[float | None]:
@@ -82,11 +83,6 @@ def measure_reach(values: Array, band: ArrayLike) -> float:
 def make_axis(title: str, **options: object) -> JSON:
     """Make an axis with a title."""
     return {"title": {"text": typeset(title)}, **options}
-
-
-def make_title(text: str) -> JSON:
-    """Make the title of a plot, above its left end."""
-    return {"title": {"text": text, "x": 0, "font": {"size": 12.5}, "pad": {"l": 8}}}
 
 
 def insert_gaps(time: Array, indices: Index, *series: Array) -> tuple[Array, list[Array]]:

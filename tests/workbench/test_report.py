@@ -10,6 +10,7 @@ from benchmarks.two_link import TwoLink
 from estimators import Comparison, compare, identify
 from estimators.checks.homogeneity import Difference, Disagreement
 from estimators.data.fit_data import FitData
+from estimators.data.matches import Match
 from estimators.data.regions import compute_profiles_at
 from estimators.decisions.errors import Step
 from estimators.decisions.gate import FailedGates, Gate
@@ -33,7 +34,7 @@ from workbench.report import PENDULUM, render
 from workbench.report.comparison import make_comparison
 from workbench.report.data import ReportData
 from workbench.report.failures import make_failures, plot_profile
-from workbench.report.matches import make_rivals
+from workbench.report.matches import choose_rivals, make_rivals
 
 HOSTILE = "</script><script>alert(1)</script>&\"'{{ 7 * 7 }}"
 REGION = Region("position", 0.1, 0.2, 0.05, 9.0, "rad", held_out_recordings=("<run>",))
@@ -277,3 +278,32 @@ def test_the_page_shows_how_to_do_it_again_if_that_is_known(page, diagnosis):
     command = "pendulum-ident diagnose 'run one.csv' --only stribeck --fix gravity=2"
     assert command in Page(render(diagnosis, command)).text
     assert "Do it again" not in Page(page).text
+
+
+def test_a_sentence_shows_fitted_samples_which_have_its_sign(diagnosis):
+    case = ReportData(diagnosis)
+    fitted, held_out = (figure.layout["meta"] for figure in list_figures(make_comparison(case).content))
+    assert fitted["recording"][0] == "run one" and held_out["axes"]["time"] == []
+    regions = find_regions(compute_profiles_at(case.data.parts[0], case.compute_residuals(0)[0]))
+    residual = np.array(fitted["residuals"][0])
+    told = [region for region in regions if region.axis in fitted["axes"] and not region.is_constant]
+    assert len(told) > 3
+    for region in told:
+        values = np.array(fitted["axes"][region.axis])
+        assert np.sign(residual[(region.low <= values) & (values <= region.high)].mean()) == np.sign(region.residual)
+
+
+def test_rivals_are_the_one_that_explains_most_and_the_law_most_like_the_effect():
+    shares = {"torque_ripple": 0.99, "periodic_disturbance": 0.07, "joint_flexibility": 0.05, "cogging": 0.02}
+    matches = [Match(id, share, np.zeros(1), 3) for id, share in shares.items()]
+    chosen = [match.effect for match in choose_rivals(matches, "torque_ripple")]
+    assert chosen == ["torque_ripple", "periodic_disturbance", "cogging"]
+    at_joint = [Match(f"{id}@elbow", share, np.zeros(1), 3) for id, share in shares.items()]
+    assert [m.effect for m in choose_rivals(at_joint, "torque_ripple@elbow")] == [f"{id}@elbow" for id in chosen]
+
+
+def test_no_rival_with_a_curve_is_called_not_tried(diagnosis):
+    reason = FailedGates((Gate("earlier_effects", 1.0, 0.0, False),))
+    left_out = tuple(replace(one, terms=(), reason=reason) for one in diagnosis.candidates)
+    assert "not tried" in describe_reason(left_out[0])
+    assert "ot tried" not in str(make_rivals(ReportData(replace(diagnosis, candidates=left_out))).content)

@@ -121,7 +121,7 @@ class ColumnCard:
         """
         preview = read_preview(source.file)
         if (count := MIN_COLUMNS) > sum(values is not None for values in preview.values):
-            raise RecordingError(f"{source.file}: has fewer than {count} columns of numbers: nothing can be chosen")
+            raise RecordingError(f"{source.file}: has fewer than {count} columns of numbers: log time and position")
         is_free = source.columns.get("torque") == NONE
         card = cls(source, (), preview, loaded_id, error, joints, is_free)
         numbers = [name for name, x in zip(preview.headers, preview.values, strict=True) if x is not None]

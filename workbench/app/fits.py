@@ -5,7 +5,6 @@ from typing import Any
 
 from estimators import Addition, Diagnosis, FitData, Identification, add, diagnose, fit, identify
 from estimators.arguments import apply_limits
-from estimators.checks.alignment import TorqueTiming
 from estimators.checks.homogeneity import Disagreement, find_disagreements, fit_each_recording
 from estimators.data.model_errors import compute_errors
 from estimators.data.split import split_arm
@@ -18,7 +17,6 @@ from pendulum_env.recording import PER_INERTIA, Recording
 from workbench.app.jobs import Task
 from workbench.errors import InputError
 from workbench.narrator import describe
-from workbench.report.data import identify_schemes
 
 SCHEMES_OF_ARM = ("dynamic", "filtered_dynamic", "filtered_hamiltonian")
 
@@ -29,10 +27,8 @@ class BaseFit:
 
     data: FitData  # calibrated recordings, with corrected timing if requested
     step: Step  # the base model
-    schemes: Identification | None  # of the base model; None if the data do not suffice
     disagreements: tuple[Disagreement, ...] = ()  # recordings of a different plant
-    late: tuple[TorqueTiming, ...] = ()  # findings on torque that was logged late
-    slow: tuple[TorqueTiming, ...] = ()  # findings on torque that acts late
+    schemes: Identification | None = None  # of the base model of an arm
 
 
 def fit_pendulum(
@@ -51,18 +47,12 @@ def fit_pendulum(
     logged = FitData.from_recordings(recordings, holdout, terms)
     if logged.doubt is not None and logged.recordings[0].torque_unit != PER_INERTIA:
         raise InputError(f"{describe(logged.doubt)} Or give the gain itself.")
-    timed = logged.with_timing()
-    data = timed if is_aligned else logged
+    data = logged.with_timing() if is_aligned else logged
     step = fit(*data.parts, make_swing_terms(terms, data.recordings), data.criterion)
     model = restore_known(add_torque_constant(step.model, data.parts[0].data), terms, data.recordings)
     parts = [part.data for part in data.parts[: 2 if holdout else 1]]
-    return BaseFit(
-        data,
-        replace(step, model=model),
-        identify_schemes(data.recordings, model),
-        find_disagreements(fit_each_recording(parts, model.terms, data.criterion), only_if_all_fit=True),
-        *(timed.timing.find(is_late) for is_late in (True, False)),
-    )
+    fits = fit_each_recording(parts, model.terms, data.criterion)
+    return BaseFit(data, replace(step, model=model), find_disagreements(fits, only_if_all_fit=True))
 
 
 def fit_arm(
@@ -73,7 +63,7 @@ def fit_arm(
     model = identification.primary.model
     data = FitData.from_recordings(recordings, holdout, model.terms)
     errors = {name: compute_errors(part, model) for name, part in zip(("train", "holdout"), data.parts, strict=True)}
-    return BaseFit(data, Step(None, model, errors), identification)
+    return BaseFit(data, Step(None, model, errors), schemes=identification)
 
 
 def fit_and_diagnose(
@@ -92,7 +82,6 @@ def fit_effect(
     holdout: tuple[Recording, ...],
     limits: dict[str, Any],
     progress: Progress,
-) -> tuple[Addition, Identification | None]:
-    """Refit a model with one more effect; also identify a pendulum's final terms by all schemes, else None."""
-    addition = add(model, effect, recordings, holdout, progress, **limits)
-    return addition, identify_schemes(recordings, addition.after.model) if model.mechanism.can_simulate else None
+) -> Addition:
+    """Refit a model with one more effect."""
+    return add(model, effect, recordings, holdout, progress, **limits)

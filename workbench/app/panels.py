@@ -98,15 +98,16 @@ def show_findings(state: State) -> Component:
     return make_panel("What these recordings tell, and what not", *known_text, *cannot)
 
 
-def show_timing(state: State) -> list[Component]:
-    """Render findings on the timing of the torque, with a button to correct it; empty without findings."""
-    if state.fit is None or not (state.fit.late or state.fit.slow):
-        return []
+def show_timing(session: Session) -> Component | None:
+    """Render findings on the timing of the torque, with a button to correct it; None without findings."""
+    state = session.state
+    if not state.body.can_simulate:
+        return None
+    late, slow = (state.timing.find(is_late) for is_late in (True, False))
     remedy = "It is corrected in all that follows." if state.is_aligned else WHY
-    texts = [describe_timing(law, remedy) for law in state.fit.late] or [describe(law) for law in state.fit.slow]
-    is_correctable = state.fit.late and not state.is_aligned
-    buttons = [make_button("Correct it", "align", primary=True)] if is_correctable else []
-    return [make_panel("Torque and motion in time", *map(html.P, texts), *buttons)]
+    texts = [describe_timing(law, remedy) for law in late] or [describe(law) for law in slow]
+    buttons = [make_button("Correct it", "align", primary=True)] if late and not state.is_aligned else []
+    return make_panel("Torque and motion in time", *map(html.P, texts), *buttons) if texts else None
 
 
 def show_suggestions(state: State, busy: bool) -> Component:

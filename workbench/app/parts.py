@@ -4,10 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dash import Dash, Input, Output, dcc, html
-from dash import State as Value
+from dash import Dash, dcc, html
 from dash.development.base_component import Component
-from dash.exceptions import PreventUpdate
 
 from pendulum_env.formatting import capitalise, typeset
 from pendulum_env.physics.effect_texts import name_effect
@@ -37,6 +35,8 @@ class Stage:
     show: Callable[[Session], list[Component]]  # renders the stage; reads `session.state` once
     # Action of each button, by name
     actions: Mapping[str, Action] = field(default_factory=dict)
+    # Renders each slow part of the page, by name; see `make_late`
+    late: Mapping[str, Callable[[Session], Component | None]] = field(default_factory=dict)
     # Registers callbacks that leave the session unchanged
     connect: Callable[[Dash, Sessions], None] | None = None
     needs_model: bool = True  # whether the stage is empty without a fitted model
@@ -101,19 +101,9 @@ def make_panel(title: str, *content: Component | str, className: str = "") -> Co
     return html.Section([html.H2(title), *content], className=f"panel {className}".strip())
 
 
-def fill_late(id: str, show: Callable[[Session], Content]) -> Callable[[Dash, Sessions], None]:
-    """Return the `connect` of a stage that fills the element of an id once the rest of the page is drawn."""
-
-    def connect(app: Dash, sessions: Sessions) -> None:
-        @app.callback(Output(id, "children"), Input(id, "id"), Value("session", "data"))
-        def fill(_: str, session_id: str) -> Content:
-            session = sessions.find_session(session_id)
-            if session.state.failure_reason:
-                raise PreventUpdate
-            content: Content = typeset_texts(show(session))
-            return content
-
-    return connect
+def make_late(name: str, placeholder: Component | None = None) -> Component:
+    """Make an element that is filled by a function of `Stage.late` once the rest of the page is drawn."""
+    return html.Div(placeholder, id={"late": name})
 
 
 def make_table(headers: Mapping[str, str], rows: Sequence[Sequence[Any]], label: str) -> Component:

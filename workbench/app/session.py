@@ -219,8 +219,8 @@ class Session:
                 try:
                     text = self.describe_mistake(error)
                     self.cards += (ColumnCard.from_source(source, error=text, joints=self.state.moving),)
-                except RecordingError:
-                    refused.append(format_mistake(error))
+                except RecordingError as mistake:
+                    refused.append(format_mistake(mistake))
             except USER_ERRORS as mistake:
                 refused.append(format_mistake(mistake))
         if loaded:

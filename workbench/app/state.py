@@ -7,10 +7,11 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
-from estimators import Addition, Diagnosis, FitData, Identification
+from estimators import Addition, Diagnosis, FitData
 from estimators.arguments import apply_limits, select_effects
 from estimators.data.model_errors import compute_errors
 from estimators.data.regions import find_failures
+from estimators.data.timing import Timing
 from estimators.decisions.errors import Step
 from estimators.findings import Finding
 from estimators.schemes.identifiability import find_undetermined_parameters
@@ -130,7 +131,6 @@ class State:
     fit: BaseFit | None = None  # None before the fit, or if it failed
     failure: str = ""  # error of the fit
     steps: tuple[Step, ...] = ()  # base model and one step for each added effect; empty without a fit
-    schemes: Identification | None = None  # of the last model, for an arm of the base model
     diagnosis: Diagnosis | None = None  # last diagnosis of these recordings
     steps_before: tuple[Step, ...] = ()  # added steps at the start of the diagnosis
     robot: RobotFile | None = None  # None for a pendulum
@@ -160,7 +160,7 @@ class State:
 
     def restart(self, **choices: Any) -> Self:
         """Return the state with changed choices and without fits and diagnosis."""
-        return replace(self, **choices, fit=None, failure="", steps=(), schemes=None, diagnosis=None, steps_before=())
+        return replace(self, **choices, fit=None, failure="", steps=(), diagnosis=None, steps_before=())
 
     def make_fit_task(self) -> partial[BaseFit]:
         """Make the task that fits the base model."""
@@ -171,7 +171,7 @@ class State:
 
     def with_fit(self, fit: BaseFit) -> Self:
         """Return the state with the fit of its base model."""
-        return replace(self, fit=fit, steps=(fit.step,), schemes=fit.schemes)
+        return replace(self, fit=fit, steps=(fit.step,))
 
     @property
     def needs_fit(self) -> bool:
@@ -253,7 +253,7 @@ class State:
         """Return the state with a diagnosis of its last model."""
         return replace(self, diagnosis=diagnosis, steps_before=self.steps)
 
-    def add_step(self, addition: Addition, schemes: Identification | None = None) -> Self:
+    def add_step(self, addition: Addition) -> Self:
         """Return the state with one more step.
 
         A pendulum's step has the errors on the windows of the base model, which an addition may cut anew; the earlier
@@ -264,7 +264,12 @@ class State:
             return replace(self, steps=(*self.steps[:-1], last, addition.after))
         model, parts = addition.after.model, zip(("train", "holdout"), self.data.parts, strict=True)
         errors = {name: compute_errors(part.with_link_states(model), model) for name, part in parts}
-        return replace(self, steps=(*self.steps, replace(addition.after, errors=errors)), schemes=schemes)
+        return replace(self, steps=(*self.steps, replace(addition.after, errors=errors)))
+
+    @cached_property
+    def timing(self) -> Timing:
+        """Return the timing of the torque of a pendulum; slow to estimate."""
+        return self.data.timing if self.is_aligned else self.data.with_timing().timing
 
     @cached_property
     def doubts(self) -> tuple[Finding, ...]:
@@ -300,7 +305,7 @@ class State:
     @cached_property
     def report_data(self) -> ReportData:
         """Return data of the report for the added steps only, without further effects of the diagnosis."""
-        return ReportData(replace(self.result, steps=self.steps, data=self.data), identified=self.schemes)
+        return ReportData(replace(self.result, steps=self.steps, data=self.data))
 
 
 def list_added(steps: Sequence[Step]) -> tuple[str, ...]:

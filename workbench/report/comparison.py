@@ -64,7 +64,7 @@ class Course:
 
 
 def list_courses(case: ReportData) -> list[Course]:
-    """List the courses of all recordings and joints, the largest error first."""
+    """List the courses of all recordings and joints: fitted recordings first, of these the largest error first."""
     groups = dict[tuple[str, int], list[Course]]()
     for part in range(1 if case.data.is_comparison else 2):
         rows = case.data.parts[part].data
@@ -78,7 +78,8 @@ def list_courses(case: ReportData) -> list[Course]:
             course = Course(w.recording, w.at, axes, is_fitted, measured, residuals, segments)
             groups.setdefault((w.at, id(w.recording)), []).append(course)
     courses = [_join_courses(group) for group in groups.values()]
-    return sorted((course for course in courses if len(course.measured) > 1), key=lambda course: -course.error)
+    shown = (course for course in courses if len(course.measured) > 1)
+    return sorted(shown, key=lambda course: (not course.is_fitted.any(), -course.error))
 
 
 def _join_courses(parts: Sequence[Course]) -> Course:
@@ -104,10 +105,10 @@ def make_comparison(case: ReportData) -> Section:
     first = {id(course) for course in {course.at: course for course in reversed(courses)}.values()}  # of each joint
     order = sorted(courses, key=lambda course: id(course) not in first)[: COMPARED * len(first)]
     figures = [Part(course.title, [plot_course(case, course, f"course-{k}")]) for k, course in enumerate(order)]
+    how = "Choose a sentence or a shaded stretch: its fitted samples are shaded here, with the worst 3 s in sight."
     about = (
-        "Choose a sentence or a shaded stretch: its samples are shaded here, and the worst three seconds are in "
-        "sight. Torque of a model and residual are averages over short windows clear of stick; gaps are where the "
-        "joint stuck or turned."
+        "Torque of a model and residual are averages over short windows clear of stick; gaps are where the joint stuck "
+        "or turned."
     )
     if case.diagnosis.model.mechanism.can_simulate:
         about += (
@@ -116,7 +117,7 @@ def make_comparison(case: ReportData) -> Section:
         )
     shown, folded = figures[: len(first)], figures[len(first) :]
     others = [Part(f"Other recordings, {len(folded)}", folded, brief=False)] if folded else []
-    return Section("comparison", "Over time", "Measured against modelled, over time", [about, *shown, *others])
+    return Section("comparison", "Over time", "Measured against modelled, over time", [how, about, *shown, *others])
 
 
 def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
@@ -160,17 +161,18 @@ def plot_course(case: ReportData, course: Course, id: str) -> plots.Figure:
 
 
 def describe_course(case: ReportData, course: Course) -> JSON:
-    """Describe the windows of a course in displayed units, for scripts that find the samples of a region."""
+    """Describe the fitted windows of a course in displayed units, for scripts that find the samples of a region."""
     units, axes, time = case.diagnosis.model.units(course.at), dict(course.axes), course.recording.time
     if makes_whole_turns(np.asarray(case.data.parts[0].data.part(course.at).samples.position)):
         axes["position"] = wrap_angles(axes["position"])
     shown = {axis: to_shown_unit(values, units.unit(AXES[axis]))[0] for axis, values in axes.items()}
+    kept = course.is_fitted
     return {
         "turn": to_shown_unit(2 * np.pi, units.unit("rad"))[0] if course.segments and not units.is_prismatic else 0,
         "recording": [course.recording.name, time[0]],  # the same for all joints
         "joint": course.at,
-        "axes": {axis: plots.round_numbers(values) for axis, values in shown.items()},
-        "residuals": [plots.round_numbers(residual) for residual in course.residuals],
+        "axes": {axis: plots.round_numbers(values[kept]) for axis, values in shown.items()},
+        "residuals": [plots.round_numbers(residual[kept]) for residual in course.residuals],
     }
 
 

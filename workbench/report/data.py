@@ -35,7 +35,6 @@ class ReportData:
     diagnosis: Diagnosis
     first: str = "base model"  # name of the first model
     command: str = ""  # equivalent command lines, if known
-    identified: Identification | None = None  # schemes for the final model, if known
 
     @property
     def data(self) -> FitData:
@@ -47,7 +46,7 @@ class ReportData:
     @cached_property
     def schemes(self) -> Identification | None:
         """Return the schemes for the final model; None if the data do not suffice."""
-        return self.identified or identify_schemes(self.data.recordings, self.diagnosis.model)
+        return identify_schemes(self.data.recordings, self.diagnosis.model)
 
     @property
     def ends(self) -> list[Step]:

@@ -9,8 +9,8 @@ from estimators.data.regression_data import RegressionData
 from estimators.signals.residual import average_alike
 from pendulum_env._typing import Array
 from pendulum_env.formatting import capitalise, format_percent
-from pendulum_env.physics.effect_texts import find_description, name_effect, name_effects
-from workbench.figure import Figure, make_title, measure_reach
+from pendulum_env.physics.effect_texts import find_description, find_look_alikes, name_effect, name_effects
+from workbench.figure import Figure, measure_reach
 from workbench.narrator.parts import Part
 from workbench.report.data import ReportData, Section
 from workbench.report.evidence import describe_briefly, find_own_axis
@@ -18,7 +18,6 @@ from workbench.report.failures import DOTS, plot_profile
 from workbench.report.numbers import COLORS
 
 EXPLAINED = 2  # number of added effects above the fold
-RIVALS = 2  # number of rivals of each
 
 
 def plot_matches(
@@ -53,33 +52,45 @@ def describe_match(match: Match) -> str:
     return f"{match.size} parameter{'s' * (match.size > 1)}. {find_description(match.effect).signature}"
 
 
+def choose_rivals(matches: Sequence[Match], effect: str) -> list[Match]:
+    """Choose an effect from its matches, then the rival that explains most, then the law most like it or the next."""
+    own, (best, *others) = ([m for m in matches if (m.effect == effect) == is_own] for is_own in (True, False))
+    alike = find_look_alikes(effect.partition("@")[0])
+    places = {id: place for place, id in enumerate(alike)}
+    others.sort(key=lambda match: places.get(match.effect.partition("@")[0], len(alike)))
+    return [*own, best, *others[:1]]
+
+
 def make_rivals(case: ReportData) -> Section | None:
     """Make the section on each added effect beside its nearest rivals; None without an added effect.
 
-    An effect at a joint has its rivals there. A coupling of joints has none.
+    Each rival is fitted in the place of the effect. An effect at a joint has its rivals there. A coupling of joints has
+    none.
     """
     selected, fitted, parts = case.diagnosis.selected, case.data.parts[0], list[Part]()
     if not fitted.layout.predicts_torque:
         return None
-    reasons = {candidate.effect: describe_briefly(candidate) for candidate in case.diagnosis.candidates}
+    reasons = {tried.effect: describe_briefly(tried) for tried in case.diagnosis.candidates if tried.terms}
     for k, (before, effect) in enumerate(zip(case.diagnosis.steps, selected, strict=False)):
         data, at = fitted.with_link_states(before.model), effect.partition("@")[2]
         residual = data.residual(before.model.terms, before.model.theta)
         matches = find_matches(data, before.model, {*selected} - {effect}, at)
         if len(matches) < 2:
             continue
-        compared = sorted(matches, key=lambda match: match.effect != effect)[: RIVALS + 1]  # the effect comes first
         figures, texts = list[Figure](), list[str]()
-        for n, match in enumerate(compared):
-            figures += plot_matches(data, residual, [match], [find_own_axis(effect)], f"rival-{k}-{n}", at)
-            figures[-1].layout.update(margin={"t": 30}, **make_title(name_match(match)))
+        for n, match in enumerate(choose_rivals(matches, effect)):
+            (figure,) = plot_matches(data, residual, [match], [find_own_axis(effect)], f"rival-{k}-{n}", at)
+            figures.append(replace(figure, caption=name_match(match)))
             texts.append(f"{capitalise(name_effect(match.effect))}: {describe_match(match)}")
-            if match.effect != effect and match.effect in reasons:
-                texts[-1] += f" {capitalise(reasons[match.effect])}."
+            if match.effect != effect:
+                share = format_percent(round(match.share, 3))
+                texts[-1] += f" In the place of {name_effect(effect)} it explains {share} of the residual."
+                texts[-1] += f" {capitalise(reasons[match.effect])}." if match.effect in reasons else ""
         parts.append(Part(f"Why {name_effect(effect)}", [tuple(figures), tuple(texts)]))
     about = (
-        "Dots: the residual without the effect. Curves: the effect and its two nearest rivals, each fitted to the same "
-        "data. Each explains the given part of the mean square of the residual."
+        "Dots: the residual without the effect. Curves: the effect, the rival that explains most in its place, and the "
+        "law most like it. Each is fitted to the same data, and explains the given part of the mean square of the "
+        "residual."
     )
     title = f"Why {name_effects(selected)}"
     if len(parts) < 2:

@@ -5,7 +5,7 @@ import numpy as np
 from pendulum_env.formatting import TextTable
 from pendulum_env.physics.mechanism import Mechanism
 from pendulum_env.recording import Recording
-from workbench.figure import Figure, make_line, make_stacked_layout, make_title, select_samples
+from workbench.figure import Figure, make_line, make_stacked_layout, select_samples
 from workbench.report.data import ReportData, Section
 
 DRAWN = 4  # largest number of recordings with traces
@@ -49,8 +49,7 @@ def plot_recording(recording: Recording, k: int, body: Mechanism) -> list[Figure
             )
         titles = f"position [{angle}]", f"{units.name('torque')} [{torque}]"
         layout = make_stacked_layout(titles[: len(series)])
-        layout |= {"margin": {"t": 40}, **make_title(title)}
-        figures.append(
-            Figure(f"trace-{k}-{n}", f"Position{' and torque' * has_torque} over time, {title}", data, layout, height)
-        )
+        layout["margin"] = {"t": 8}
+        label = f"Position{' and torque' * has_torque} over time, {title}"
+        figures.append(Figure(f"trace-{k}-{n}", label, data, layout, height, title))
     return figures

@@ -57,6 +57,8 @@ def test_an_effect_at_a_joint_is_found_added_and_saved(session, tmp_path, monkey
     before, after = (rung.errors["holdout"].joints["elbow"] for rung in state.steps)
     assert state.added == ("torque_offset@elbow",) and not state.suggested_additions and after < 0.2 * before
     assert all(stage.show(session) for stage in STAGES)
+    shown = {name: show(session) for stage in STAGES for name, show in stage.late.items()}
+    assert [name for name, part in shown.items() if part is None] == ["timing"]  # an arm has no timing
     assert "torque_offset@elbow" in make_file(state, "report")[1].decode()
 
     for name in ("study", "model"):

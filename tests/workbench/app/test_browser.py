@@ -364,8 +364,9 @@ def test_an_interrupt_ends_the_app_though_a_job_runs_and_a_page_is_open(browser,
         tab.context.close()
 
 
-def test_a_fit_that_ends_while_its_stage_is_drawn_is_shown(tab, loose):
+def test_a_fit_that_ends_while_its_stage_is_drawn_is_shown(tab, folder):
     page, drawings, polls, holds = tab.page, [], [], [True]
+    write_recording(record_pendulum("long", 1, 100.0, rate=1000.0), folder / "long.csv")
 
     def hold(route) -> None:
         """Hold the drawing of a state that is being fitted, and polls that come after the fit."""
@@ -378,7 +379,7 @@ def test_a_fit_that_ends_while_its_stage_is_drawn_is_shown(tab, loose):
             route.fulfill(response=answer)
 
     page.route(re.compile("_dash-update-component"), hold)
-    tab.choose_files("upload", str(loose))  # it is fitted for more than the 0.4 s that the answer waits
+    tab.choose_files("upload", str(folder / "long.csv"))  # it is fitted for more than the 0.4 s that the answer waits
     for _ in range(int(MS / 100)):
         if not (drawings and polls):
             page.wait_for_timeout(100)

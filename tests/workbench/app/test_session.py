@@ -44,6 +44,7 @@ from workbench.app.card import ColumnCard, ColumnChoice, describe_unit, write_ch
 from workbench.app.downloads import make_file, write_commands, write_study_text
 from workbench.app.jobs import Job, Workers
 from workbench.app.page.server import make_app
+from workbench.app.panels import show_timing
 from workbench.app.session import Session, Sessions
 from workbench.app.stages import add as add_stage
 from workbench.app.stages import data, diagnose, export, model
@@ -241,12 +242,12 @@ def late() -> Recording:
 
 def test_torque_that_is_logged_late_is_said_and_corrected_for_all_that_follows(session, late):
     session.state = fit_state(State((loaded(late),)))
-    said = str(data.show(session))
+    said = str(show_timing(session))
     assert "The torque is logged " in said and "ms late" in said and "'do': 'align'" in said
     before = session.state
     session.run_action(lambda: data.ACTIONS["align"](session, "", {}))
     after = session.state
-    assert "corrected in all that follows" in str(data.show(session))
+    assert "corrected in all that follows" in str(show_timing(session))
     errors = [one.steps[-1].errors["holdout"].torque_rms for one in (before, after)]
     assert errors[1] < 1.15 * after.result.floors[""] < 0.5 * errors[0]
     session.run_action(lambda: session.add_recordings(loaded(replace(late, name="again"), held_out=True)))
@@ -406,6 +407,13 @@ def test_names_decide_on_roles_and_the_order_of_an_upload_does_not_matter(tmp_pa
     alone = Session(tmp_path / "alone")
     drop(alone, tmp_path / "a.holdout.csv")
     assert not alone.state.loaded[0].held_out  # something must be fitted
+
+
+@pytest.mark.parametrize("content", [b"hello world\nthis is text\n", b"time\n0\n1\n2\n", b"a,b\nx,y\nz,w\n"])
+def test_a_text_without_columns_of_numbers_is_refused_without_words_of_the_command_line(session, content):
+    upload(session, "notes.txt", content)
+    assert session.notice.startswith("notes.txt: ") and not session.cards and not session.state.loaded
+    assert "NAME" not in session.notice and "=none" not in session.notice and "--" not in session.notice
 
 
 def test_binary_data_named_csv_are_refused_without_a_word_in_the_terminal(session, capfd):

@@ -119,6 +119,16 @@ def _connect_page(app: Dash, sessions: Sessions) -> None:
             stage is not STAGES[0],
         )
 
+    late = {name: show for stage in STAGES for name, show in stage.late.items()}
+
+    @app.callback(Output({"late": MATCH}, "children"), Input({"late": MATCH}, "id"), State("session", "data"))
+    def fill(place: dict[str, str], id: str) -> Any:
+        """Draw a slow part of a stage."""
+        session = sessions.find_session(id)
+        if session.state.failure_reason:
+            raise PreventUpdate
+        return typeset_texts(late[place["late"]](session))
+
     @app.callback(
         Output("job", "children"),
         VERSION,

@@ -7,7 +7,7 @@ from typing import Any
 from dash import dcc, html
 from dash.development.base_component import Component
 
-from estimators import Addition, Identification
+from estimators import Addition
 from pendulum_env.physics.effect_texts import name_effect
 from pendulum_env.physics.joints import find_kind
 from workbench.app.fits import fit_effect
@@ -63,8 +63,8 @@ def start(session: Session, id: str | None) -> None:
         raise InputError(f"{name_effect(id)} is in the model already")
     task = partial(fit_effect, state.model, id, state.data.recordings, state.data.holdout, state.choices.limits)
 
-    def keep(found: tuple[Addition, Identification | None]) -> None:
-        session.change(f"add {name_effect(id)}", state.add_step(*found))
+    def keep(found: Addition) -> None:
+        session.change(f"add {name_effect(id)}", state.add_step(found))
 
     session.run_task(f"Adding {name_effect(id)}", task, keep)
 

@@ -16,6 +16,7 @@ from workbench.app.parts import (
     Stage,
     make_aria,
     make_button,
+    make_late,
     make_panel,
     make_save_button,
     make_table,
@@ -58,7 +59,7 @@ def show(session: Session) -> list[Component]:
             for k, recording in enumerate(state.recordings[:DRAWN])
             for figure in plot_recording(recording, k, state.body)
         ]
-        findings = [*show_timing(state), show_findings(state)] if state.body.can_simulate else []
+        findings = [make_late("timing"), show_findings(state)] if state.body.can_simulate else []
         parts += [show_recordings(state), *findings, html.Div(show_content(plots, "courses"), className="panel")]
     return parts
 
@@ -120,4 +121,4 @@ ACTIONS: dict[str, Action] = {
     "remove": lambda session, id, _: session.remove(id),
     "align": lambda session, *_: session.change("correct the torque", session.state.restart(is_aligned=True)),
 }
-STAGE = Stage("data", "Data", show, ACTIONS, needs_model=False)
+STAGE = Stage("data", "Data", show, ACTIONS, {"timing": show_timing}, needs_model=False)

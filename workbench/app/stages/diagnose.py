@@ -13,10 +13,10 @@ from workbench.app.panels import show_suggestions, show_timing
 from workbench.app.parts import (
     KEPT,
     Stage,
-    fill_late,
     label_control,
     list_choices,
     make_button,
+    make_late,
     make_panel,
     show_section,
 )
@@ -28,8 +28,6 @@ from workbench.report.data import ReportData
 from workbench.report.evidence import make_candidates
 from workbench.report.matches import make_rivals
 from workbench.report.story import make_joints, make_story
-
-WHY = "rivals"  # id of the panel of effects and their rivals
 
 
 def show(session: Session) -> list[Component]:
@@ -48,13 +46,13 @@ def show(session: Session) -> list[Component]:
         ),
     )
     if diagnosis is None:
-        return [*show_timing(state), search]
+        return [make_late("timing"), search]
     make = make_story if state.robot is None else make_joints
     result = make(ReportData(state.result))
     return [
         make_panel("What was found", *show_section(result), className="story"),
-        html.Div(id=WHY),
-        *show_timing(state),
+        make_late("rivals"),
+        make_late("timing"),
         make_panel(
             "Evidence",
             show_suggestions(state, busy),
@@ -132,5 +130,5 @@ STAGE = Stage(
     "Diagnose",
     show,
     {"diagnose": lambda session, _, form: start(session, SearchChoices.from_form(form))},
-    fill_late(WHY, show_rivals),
+    {"rivals": show_rivals, "timing": show_timing},
 )

@@ -9,7 +9,7 @@ from estimators.data.matches import find_matches
 from estimators.data.regions import compute_profiles_at
 from estimators.signals.residual import AXES, find_regions
 from pendulum_env.formatting import TextTable
-from workbench.app.parts import Stage, fill_late, make_button, make_panel, show_content, show_section
+from workbench.app.parts import Stage, make_button, make_late, make_panel, show_content, show_section
 from workbench.app.session import Session
 from workbench.app.state import State
 from workbench.narrator.identification import TRUST, tabulate_schemes
@@ -19,7 +19,7 @@ from workbench.report.failures import make_failures
 from workbench.report.matches import describe_match, name_match, plot_matches
 from workbench.report.numbers import COLORS, make_parameters, make_schemes
 
-SIMILAR = "similar"  # id of the panel of effects like the residual
+SCHEMES = "Schemes side by side"  # title of a panel
 
 
 def show_model(session: Session) -> list[Component]:
@@ -30,23 +30,25 @@ def show_model(session: Session) -> list[Component]:
     return [
         make_panel("The model", *show_content([about, terms], "terms")),
         make_panel("Parameters with standard errors", *show_section(make_parameters(state.report_data))),
-        make_panel("Schemes side by side", *_show_schemes(state)),
+        make_late("schemes", make_panel(SCHEMES, html.P("Each scheme is fitted …"))),
     ]
 
 
-def _show_schemes(state: State) -> list[Component]:
+def show_schemes(session: Session) -> Component:
     """Render the estimates of each scheme; for an arm without their convergence."""
-    if state.schemes is not None and not state.body.can_simulate:
-        return show_section(Section("schemes", "Schemes", "Schemes", [tabulate_schemes(state.schemes), f"{TRUST}."]))
-    section = make_schemes(state.report_data) if state.schemes is not None else None
-    return show_section(section) or [html.P("These recordings are too poor for the schemes.")]
+    state = session.state
+    if state.fit is not None and state.fit.schemes is not None:
+        section: Section | None = Section("schemes", "", SCHEMES, [tabulate_schemes(state.fit.schemes), f"{TRUST}."])
+    else:
+        section = make_schemes(state.report_data)
+    return make_panel(SCHEMES, *(show_section(section) or [html.P("These recordings are too poor for the schemes.")]))
 
 
 def show_comparison(session: Session) -> list[Component]:
     """Render the residuals of the base and the last model, similar effects, and motion over time."""
     failures, comparison = (make_panel(s.title, *show_section(s)) for s in _make_sections(session.state))
     similar = make_panel("What it looks like", html.P("Every effect of the library is fitted to the residual …"))
-    return [failures, html.Div(similar, id=SIMILAR), comparison]
+    return [failures, make_late("similar", similar), comparison]
 
 
 @lru_cache(maxsize=4)  # slow to draw
@@ -86,5 +88,5 @@ def show_matches(session: Session) -> Component:
     return make_panel(title, *plots, html.Ul(rows, className="matches"))
 
 
-MODEL = Stage("model", "Model", show_model)
-COMPARE = Stage("compare", "Compare", show_comparison, connect=fill_late(SIMILAR, show_matches))
+MODEL = Stage("model", "Model", show_model, late={"schemes": show_schemes})
+COMPARE = Stage("compare", "Compare", show_comparison, late={"similar": show_matches})

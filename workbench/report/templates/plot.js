@@ -64,7 +64,7 @@ const figures = (() => {
 
   function show({ axis, low, high, joint, model }) {
     for (const plot of document.querySelectorAll(".plot.course")) if (!drawn.has(plot) && plot.checkVisibility()) draw(plot);
-    const ones = courses().filter(([, { spec }]) => spec.layout.meta.joint === joint);
+    const ones = courses().filter(([, { spec: { layout: { meta } } }]) => meta.joint === joint && meta.axes.time.length);
     for (const [plot, { spec: { layout: { meta } } }] of ones) {
       const { time } = meta.axes, values = meta.axes[axis], errors = meta.residuals[model];
       const step = Math.min(...time.slice(1, 9).map((end, k) => end - time[k])), runs = [];
@@ -189,12 +189,14 @@ const figures = (() => {
     for (const plot of document.querySelectorAll(".plot")) {
       if (!plot.checkVisibility()) continue;
       draw(plot);
-      Plotly.relayout(plot, { width: plot.closest(".strip") ? 220 : plot.closest(".grid") ? 330 : 680, autosize: false });  // of A4 and Letter
+      const width = plot.closest(".strip") ? 220 : plot.closest(".grid") ? 330 : 680;  // of A4 and Letter
+      const height = plot.closest(":is(#why, #recordings, #failures) .grid") ? (width > 220 ? 240 : 180) : null;  // as in the style
+      Plotly.relayout(plot, { width, height, autosize: false });
     }
   });
   addEventListener("afterprint", () => {
     root.dataset.theme = theme;
-    for (const plot of drawn.keys()) { draw(plot); Plotly.relayout(plot, { width: null, autosize: true }); }
+    for (const plot of drawn.keys()) { draw(plot); Plotly.relayout(plot, { width: null, height: null, autosize: true }); }
     folded.forEach((details) => { details.open = false; });
   });
 
