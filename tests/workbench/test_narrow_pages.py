@@ -140,3 +140,24 @@ def test_a_servo_moves_with_the_cursor_beside_a_mark_at_its_goal(browser, tmp_pa
             lambda: page.inner_text(".replay"),
         )
     page.close()
+
+
+A4 = {"width": 688, "height": 1017}  # [px] inside the margins
+
+
+def test_a_printed_report_has_whole_captions_no_instructions_and_two_pages_before_the_details(browser, tmp_path):
+    (tmp_path / "shown.html").write_text(of_a_pendulum(tmp_path), encoding="utf-8")
+    page = browser.new_page(viewport=A4)
+    page.goto((tmp_path / "shown.html").as_uri())
+    page.wait_for_selector("#why .main-svg", state="attached")
+    page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    captions = page.locator("#why figcaption")
+    assert captions.count() == 3 and all(text.endswith("%") for text in captions.all_inner_texts())
+    assert page.evaluate(
+        "[...document.querySelectorAll('figcaption')].every((one) => one.scrollWidth <= one.clientWidth)"
+    )
+    wait_until(lambda: page.evaluate("document.querySelector('#failures').offsetTop") < 2 * A4["height"])
+    told = page.inner_text("main")
+    assert "Residual" in told.title() and "Choose a sentence" not in told and "opens to" not in told
+    page.close()
