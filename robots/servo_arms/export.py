@@ -18,6 +18,7 @@ from robots.arms.export import LINKS, JointExport, build_arm, write_specificatio
 from robots.servo_arms.model import ServoArmModel
 from robots.servo_arms.whole import WholeArm, find_typical_loads, join_links
 from robots.servos.exported_servo import Servo
+from robots.servos.torque import follow_goals
 
 SLOW = np.geomspace(0.02, SPEEDS[-1], len(SPEEDS))  # [rad/s], speeds of servos, mostly slow
 
@@ -104,12 +105,14 @@ def play_goals(exported: Exported, joints: Sequence[str], recording: Recording) 
         data, goals = mujoco.MjData(world), segment.reference
         assert goals is not None  # recordings with drives have goals
         is_ramp = np.array([drive.goal == "ramp" for drive in getattr(segment, "drives", ())])
-        changes = np.where(is_ramp, np.diff(goals, axis=0, append=goals[-1:]), 0.0) / count
         data.qpos[place], path = segment.position[0], np.empty_like(segment.position)
-        for k, goal in enumerate(goals):
+        steps = np.arange(count * len(goals)) / count  # [rows]
+        followed = np.column_stack([follow_goals(of_joint, steps) for of_joint in goals.T])
+        followed = np.where(is_ramp, followed, np.repeat(goals, count, axis=0)).reshape(len(goals), count, -1)
+        for k, of_row in enumerate(followed):
             path[k] = data.qpos[place]
-            for n in range(count):
-                data.ctrl[:] = goal + n * changes[k]
+            for goal in of_row:
+                data.ctrl[:] = goal
                 mujoco.mj_step(world, data)
         parts.append(np.abs(path - segment.position)[1:])
     return np.concatenate(parts)

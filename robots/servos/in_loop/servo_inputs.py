@@ -12,7 +12,7 @@ from pendulum_env._typing import Array
 from pendulum_env.physics import SIGNIFICANT, KnownLoad
 from pendulum_env.recording import Recording
 from robots.servos.loop import ControllerSamples, Servos
-from robots.servos.torque import find_drive, get_bus_voltage
+from robots.servos.torque import find_drive, follow_goals, get_bus_voltage
 
 
 def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_step: float | None) -> Servos:
@@ -24,7 +24,7 @@ def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_ste
         count: number of steps.
         encoder_step: step of the encoder that controllers read [rad]; None: they read the exact position.
     """
-    begins = np.arange(count) * step + 1e-6  # of the steps [s], against rounding
+    begins = np.arange(count, dtype=np.float64) * step + 1e-6  # of the steps [s], against rounding
 
     def stack(read: Callable[[Array, Recording], Array], values: Iterable[Array | float | None]) -> Array:
         """Return series as `read` has them in each step (N, B)."""
@@ -52,13 +52,11 @@ def make_servos(parts: Sequence[Recording], step: float, count: int, encoder_ste
         drive = find_drive(part)
         is_ramp, rate = drive.goal == "ramp", drive.rate
         if rate is None:
-            return interpolate(series, part) if is_ramp else average_held(series, part)
+            return follow_goals(series, begins * part.rate) if is_ramp else average_held(series, part)
         looks = ControllerSamples(rate, step, count)
         samples = (looks.time + 1e-6) * part.rate
         goals = (
-            np.interp(samples, np.arange(len(series)), series)
-            if is_ramp
-            else series[np.minimum(samples.astype(np.intp), len(series) - 1)]
+            follow_goals(series, samples) if is_ramp else series[np.minimum(samples.astype(np.intp), len(series) - 1)]
         )
         return looks.average(goals)[np.maximum.accumulate(np.where(looks.has_sample > 0, np.arange(count), 0))]
 

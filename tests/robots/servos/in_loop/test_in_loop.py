@@ -638,8 +638,9 @@ def logged_slowly(is_held: bool, late: float, kp: float, seed: int) -> Recording
     rng, step, rate, viscous = np.random.default_rng(seed), 1e-3, 50, 0.2
     tones, phases = 2 * np.pi * np.array([0.3, 0.7, 1.3]), rng.uniform(0, 2 * np.pi, 3)
     time = np.arange(8 * rate + 1) / rate
-    goals, looks = np.sin(time[:, None] * tones + phases) @ [0.5, 0.3, 0.2], np.arange(0.0, 8.0, step)
-    goal = goals[(looks * rate + 1e-6).astype(int)] if is_held else np.interp(looks, time, goals)
+    looks = np.arange(0.0, 8.0, step)
+    goals, smooth = (np.sin(own[:, None] * tones + phases) @ [0.5, 0.3, 0.2] for own in (time, looks))
+    goal = goals[(looks * rate + 1e-6).astype(int)] if is_held else smooth
     q, v, asked, path = float(goals[0]), 0.0, [0.0] * (1 + round(late / step)), []
     for own in goal:
         path.append(q)
