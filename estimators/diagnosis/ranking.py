@@ -10,6 +10,7 @@ from estimators.decisions.decision import Decision
 from estimators.decisions.errors import ErrorFall, Step, Terms, compute_error_fall, get_error_at
 from estimators.decisions.gate import FailedGates, Gate, explain_rejection
 from estimators.diagnosis.result import Candidate
+from estimators.diagnosis.small_effect import select_small_effect
 from estimators.diagnosis.untested import UntestedRange, find_untested_range
 from estimators.findings import Finding, Verdict
 from estimators.selection.candidates import can_reproduce, needs_all_parts, screen_library, screen_replacements
@@ -77,18 +78,23 @@ def rank_effects(
 
 
 def widen_by_rivals(model: Model, evidence: Evidence, candidates: Sequence[Candidate]) -> Model:
-    """Add the error of the choice among effects that the data cannot distinguish to the standard errors of a model.
+    """Add the error of the choice among effects to the standard errors of a model.
 
-    The variance of each parameter that the models share grows by the squared difference of a rival's estimate, times
-    the probability of the rival.
+    Rivals of the model have another effect that the data cannot distinguish, or a further effect that predicts better
+    and is too small. The variance of each parameter that the models share grows by the squared difference of a rival's
+    estimate, times the probability of the rival.
     """
     chosen = {candidate.effect: candidate for candidate in candidates if candidate.verdict is Verdict.SELECTED}
-    changes = list[dict[str, float]]()
+    rivals = list[tuple[Terms, Terms, float]]()  # terms of the model and of its rival, and probability of the rival
     for rival in candidates:
-        if not isinstance(tie := rival.reason, Tie) or not (selected := chosen[tie.effects[0]]).score:
-            continue
-        own, other = (evidence.fits.fit_model(terms).estimates for terms in (selected.terms, rival.terms))
-        root = float(np.sqrt(rival.score / selected.score))
+        if isinstance(tie := rival.reason, Tie) and (selected := chosen[tie.effects[0]]).score:
+            rivals.append((selected.terms, rival.terms, rival.score / selected.score))
+    if (small := select_small_effect(candidates)) is not None and small.gain is not None:
+        rivals.append((small.terms[:-1], small.terms, 1.0 - small.gain.p_value))
+    changes = list[dict[str, float]]()
+    for *models, probability in rivals:
+        own, other = (evidence.fits.fit_model(terms).estimates for terms in models)
+        root = float(np.sqrt(probability))
         changes.append({name: root * (other[name].value - own[name].value) for name in own.keys() & other.keys()})
     return model.add_errors(*changes)
 
