@@ -182,7 +182,7 @@ class ChannelFits(ChannelRows):
         if time > 0:
             both = self.fit([self.make_law(share * time, (1 - share) * time + half) for share in (0.25, 0.5, 0.75)])
             laws += [both] * (both.delay > 0 and both.lag > self.period)
-        return [law for law in laws if law.is_determined]
+        return [law for law in laws if law.is_determined and self.is_possible(law.channel)]
 
     def list_laws(self) -> list[Alignment]:
         """Fit the possible laws, from the simplest to the most complex; of equal ones the more plausible is first.
@@ -362,7 +362,7 @@ def estimate_alignment(
         fits = min(candidates, key=lambda candidate: candidate.delay_fit.delay_std)
     if not (law := fits.select_law()).is_found:
         return law
-    if not fits.keeps_inertia(law.channel):
+    if not fits.is_possible(law.channel):
         return NO_ALIGNMENT
     if not is_model and find_feedback(recordings, criterion):
         finer = fits.with_angle_columns()

@@ -225,10 +225,10 @@ class ChannelRows:
     def start(self) -> Channel:
         """Best of delays from -`REACH` to `latest`, `CHANNEL.starts` per second, without a filter.
 
-        Torque that acts late keeps the inertia of the base model, see `keeps_inertia`.
+        The law is possible, see `is_possible`.
         """
         delays = np.linspace(-REACH, self.latest, round(CHANNEL.starts * (REACH + self.latest)))
-        return min(filter(self.keeps_inertia, map(self.make_law, delays)), key=self.compute_misfit)
+        return min(filter(self.is_possible, map(self.make_law, delays)), key=self.compute_misfit)
 
     @cached_property
     def _inertia(self) -> tuple[Array, float]:
@@ -244,15 +244,22 @@ class ChannelRows:
         rms = float(np.sqrt(np.mean((torque - columns @ (inverse @ torque)) ** 2)))
         return np.asarray(inverse[0]), self.criterion.timing.z_score * rms * float(np.linalg.norm(inverse[0]))
 
-    def keeps_inertia(self, law: Channel) -> bool:
-        """Return whether the inertia of the base model stays above `kept_inertia` of itself, if torque acts late.
+    def is_possible(self, law: Channel) -> bool:
+        """Return whether the torque stays in the windows, and the inertia of a joint whose torque acts late.
+
+        A law that moves the torque out of the windows, as pulses between rests, leaves little torque and little
+        residual. The torque that the columns explain stays above `kept_inertia` of that of the log.
 
         The speed of a joint with inertia J and viscous friction b follows torque with the lag J/b. A late action can
         imitate this inertia. Torque that switches at reversals is constant in windows clear of them if it acts late
-        enough, and friction explains it. An inertia that is not significant, and joints with links are not tested.
+        enough, and friction explains it. The inertia of the base model stays above `kept_inertia` of itself. An inertia
+        that is not significant, and joints with links are not tested.
         """
-        if law.is_late or self.rows.data.shared_columns:
+        if self.rows.data.shared_columns:
             return True
+        if law.is_late:
+            explained, of_log = (np.linalg.norm(self.span.T @ self.compute_torque(each)) for each in (law, Channel()))
+            return bool(explained >= self.criterion.kept_inertia * of_log)
         weights, least = self._inertia
         logged, corrected = (float(weights @ self.compute_torque(each)) for each in (Channel(), law))
         return logged <= least or corrected >= self.criterion.kept_inertia * logged
@@ -283,14 +290,8 @@ class ChannelRows:
         return project_out(self.span, torque)
 
     def compute_misfit(self, law: Channel) -> float:
-        """Compute the norm of the weighted residual under a law.
-
-        A law that moves the torque out of the windows, as pulses between rests, leaves little torque and little
-        residual. The residual is relative to the torque, if this is less than that of the log.
-        """
-        torque, logged = self.compute_torque(law), self.compute_torque(Channel())
-        size, logged_size = float(np.linalg.norm(torque)), float(np.linalg.norm(logged))
-        return float(np.linalg.norm(self.compute_residual(torque))) * max(1.0, logged_size / max(size, 1e-300))
+        """Compute the norm of the weighted residual under a law."""
+        return float(np.linalg.norm(self.compute_residual(self.compute_torque(law))))
 
 
 def _average_acting_torque(recording: Recording, law: Channel) -> Array:
