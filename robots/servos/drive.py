@@ -64,7 +64,7 @@ class ServoDrive(Actuator):
         rate: update rate of the controller [Hz]; None: continuous, with exact speed.
         cutoff: cutoff frequency of the low-pass filter of the measured speed [Hz]; None: no filter.
         delay: time from measurement to action [s].
-        goal: course of the goal between rows of the log, held or linear; None: unknown, simulated as `held`.
+        goal: course of the goal between rows of the log, held or smooth; None: unknown, simulated as `held`.
         encoder: shaft of the encoder, at the motor or at the output, behind the gear's play and elasticity.
         reads: whether position control reads the counts of the encoder, as the log, or the exact position; None:
             unknown, simulated as `exact`.
