@@ -106,6 +106,7 @@ def show_timing(session: Session) -> Component | None:
     late, slow = (state.timing.find(is_late) for is_late in (True, False))
     remedy = "It is corrected in all that follows." if state.is_aligned else WHY
     texts = [describe_timing(law, remedy) for law in late] or [describe(law) for law in slow]
+    _ = state.report_data.schemes  # fitted here, so that the stage Model opens at once
     buttons = [make_button("Correct it", "align", primary=True)] if late and not state.is_aligned else []
     return make_panel("Torque and motion in time", *map(html.P, texts), *buttons) if texts else None
 
