@@ -20,7 +20,8 @@ from workbench.processes import PROGRESS, Pool
 
 LOST = "the work ended unexpectedly: try again"
 # Imported before a task comes
-LIBRARIES: tuple[str, ...] = ("estimators.diagnosis.addition", "scipy.signal")
+CASES = "robots.arms.case", "robots.servos.case", "robots.servo_arms.case"
+LIBRARIES = "pendulum_env.physics.compiled", "estimators.diagnosis.addition", *CASES, "scipy.signal"
 Task = Callable[[Progress], Any]  # function and result must be picklable
 
 
