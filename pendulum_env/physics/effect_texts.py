@@ -157,8 +157,8 @@ EFFECTS: dict[str, Description] = {
     "position_dependent_friction": Description(
         symptom="waves over the angle",
         signature=(
-            "The mean residual over the angle is zero. In each direction alone it is a sine, with opposite signs in "
-            "both."
+            "In each direction alone, the residual over the angle is a sine, with opposite signs. Where both "
+            "directions are equally frequent, its mean is zero."
         ),
         resembles=("load_dependent_friction", "torque_ripple"),
         informative_experiment="full turns in both directions",
