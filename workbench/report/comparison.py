@@ -166,13 +166,12 @@ def describe_course(case: ReportData, course: Course) -> JSON:
     if makes_whole_turns(np.asarray(case.data.parts[0].data.part(course.at).samples.position)):
         axes["position"] = wrap_angles(axes["position"])
     shown = {axis: to_shown_unit(values, units.unit(AXES[axis]))[0] for axis, values in axes.items()}
-    kept = course.is_fitted
     return {
         "turn": to_shown_unit(2 * np.pi, units.unit("rad"))[0] if course.segments and not units.is_prismatic else 0,
         "recording": [course.recording.name, time[0]],  # the same for all joints
         "joint": course.at,
-        "axes": {axis: plots.round_numbers(values[kept]) for axis, values in shown.items()},
-        "residuals": [plots.round_numbers(residual[kept]) for residual in course.residuals],
+        "axes": {axis: plots.round_numbers(values[course.is_fitted]) for axis, values in shown.items()},
+        "residuals": [plots.round_numbers(residual[course.is_fitted]) for residual in course.residuals],
     }
 
 

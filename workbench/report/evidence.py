@@ -30,9 +30,8 @@ def make_candidates(case: ReportData) -> Section | None:
     candidates = sorted(case.diagnosis.candidates, key=lambda candidate: candidate.verdict not in ACCEPTED)
     rows: list[Evidence | Part] = [make_evidence(case, k, candidate) for k, candidate in enumerate(candidates)]
     others = [Part(f"Other effects, {len(rows) - FIRST} of {len(rows)}", rows[FIRST:], brief=False)]
-    how = "A row opens to the evidence."
-    about = "The bar is the part of the held-out torque error that the effect takes away."
-    content: Content = [how, about, *rows[:FIRST], *others[: len(rows[FIRST:])], *narrate_detectable(case.diagnosis)]
+    about = "A row opens to the evidence.", "The bar is the part of the held-out torque error that the effect removes."
+    content: Content = [*about, *rows[:FIRST], *others[: len(rows[FIRST:])], *narrate_detectable(case.diagnosis)]
     return Section("candidates", "Candidates", "What was considered", content)
 
 

@@ -56,8 +56,7 @@ def choose_rivals(matches: Sequence[Match], effect: str) -> list[Match]:
     """Choose an effect from its matches, then the rival that explains most, then the law most like it or the next."""
     own, (best, *others) = ([m for m in matches if (m.effect == effect) == is_own] for is_own in (True, False))
     alike = find_look_alikes(effect.partition("@")[0])
-    places = {id: place for place, id in enumerate(alike)}
-    others.sort(key=lambda match: places.get(match.effect.partition("@")[0], len(alike)))
+    others.sort(key=lambda match: [*alike, id := match.effect.partition("@")[0]].index(id))
     return [*own, best, *others[:1]]
 
 
@@ -89,8 +88,7 @@ def make_rivals(case: ReportData) -> Section | None:
         parts.append(Part(f"Why {name_effect(effect)}", [tuple(figures), tuple(texts)]))
     about = (
         "Dots: the residual without the effect. Curves: the effect, the rival that explains most in its place, and the "
-        "law most like it. Each is fitted to the same data, and explains the given part of the mean square of the "
-        "residual."
+        "law most like it. Each is fitted to the same data and explains a part of the mean square of the residual."
     )
     title = f"Why {name_effects(selected)}"
     if len(parts) < 2:
