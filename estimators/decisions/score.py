@@ -73,6 +73,7 @@ class Blocks:
         piece: number of the piece of time of each equation (R,), by which equations belong to folds in turn.
         is_bounded: mask of equations (R,) with a bound of the error instead of noise, as in contact with a stop. The
             scale of the noise is that of the others. None if all have noise.
+        least_scale: least scale of the errors, in the unit of the equations.
     """
 
     block: Index
@@ -80,6 +81,7 @@ class Blocks:
     of_block: Index
     piece: Index
     is_bounded: Mask | None = None
+    least_scale: float = 0.0
 
     @cached_property
     def fold(self) -> Index:
@@ -146,7 +148,7 @@ def _compute_density(balance: Balance, theta: Array, blocks: Blocks, hidden: Hid
         residual[:, rows] *= np.sqrt(1 + variance / max(float(np.mean(residual[:, rows] ** 2)), 1e-300))
     cell = np.minimum(blocks.fold, len(residual) - 1), np.arange(len(blocks.fold))
     reach = balance.reach
-    least = SOLVER.tiny * np.where(np.isfinite(reach), reach, 0.0)  # least scale
+    least = np.maximum(SOLVER.tiny * np.where(np.isfinite(reach), reach, 0.0), blocks.least_scale)  # least scale
     squares = residual**2 + removed
     squared_scale = np.maximum(_estimate_scales(squares, blocks)[blocks.fold, blocks.recording], least**2)
     density = np.log(PEAK / np.sqrt(squared_scale)) - (NU + 1) / 2 * np.log1p(squares[cell] / (NU * squared_scale))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -121,7 +122,7 @@ def _diagnose_joints(
         def report(text: str, share: float, at: str = at, number: int = number) -> None:
             options.progress(f"{at}: {text}", (number + share) / len(parts))
 
-        diagnoses[at] = diagnose(
+        diagnosis = diagnose(
             part.recordings,
             part.holdout,
             part.base,
@@ -130,6 +131,7 @@ def _diagnose_joints(
             criterion=options.criterion,
             rng=options.rng,
         )
+        diagnoses[at] = replace(diagnosis, evidence=None)  # its simulations need much memory
         found = ", ".join(diagnoses[at].selected) or "no effect"
         options.progress(f"{at}: {found} found", (number + 1) / len(parts))
     data = FitData(tuple(fitted), tuple(holdout), terms=tuple(options.base), criterion=options.criterion)

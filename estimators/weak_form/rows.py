@@ -35,6 +35,7 @@ class RowLayout:
         blocks: maps a length [s] to block and entry of each row, (R,) each, and the recording of each block (S,).
         block: length of a block of folds and score [s].
         is_bounded: mask of rows (R,) with a bound of the error, see `Blocks`; None if all have noise.
+        least_scale: least scale of the errors in the score, see `Blocks`.
         noise: maps a joint and its inertia [kg m^2] to the noise floor of its rows.
         structure: maps a joint, a residual of its rows and its inertia to the structure of the residual.
         errors: maps a residual (R,) of positions to the errors of its model; None for rows of torque.
@@ -54,6 +55,7 @@ class RowLayout:
     predicts_torque: bool = True
     has_fast_fits: bool = True
     is_bounded: Mask | None = None
+    least_scale: float = 0.0
 
     def compute_joint_errors(self, residual: Array) -> dict[str, float]:
         """Return the root mean square of a residual (R,) at each joint."""
@@ -66,7 +68,7 @@ class RowLayout:
 
     def make_blocks(self, piece: float) -> Blocks:
         """Return the blocks of the score, with folds made of pieces of a length [s]."""
-        return Blocks(*self.blocks(self.block), self.blocks(piece)[0], self.is_bounded)
+        return Blocks(*self.blocks(self.block), self.blocks(piece)[0], self.is_bounded, self.least_scale)
 
 
 class FoldFits(NamedTuple):

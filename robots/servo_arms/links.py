@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, ClassVar, cast
 
 import numpy as np
@@ -45,7 +45,12 @@ class LinkTable:
 
     def interpolate(self, time: Array) -> list[Array]:
         """Return the series at some instants."""
-        return [np.interp(time, self.time, series) for series in self.series.T]
+        return [np.interp(time, self.time, series) for series in self._rows]
+
+    @cached_property
+    def _rows(self) -> Array:
+        """Return the series as contiguous rows (4 K, N), which need no copy in each interpolation."""
+        return np.ascontiguousarray(self.series.T)
 
 
 @dataclass(frozen=True)

@@ -151,15 +151,20 @@ class Servos:
         """Return the samples of each controller, at the start of each step for continuous controllers."""
         return [ControllerSamples(drive.rate or 1.0 / self.step, self.step, len(self.goal)) for drive in self.drives]
 
-    @cached_property
-    def inputs(self) -> Array:
-        """Return the inputs per step (N, C, B), in the order of `ServoInputs`.
+    @property
+    def n_inputs(self) -> int:
+        """Return the number of inputs: 6 if all controllers are continuous, 10 with a `has_derivative`, else 9."""
+        return 10 if self.has_derivative else 9 if self.is_sampled else 6
 
-        C is 6 if all controllers are continuous, 10 if one acts on the derivative of its error, else 9.
-        """
+    @cached_property
+    def load_torque(self) -> Array:
+        """Return the torque of the known loads per step (N, B) [N m]."""
+        return np.broadcast_to(self.load.torque, self.goal.shape)
+
+    def make_inputs(self) -> Array:
+        """Return the inputs per step (N, C, B), in the order of `ServoInputs`; they need much memory."""
         scale = np.column_stack([drive.scale(supply) for drive, supply in zip(self.drives, self.supply.T, strict=True)])
         temperature = np.full_like(self.goal, ROOM) if self.temperature is None else self.temperature
-        load_torque = np.broadcast_to(self.load.torque, self.goal.shape)
         times = [np.ones_like(self.goal)]
         if self.is_sampled or self.has_derivative:
             is_continuous = [drive.rate is None for drive in self.drives]  # continuous controllers
@@ -171,15 +176,16 @@ class Servos:
             change = np.diff(np.take_along_axis(self.goal, last_sample, axis=0), axis=0, prepend=self.goal[:1])
             periods = [max(self.step, 1.0 / samples.rate) for samples in self.samples]
             times.append(np.where([drive.derivative == "error" for drive in self.drives], change / periods, 0.0))
-        return np.stack([self.goal, scale, self.is_on, times[0], temperature, load_torque, *times[1:]], axis=1)
+        return np.stack([self.goal, scale, self.is_on, times[0], temperature, self.load_torque, *times[1:]], axis=1)
 
     def count_equal_steps(self, every: int) -> int:
         """Return `every` if all inputs are constant over so many steps, apart from rounding of the clock; else 1."""
-        if len(self.inputs) % every:
+        if len(self.goal) % every:
             return 1
         if every not in self._equal_steps:
-            rows = self.inputs.reshape(-1, every, *self.inputs.shape[1:])
-            largest = ROUNDING * np.ptp(self.inputs, axis=(0, 2))[:, None]
+            inputs = self.make_inputs()
+            rows = inputs.reshape(-1, every, *inputs.shape[1:])
+            largest = ROUNDING * np.ptp(inputs, axis=(0, 2))[:, None]
             is_equal = bool((np.abs(rows - rows[:, every // 2, None]) <= largest).all())
             self._equal_steps[every] = every if is_equal else 1
         return self._equal_steps[every]
@@ -190,7 +196,7 @@ class Servos:
 
     def list_inputs(self, terms: Sequence[Term], repeats: int) -> Array:
         """Return the inputs of each `repeats` equal steps with the known states of terms in their middle."""
-        inputs = self.inputs[repeats // 2 :: repeats]
+        inputs = self.make_inputs()[repeats // 2 :: repeats]
         middles = self.start + self.step * repeats * (np.arange(len(inputs)) + 0.5)[:, None]
         known = [series for term in terms for series in term.list_known_states(middles)]
         return np.concatenate([inputs, np.stack(known, axis=1)], axis=1) if known else inputs
@@ -276,7 +282,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
         is_sampled = [float(drive.rate is not None) for drive in servos.drives]
         encoder = np.full(len(servos.drives), servos.encoder_step), servos.position, is_sampled
         names, gains = (*GAINS, *COUNTS), np.vstack([gains, *encoder])
-    count = servos.inputs.shape[1]
+    count = servos.n_inputs
     options = speed, len(weights), has_load, has_integral, h, servos.at_output, count, names
     program = servos.programs.find(_compile_step, terms, *options)
     nonlinear = [value for term in terms for value in term.free_values]
@@ -284,7 +290,7 @@ def simulate_servos(terms: Sequence[Term], theta: Array, servos: Servos, every: 
     constants = [*theta, *nonlinear, *gains[:, None], *(servos.load[:2] if has_load else ()), *weights, h]
     parameters = np.array([np.broadcast_to(value, shape) for value in constants])
     q, v, t = (np.broadcast_to(part, shape) for part in (servos.position, servos.velocity, servos.start))
-    x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.inputs[0, -1]))
+    x = Samples(t, q, v, np.zeros(shape), load=servos.load._replace(torque=servos.load_torque[0]))
     balance = TorqueBalance(terms, theta, has_load)
     x = move_to_motor(replace(x, memory=balance.start(x)), terms, servos.at_output)
     first_reading = v if servos.encoder_step is None else q

@@ -35,7 +35,7 @@ def _describe_controller(finding: ControllerConvention) -> str:
 def _describe_rest(finding: RestBand) -> str:
     parts = f"{measure(finding.friction, 2)} of dry friction and {measure(finding.weight, 2)} of weight"
     return (
-        f"At kp = {finding.kp:.4g} the joint rests within {measure(finding.distance, 2)} of its goal: {parts} over the "
+        f"At its present gain the joint rests within {measure(finding.distance, 2)} of its goal: {parts} over the "
         f"stiffness. A gain {finding.factor:.2g} times as large brings it within 1 degree; to feed the weight forward "
         "leaves the friction alone."
     )

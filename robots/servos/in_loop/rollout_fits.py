@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimators.memoize import memoized
 from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.point import Point
 from estimators.weak_form.rows import Terms
@@ -62,6 +63,14 @@ class RolloutFits:
                 starts = [self._choose_start(key)] if self._linear else self._start_from_torque(key)
                 self._store(key, self._fit_likeliest(starts, typical, share))
         return self._linear[key]
+
+    @memoized
+    def predict(self, terms: Terms) -> tuple[Point, Array]:
+        """Return the fit of other recordings, the `guide`, and the errors under it (R,) [rad]."""
+        assert self.guide is not None
+        point = self.guide.linearise(terms).point
+        near = self._linear.get(tuple(terms))
+        return point, self.rollouts.compute_position_errors([point])[:, 0] if near is None else near.error
 
     def compute_scale(self, terms: Terms) -> float:
         """Return the scale with the same likelihood as the errors of the fit of some terms [rad]."""

@@ -70,6 +70,7 @@ class RolloutRows:
             errors=partial(Errors(np.nan, np.nan).with_motion_errors, measured=positions.measured),
             predicts_torque=False,
             has_fast_fits=False,
+            least_scale=noise.resolution,  # a joint at rest has no error, in the log and in its simulation
         )
 
     @property
@@ -94,7 +95,15 @@ class RolloutRows:
         return min((self.score_terms((*terms, variant)) for variant in variants), key=lambda trial: trial.fitted_rms)
 
     def equations(self, terms: Terms, by_noise: bool = False) -> Balance:
-        """Return the rows around the fit of some terms, weighted by the size of each error; `by_noise` is not used."""
+        """Return the rows around the fit of some terms, weighted by the size of each error.
+
+        Held-out rows `by_noise` have no slopes: they are predicted by the same fit, and simulated once.
+        """
+        if by_noise and self.guide is not None:
+            point, error = self.fits.predict(terms)
+            phi = np.zeros((len(error), len(point.theta)))
+            target = -error - self.rollouts.noise_of_counts
+            return Balance(phi, target, phi, *list_bounds(terms), np.ones(len(error)))
         near = self.fits.linearise(terms)
         theta = near.point.theta
         phi = near.slopes[:, : len(theta)]

@@ -67,6 +67,18 @@ def test_a_recording_counts_by_its_own_scale():
     assert gains[0][first].sum() > 100
 
 
+def test_errors_far_below_the_least_scale_count_alike():
+    """Errors of rounding in a recording at rest, which one model has and another lacks, decide nothing."""
+    where = replace(blocks(2, 20, 30), least_scale=1e-3)
+    moving = where.recording == 0
+    y = np.where(moving, np.random.default_rng(0).standard_normal(len(moving)), 0.0)
+    column = np.where(moving, 0.0, 1e-9)[:, None]
+    gain = predict_density(np.zeros(1), linear(column, y), where) - predict_density(
+        np.ones(1), linear(column, y), where
+    )
+    assert gain == pytest.approx(0.0, abs=1e-6)
+
+
 def test_a_column_of_noise_predicts_no_better_and_a_true_one_does():
     rng = np.random.default_rng(3)
     useless, useful = 0, 0
