@@ -119,7 +119,7 @@ def _add_kind(
     if all(recording.is_free for recording in recordings):
         fixed = find_scaling_values(model, fixed)
     terms, library = apply_limits(model.terms, {kind.id: kind}, fixed, bounds)
-    options = Options(terms, library, criterion, progress=progress)
+    options = Options(terms, library, criterion, progress=progress, known=model)
     case = choose_case(terms, (*recordings, *holdout))
     progress("reading the motion", 0.0)
     data, options = case.prepare(recordings, holdout, options)

@@ -12,7 +12,7 @@ from estimators.diagnosis.experiment import ExperimentLimits
 from estimators.progress import Progress, no_progress
 from estimators.regression.least_squares import IdentificationError
 from estimators.selection.evidence import Evidence
-from pendulum_env.physics import Term
+from pendulum_env.physics import Model, Term
 
 LEAST_BLOCKS = 5  # least number of blocks longer than the default: folds and scatter need several
 
@@ -30,6 +30,7 @@ class Options:
         limits: bounds of the suggested experiment.
         horizon: time of free-running motion of a final refit [s]; None without.
         original: base of a pendulum as the user gave it.
+        known: model of the same plant, whose parameters are a start of slow fits; None without one.
     """
 
     base: Sequence[Term]
@@ -40,6 +41,7 @@ class Options:
     limits: ExperimentLimits = field(default_factory=ExperimentLimits)
     horizon: float | None = None
     original: Sequence[Term] = ()
+    known: Model | None = None
 
     def make_evidence(
         self, parts: tuple[RegressionData, RegressionData], tables: Sequence[type[Term]] = ()

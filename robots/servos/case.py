@@ -174,6 +174,8 @@ class Servo(Case):
         rollouts = Rollouts.from_pieces(recordings, shares=train_part)
         windows = TorqueRows(prepare_windows(rollouts.recordings, part=train_part))
         train = RolloutRows(rollouts, windows, criterion=options.criterion)
+        if options.known is not None:
+            train.fits.add_start(options.known)
         rollouts = Rollouts.from_pieces(held_out, shares=check_part)
         windows = TorqueRows(prepare_windows(rollouts.recordings, part=check_part, fewest=0))
         check = RolloutRows(rollouts, windows, train, options.criterion)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,7 @@ from estimators.weak_form.columns import list_bounds
 from estimators.weak_form.point import Point
 from estimators.weak_form.rows import Terms
 from pendulum_env._typing import Array
-from pendulum_env.physics import Term, find_link, has_link
+from pendulum_env.physics import Model, Term, find_link, has_link
 from pendulum_env.physics.term import return_zero
 from robots.servos.in_loop.fit import fit_rollouts
 from robots.servos.in_loop.likelihood import choose_likeliest_point, compute_likelihood_scale
@@ -44,6 +44,7 @@ class RolloutFits:
     _linear: dict[Key, LinearErrors] = field(default_factory=dict, init=False)
     _starts: dict[Key, Point] = field(default_factory=dict, init=False)  # parameters of linear fits
     _converged: set[Key] = field(default_factory=set, init=False)
+    _known: list[Mapping[str, float]] = field(default_factory=list, init=False)  # parameters of known models
 
     @property
     def first_point(self) -> Point:
@@ -112,6 +113,10 @@ class RolloutFits:
         """Set the start of the fit of some terms, by default those of the point."""
         self._starts[terms or point.terms] = point
 
+    def add_start(self, model: Model) -> None:
+        """Add the parameters of a model to the starts of the first fit, if that has the same."""
+        self._known.append({column.name: value for column, value in zip(model.columns, model.theta, strict=True)})
+
     def _store(self, terms: Key, linear: LinearErrors) -> None:
         """Store a fit under `terms`, and under its fitted terms: their bounds may depend on linear parameters."""
         self._linear[terms] = self._linear[linear.point.terms] = linear
@@ -163,11 +168,13 @@ class RolloutFits:
         return min(fits, key=lambda fit: compute_likelihood_scale(self.rollouts, fit.error))
 
     def _start_from_torque(self, terms: Key) -> list[Point]:
-        """Return starts of a first fit: parameters fitted to the torque, with several minimum sizes."""
+        """Return starts of a first fit: by a known model, or by the torque with several least sizes."""
         if terms in self._starts:
             return [self._starts[terms]]
         theta, typical = self.sizes.torque.fits.solve(terms), self.sizes.list_sizes(terms)
         sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
+        names = [column.name for term in terms for column in term.columns]
+        sizes += [np.array([known[name] for name in names]) for known in self._known if known.keys() == set(names)]
         points = [Point.from_parameters(terms, values) for values in sizes]
         return vary_dry_friction(choose_likeliest_point(self.rollouts, points)[0], typical)
 
