@@ -159,7 +159,8 @@ class Criterion(Limits):
         coarse_share: least explained share, of training data alone, of the best of a coarse grid of nonlinear
             parameters that is refined.
         needed_share: least share that a needed effect explains of the residual of all other effects.
-        kept_inertia: least share of the inertia that a larger model keeps; see `gates.compare_base`.
+        kept_inertia: least share of the inertia that a larger model keeps, see `gates.compare_base`; and of the inertia
+            or torque that a law of the time of the torque keeps.
         noise_ratio: ratio of correlated residual to noise floor below which a correlation does not matter.
         z_score: standard errors from which a correlation of neighbouring windows, the sign of a load torque, a torque
             constant or a difference of two schemes is significant.
