@@ -372,7 +372,7 @@ def test_a_fit_that_ends_while_its_stage_is_drawn_is_shown(tab, folder):
         """Hold the drawing of a state that is being fitted, and polls that come after the fit."""
         asked, answer = route.request.post_data or "", route.fetch()
         fits = "stage.children" in asked and "Fitting the model" in answer.text()
-        told = ".n_intervals" in asked and '"version"' in answer.text()
+        told = bool(drawings) and ".n_intervals" in asked and '"version"' in answer.text()
         if holds and (fits or told):
             (drawings if fits else polls).append((route, answer))
         else:
@@ -383,6 +383,7 @@ def test_a_fit_that_ends_while_its_stage_is_drawn_is_shown(tab, folder):
     for _ in range(int(MS / 100)):
         if not (drawings and polls):
             page.wait_for_timeout(100)
+    assert drawings and polls
     with page.expect_response(lambda answer: ".n_clicks" in (answer.request.post_data or "")):  # of its new buttons
         for route, answer in drawings:
             route.fulfill(response=answer)
