@@ -155,7 +155,7 @@ class Model(Mapping[str, Estimate], Shown):
 
     def with_covariance(self, names: Sequence[str], covariance: Array) -> Self:
         """Return the model with the correlations of a covariance (Q, Q) of the named parameters."""
-        std = np.sqrt(np.diag(covariance))
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding
         correlation = covariance / np.maximum(np.outer(std, std), 1e-300)
         place = [list(self.estimates).index(name) for name in names]
         full = np.eye(len(self.estimates))
