@@ -156,7 +156,8 @@ class Model(Mapping[str, Estimate], Shown):
     def with_covariance(self, names: Sequence[str], covariance: Array) -> Self:
         """Return the model with the correlations of a covariance (Q, Q) of the named parameters."""
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))  # rounding
-        correlation = covariance / np.maximum(np.outer(std, std), 1e-300)
+        has_error = np.outer(std > 0, std > 0)
+        correlation = np.where(has_error, covariance, 0.0) / np.maximum(np.outer(std, std), 1e-300)
         place = [list(self.estimates).index(name) for name in names]
         full = np.eye(len(self.estimates))
         full[np.ix_(place, place)] = np.clip(correlation.round(9), -1.0, 1.0)  # equal after writing and reading
