@@ -176,7 +176,8 @@ class Alignment:
         n_omitted = int(np.ceil(max(channel.delay, 0.0) / period - 1e-9)) + margin
         kept_rows, torque = [], []
         names, joints = getattr(recording, "names", ("",)), recording.torque.reshape(len(recording), -1).T  # (J, N)
-        for begin, end in ((part.start, part.stop) for part in recording.segment_slices):
+        for segment in recording.segment_slices:
+            begin, end = segment.start, segment.stop
             if end - n_omitted - begin - first >= 2:
                 parts = zip(names, (series[begin:end] for series in joints), strict=True)
                 moved = (channel.hold_torque(own, period) if self.moves(at) else own for at, own in parts)

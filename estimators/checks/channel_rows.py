@@ -258,11 +258,19 @@ class ChannelRows:
         if self.rows.data.shared_columns:
             return True
         if law.is_late:
-            explained, of_log = (np.linalg.norm(self.span.T @ self.compute_torque(each)) for each in (law, Channel()))
-            return bool(explained >= self.criterion.kept_inertia * of_log)
+            return self._measure_explained(law) >= self.criterion.kept_inertia * self._explained_log
         weights, least = self._inertia
         logged, corrected = (float(weights @ self.compute_torque(each)) for each in (Channel(), law))
         return logged <= least or corrected >= self.criterion.kept_inertia * logged
+
+    def _measure_explained(self, law: Channel) -> float:
+        """Return the norm of the weighted torque under a law that the columns explain."""
+        return float(np.linalg.norm(self.span.T @ self.compute_torque(law)))
+
+    @cached_property
+    def _explained_log(self) -> float:
+        """Norm of the weighted torque of the log that the columns explain."""
+        return self._measure_explained(Channel())
 
     @property
     def period(self) -> float:

@@ -212,7 +212,8 @@ def cut(recording: Recording, half_width: float, part: Part = WHOLE, margin: flo
     near_stick = ~mostly_moving if has_reversals else find_near_reversals(v, moving, guard)
     is_excluded = np.zeros(len(v), dtype=bool)
     distance = math.ceil(margin * recording.rate)
-    for begin, end in ((part.start, part.stop) for part in recording.segment_slices):
+    for segment in recording.segment_slices:
+        begin, end = segment.start, segment.stop
         lead_in = max(distance, round(min(LEAD_IN * recording.rate, settings.lead_in * (end - begin))))
         is_excluded[begin : begin + guard + 1 + lead_in] = True
         is_excluded[max(begin, end - guard - 1 - distance) : end] = True

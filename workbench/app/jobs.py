@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from estimators.diagnosis.cases import list_cases
 from estimators.progress import Progress, Screened
 from pendulum_env.physics.plugin import describe_fault, list_plugins, load_plugin
 from workbench.errors import USER_ERRORS, InputError, format_mistake
@@ -20,8 +21,7 @@ from workbench.processes import PROGRESS, Pool
 
 LOST = "the work ended unexpectedly: try again"
 # Imported before a task comes
-CASES = "robots.arms.case", "robots.servos.case", "robots.servo_arms.case"
-LIBRARIES = "pendulum_env.physics.compiled", "estimators.diagnosis.addition", *CASES, "scipy.signal"
+LIBRARIES: tuple[str, ...] = ("pendulum_env.physics.compiled", "estimators.diagnosis.addition", "scipy.signal")
 Task = Callable[[Progress], Any]  # function and result must be picklable
 
 
@@ -29,11 +29,11 @@ class Worker(Pool):
     """Process with loaded libraries, for one task at a time."""
 
     def __init__(self) -> None:
-        """Start the process and load its libraries."""
+        """Start the process, and load its libraries and the installed kinds of machines."""
         # progress: current step and errors of the screened effects as JSON, completed share
         self.what, self.share = multiprocessing.RawArray("c", 8000), multiprocessing.RawValue("d")
         super().__init__(1, (), LIBRARIES, self.what, self.share)
-        self.submit(int)
+        self.submit(_load_cases)
 
 
 class Workers:
@@ -135,6 +135,10 @@ class Job:
         finally:
             self.running = False
             self.over.set()
+
+
+def _load_cases() -> None:
+    list_cases()
 
 
 def _run_task(task: Task, files: Sequence[Path]) -> Any:

@@ -103,7 +103,7 @@ def show_timing(session: Session) -> Component | None:
     state = session.state
     if not state.body.can_simulate:
         return None
-    late, slow = (state.timing.find(is_late) for is_late in (True, False))
+    late, slow = (state.torque_timing.find(is_late) for is_late in (True, False))
     remedy = "It is corrected in all that follows." if state.is_aligned else WHY
     texts = [describe_timing(law, remedy) for law in late] or [describe(law) for law in slow]
     _ = state.report_data.schemes  # fitted here, so that the stage Model opens at once

@@ -267,7 +267,7 @@ class State:
         return replace(self, steps=(*self.steps, replace(addition.after, errors=errors)))
 
     @cached_property
-    def timing(self) -> Timing:
+    def torque_timing(self) -> Timing:
         """Return the timing of the torque of a pendulum; slow to estimate."""
         return self.data.timing if self.is_aligned else self.data.with_timing().timing
 
