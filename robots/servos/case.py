@@ -173,9 +173,7 @@ class Servo(Case):
         train_part, check_part = choose_parts(data.holdout)
         rollouts = Rollouts.from_pieces(recordings, shares=train_part)
         windows = TorqueRows(prepare_windows(rollouts.recordings, part=train_part))
-        train = RolloutRows(rollouts, windows, criterion=options.criterion)
-        if options.known is not None:
-            train.fits.add_start(options.known)
+        train = RolloutRows(rollouts, windows, criterion=options.criterion, known=options.known)
         rollouts = Rollouts.from_pieces(held_out, shares=check_part)
         windows = TorqueRows(prepare_windows(rollouts.recordings, part=check_part, fewest=0))
         check = RolloutRows(rollouts, windows, train, options.criterion)

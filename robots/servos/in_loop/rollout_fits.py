@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,17 +34,18 @@ class RolloutFits:
         sizes: typical sizes of linear parameters.
         guide: fits of other recordings, around whose parameters these errors are linearised; None if these recordings
             are fitted.
+        known: model whose parameters are a start of the first fit; parameters that it lacks start at zero.
         extrapolated: least error scale of the variants of an effect [rad], by terms and effect, to first order.
     """
 
     rollouts: Rollouts
     sizes: TypicalSizes
     guide: RolloutFits | None = None
+    known: Model | None = None
     extrapolated: dict[tuple[Key, str], float] = field(default_factory=dict, init=False)
     _linear: dict[Key, LinearErrors] = field(default_factory=dict, init=False)
     _starts: dict[Key, Point] = field(default_factory=dict, init=False)  # parameters of linear fits
     _converged: set[Key] = field(default_factory=set, init=False)
-    _known: list[Mapping[str, float]] = field(default_factory=list, init=False)  # parameters of known models
 
     @property
     def first_point(self) -> Point:
@@ -113,10 +114,6 @@ class RolloutFits:
         """Set the start of the fit of some terms, by default those of the point."""
         self._starts[terms or point.terms] = point
 
-    def add_start(self, model: Model) -> None:
-        """Add the parameters of a model to the starts of the first fit, if that has the same."""
-        self._known.append({column.name: value for column, value in zip(model.columns, model.theta, strict=True)})
-
     def _store(self, terms: Key, linear: LinearErrors) -> None:
         """Store a fit under `terms`, and under its fitted terms: their bounds may depend on linear parameters."""
         self._linear[terms] = self._linear[linear.point.terms] = linear
@@ -168,15 +165,23 @@ class RolloutFits:
         return min(fits, key=lambda fit: compute_likelihood_scale(self.rollouts, fit.error))
 
     def _start_from_torque(self, terms: Key) -> list[Point]:
-        """Return starts of a first fit: by a known model, or by the torque with several least sizes."""
+        """Return starts of a first fit: the given or the known one, or by the torque with several least sizes."""
+        known = self._start_from_known(terms)
         if terms in self._starts:
-            return [self._starts[terms]]
+            given = [self._starts[terms], *known]
+            return given if len(given) == 1 else [choose_likeliest_point(self.rollouts, given)[0]]
         theta, typical = self.sizes.torque.fits.solve(terms), self.sizes.list_sizes(terms)
         sizes = [theta, *(np.maximum(np.abs(theta), share * typical) for share in (1.0, 5.0))]
-        names = [column.name for term in terms for column in term.columns]
-        sizes += [np.array([known[name] for name in names]) for known in self._known if known.keys() == set(names)]
-        points = [Point.from_parameters(terms, values) for values in sizes]
+        points = [*(Point.from_parameters(terms, values) for values in sizes), *known]
         return vary_dry_friction(choose_likeliest_point(self.rollouts, points)[0], typical)
+
+    def _start_from_known(self, terms: Terms) -> list[Point]:
+        """Return the parameters of the known model as a start, if some terms have all of them."""
+        names = [column.name for term in terms for column in term.columns]
+        known = {} if self.known is None else Point.from_model(self.known).linear_values
+        if not known or not known.keys() <= set(names):
+            return []
+        return [Point.from_parameters(terms, np.array([known.get(name, 0.0) for name in names]))]
 
     def _start_from_other_link(self, terms: Key) -> list[Point]:
         """Return starts from the likeliest fit with another link and otherwise the same columns, if any."""

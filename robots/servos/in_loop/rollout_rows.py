@@ -24,6 +24,7 @@ from estimators.weak_form.point import Point
 from estimators.weak_form.rows import FoldFits, RowLayout, ScoredTerms, Terms
 from estimators.weak_form.torque_rows import TorqueRows
 from pendulum_env._typing import Array
+from pendulum_env.physics import Model
 from robots.servos.in_loop.likelihood import compute_likelihood_scale
 from robots.servos.in_loop.linearisation import TypicalSizes, linearise_errors
 from robots.servos.in_loop.rollout_fits import RolloutFits
@@ -39,19 +40,21 @@ class RolloutRows:
         torque: rows of the torque of the same recordings, for typical sizes and starts of parameters.
         guide: fitted rows, for held-out rows; their parameters predict these rows. None if these rows are fitted.
         criterion: thresholds of the search.
+        known: model whose parameters are a start of the first fit.
     """
 
     rollouts: Rollouts
     torque: TorqueRows
     guide: RolloutRows | None = None
     criterion: Criterion = field(default_factory=Criterion)
+    known: Model | None = None
 
     @property
     @memoized
     def fits(self) -> RolloutFits:
         """Fits of the rollouts."""
         if self.guide is None:
-            return RolloutFits(self.rollouts, TypicalSizes(self.torque))
+            return RolloutFits(self.rollouts, TypicalSizes(self.torque), known=self.known)
         return RolloutFits(self.rollouts, self.guide.fits.sizes, self.guide.fits)
 
     @property
