@@ -28,7 +28,7 @@ SCHEMA = "pendulum-ident/evaluation@2"
 RESAMPLES = 2000
 MAX_ACTION = 1.05  # a larger action is not a rounding error of 1
 PLANTS_PER_JOB = 160  # largest number of plants in one simulation; the result does not depend on the number of workers
-Statistic = Callable[[Array, Array], float]
+Statistic = Callable[[Array, Array], Array]  # of N plants: (..., N) -> (...)
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class PolicyComparison:
             violations = f"{100 * outcome.violated.any(axis=2).mean():.1f}"
             for k, moment in enumerate(REPORT_TIMES):
                 error, bound = outcome.errors[k], outcome.bound[k]
-                sizes = [_print_percent(compute_rms(values)) for values in (bound, error)]
+                sizes = [_print_percent(float(compute_rms(values))) for values in (bound, error)]
                 ratios = [_print_ratio(bound, error), _print_ratio(error, base.errors[k])]
                 rows.append([name if k == 0 else "", f"{moment:g}", *sizes, *ratios, violations if k == 0 else ""])
             of_schemes = [compute_rms_ratio(outcome.bound[-1], errors) for errors in outcome.scheme_errors[-1]]
@@ -176,36 +176,40 @@ def compare_policies(
     return PolicyComparison(outcomes, settings)
 
 
-def compute_information_ratio(policy: Array, base: Array) -> float:
+def compute_information_ratio(policy: Array, base: Array) -> Array:
     """Compute the median of (det M / det M_base)^(1/4) over the plants; NaN where neither policy moves the joint."""
     with np.errstate(invalid="ignore"):
-        return float(np.median(np.exp((policy - base) / N_PARAMETERS)))
+        return np.median(np.exp((policy - base) / N_PARAMETERS), axis=-1)
 
 
-def compute_rms(values: Array) -> float:
+def compute_rms(values: Array) -> Array:
     """Compute the root mean square over the plants."""
-    return float(np.sqrt(np.mean(np.square(values))))
+    return np.sqrt(np.mean(np.square(values), axis=-1))
 
 
-def compute_rms_ratio(policy: Array, base: Array) -> float:
+def compute_rms_ratio(policy: Array, base: Array) -> Array:
     """Divide the RMS of the base over the plants by that of the policy; NaN where one of them is infinite."""
-    numbers = compute_rms(base), compute_rms(policy)
-    return numbers[0] / numbers[1] if np.isfinite(numbers).all() else float("nan")
+    return _divide_finite(compute_rms(base), compute_rms(policy))
 
 
-def compute_gain(policy: Array, base: Array) -> float:
+def compute_gain(policy: Array, base: Array) -> Array:
     """Divide the median of the baseline by that of the policy; NaN where one of them is infinite."""
-    numbers = float(np.median(base)), float(np.median(policy))
-    return numbers[0] / numbers[1] if np.isfinite(numbers).all() else float("nan")
+    return _divide_finite(np.median(base, axis=-1), np.median(policy, axis=-1))
 
 
 def compute_bootstrap_interval(statistic: Statistic, policy: Array, base: Array, seed: int = 0) -> tuple[float, float]:
     """Compute the bootstrap interval of 95 % of a statistic; both policies use the same resampled plants."""
     picks = np.random.default_rng(seed).integers(len(policy), size=(RESAMPLES, len(policy)))
-    values = [statistic(policy[pick], base[pick]) for pick in picks]
+    values = statistic(policy[picks], base[picks])
     with np.errstate(invalid="ignore"):  # of infinite values
         low, high = np.quantile(values, [0.025, 0.975])
     return float(low), float(high)
+
+
+def _divide_finite(upper: Array, lower: Array) -> Array:
+    """Divide where both numbers are finite; NaN elsewhere."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(np.isfinite(upper) & np.isfinite(lower), upper / lower, np.nan)[()]
 
 
 def _print_percent(value: float) -> str:
@@ -257,7 +261,7 @@ def _make_policy_json(outcome: Outcome, base: Outcome) -> JSON:
 
 
 def _make_ratio_json(statistic: Statistic, policy: Array, base: Array) -> JSON:
-    values = statistic(policy, base), *compute_bootstrap_interval(statistic, policy, base)
+    values = float(statistic(policy, base)), *compute_bootstrap_interval(statistic, policy, base)
     return dict(zip(("ratio", "low", "high"), map(_replace_infinite, values), strict=True))
 
 
@@ -266,5 +270,5 @@ def _compute_quartiles(values: Array) -> list[float | None]:
     return [_replace_infinite(value) for value in np.quantile(values, [0.25, 0.5, 0.75], method="closest_observation")]
 
 
-def _replace_infinite(value: float) -> float | None:
+def _replace_infinite(value: float | Array) -> float | None:
     return float(value) if np.isfinite(value) else None

@@ -1,14 +1,16 @@
 """Results that several tests read: each is made once, by whichever process needs it first, and kept on disk for all."""
 
 import contextlib
+import dataclasses
 import functools
 import hashlib
+import io
 import os
 import pickle
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy
 import scipy
@@ -24,10 +26,10 @@ R = TypeVar("R")
 
 
 def once(*sources: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Make a function's result once for all the same arguments; `pickle` has to take these and the result.
+    """Make a function's result once for all equal arguments; `pickle` has to take these and the result.
 
-    Nobody may change the result. It is made again as soon as one of the sources has changed, or the file of the
-    function.
+    Arguments are equal if their data are, whatever they have memoised. Nobody may change the result. It is made again
+    as soon as one of the sources has changed, or the file of the function.
 
     Args:
         sources: folders of this repository that the result depends on.
@@ -38,8 +40,7 @@ def once(*sources: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
         @functools.wraps(make)
         def made(*args: P.args, **kwargs: P.kwargs) -> R:
-            asked = pickle.dumps((digest, args, sorted(kwargs.items())))
-            name = f"{make.__qualname__}-{hashlib.sha256(asked).hexdigest()[:16]}"
+            name = f"{make.__qualname__}-{_hash((digest, args, sorted(kwargs.items())))}"
             if name not in known:
                 known[name] = _kept(FOLDER / f"{name}.pickle", functools.partial(make, *args, **kwargs))
             return known[name]
@@ -47,6 +48,24 @@ def once(*sources: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
         return made
 
     return decorate
+
+
+class _DataPickler(pickle.Pickler):
+    """Pickles the fields of data classes without memoised results, and shared objects as equal ones."""
+
+    def reducer_override(self, value: Any) -> Any:
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            return type(value), tuple(getattr(value, field.name) for field in dataclasses.fields(value))
+        return NotImplemented
+
+
+def _hash(asked: object) -> str:
+    """Hash the data of some arguments."""
+    file = io.BytesIO()
+    pickler = _DataPickler(file)
+    pickler.fast = True
+    pickler.dump(asked)
+    return hashlib.sha256(file.getvalue()).hexdigest()[:16]
 
 
 def _kept(path: Path, make: Callable[[], R]) -> R:

@@ -130,7 +130,10 @@ def test_train_from_the_command_line(tmp_path, capsys):
         ("evaluate rms.npz", "was trained under the constraint rms, not peak"),
         ("train -o policy.zip", "should end in .npz"),
         ("train --robot arm.urdf -o x.npz", "robot needs constraint = "),
-        ("record --robot arm.urdf --excitation rl --amplitude 0.01 -o x.csv", "joint 'shoulder' never moves"),
+        (
+            "record --robot arm.urdf --excitation rl --amplitude 0.01 --seconds 2 -o x.csv",
+            "joint 'shoulder' never moves",
+        ),
         ("record --excitation rl --policy arm -o x.csv", "policy arm chooses the motion of an arm"),
         ("record --excitation rl --amplitude 3 -o x.csv", "--amplitude does not go with --excitation rl"),
         ("record --excitation rl --backend simulated -o x.csv", "use --backend pymunk"),
