@@ -25,15 +25,17 @@ test-slow: .venv/dev
 
 .PHONY: test-slow computing realtime shown style types
 WHICH ?= not slow
+# Files with tests of a kind: to collect all others takes ten seconds a process.
+marked = $(shell grep -rl --include='*.py' 'mark\.$(1)' $(HERE))
 NONE_THERE = $(if $(PART),|| test $$? = 5)# a part may have no tests of a kind
 computing: .venv/dev
 	$(ONE) nice -n 4 $(BIN)/pytest -q -n 2 --dist worksteal -m "$(WHICH) and not realtime" $(HERE) $(NONE_THERE)
 
 realtime: .venv/dev
-	$(BIN)/pytest -q -m "$(WHICH) and realtime" $(HERE) $(NONE_THERE)
+	$(if $(call marked,realtime),$(BIN)/pytest -q -m "$(WHICH) and realtime" $(call marked,realtime) $(NONE_THERE))
 
 shown: .venv/dev
-	OPENBLAS_CORETYPE=Prescott $(ONE) $(BIN)/pytest -q -n 2 --dist worksteal -m pages
+	OPENBLAS_CORETYPE=Prescott $(ONE) $(BIN)/pytest -q -n 2 --dist worksteal -m pages $(call marked,pages)
 
 lint: style types
 

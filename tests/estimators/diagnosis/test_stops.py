@@ -18,6 +18,7 @@ from pendulum_env.recording import Recording
 from robots.arms import arm_base
 from robots.arms.body import read_body
 from robots.arms.recording import ArmRecording
+from tests import slow
 from tests.cases import diagnosed, recorded
 from tests.two_link import JOINTS
 
@@ -129,7 +130,7 @@ def test_limits_that_are_met_twice_within_two_radians_are_found(lower, upper, se
     assert abs(end.value - upper) < 3 * end.std < 0.2
 
 
-@pytest.mark.parametrize("turns", [0, -1191])
+@pytest.mark.parametrize("turns", slow.but([-1191], [0, -1191]))
 def test_a_stop_that_a_staircase_presses_is_found_about_any_zero(turns):
     """Half of the log stands on the stop; the way beyond is a thousand times the depth of the contact."""
     wall = {"hard_stop": {"wall_hi": 0.6, "wall_k": 51.4, "wall_c": 0.05}}

@@ -265,7 +265,7 @@ def test_a_robot_goes_through_all_commands(robot, tmp_path, run_command, monkeyp
     asked = ["--robot", "robot.urdf"]
     moving = [*asked, "--joints", ",".join(joints)]
 
-    usual = ("--seconds", "10", "--rate", "250")
+    usual = ("--seconds", "6", "--rate", "250")
     usual += () if robot == "torso" else ("--backend", "mujoco")  # which is taken where no plane holds all joints
     run_command("record", *moving, *usual, "-o", "plain.csv")
     out = run_command(
