@@ -661,8 +661,9 @@ def _refuse_other_unit(quantity: str, name: str, *, is_unit_known: bool) -> None
         bare = name.removesuffix(PERCENT_OF_RANGE)
         example = format_setting("columns", {quantity: f"{bare}:deg*0.9"})
         raise ColumnError(
-            f"{quantity} cannot be column {name!r} without its range: give LeRobot's calibration.json, or half of the "
-            f"range in degrees over 100, as in {example}"
+            f"{quantity} cannot be column {name!r} without its range: copy LeRobot's calibration file of the arm to "
+            "calibration.json in the folder of the dataset, or give half of the range in degrees over 100, as in "
+            f"{example}"
         )
     if not is_unit_known and is_unscaled(name):
         example = format_setting("columns", {quantity: f"{name}*0.001"})

@@ -78,10 +78,10 @@ def read_joints(
 ) -> ArmRecording:
     """Read a recording as `read_arm_recording`, without warnings; torque is that of a drive, if given."""
     check_columns_option(columns)
-    check_drives(drive, joints)
     preview = read_preview(source, max_columns=500)  # columns, enough for 64 joints with further signals
     needed = QUANTITIES if drive is None else OF_DRIVES
     named_columns = find_joint_columns(get_label(source), preview.headers, joints, held, dict(columns or {}), needed)
+    check_drives(drive, joints)
     if drive is not None:
         named_columns = {
             id: text for id, text in named_columns.items() if not id.startswith("torque_") or id in (columns or {})

@@ -87,3 +87,11 @@ def test_a_model_of_torques_is_no_model_of_servos(folder, refuse):
     (folder / "torques.json").write_text(json.dumps(model.json()))
     for words in ("compare torques.json arm.toml", "add torques.json stribeck@lift arm.toml"):
         assert "the recordings are of servos" in refuse(words)
+
+
+def test_a_robot_with_other_names_of_joints_is_refused_by_its_joints(folder, refuse):
+    """A drive of a joint that the log has, but the robot has not, is not the cause."""
+    (folder / "renamed.urdf").write_text((folder / "arm.urdf").read_text().replace('"elbow"', '"joint_2"'))
+    (folder / "drive.toml").write_text((folder / "arm.toml").read_text() + "\n[drive.elbow]\nkp = 3.0\n")
+    message = refuse("diagnose drive.toml", "renamed.urdf")
+    assert "elbow' is of no joint of the robot" in message and "joint_2" in message
